@@ -15,7 +15,7 @@ import pinocchio as pin
 
 import floatplan as fp
 from floatplan.arrays import IntArray
-from floatplan.simulation.mujoco_model import import_mujoco, inertial_urdf
+from floatplan.simulation.mujoco_model import import_mujoco, inertial_spec
 from floatplan.stance.motion import BASE, point_in_joint
 
 WIDTH = 0.02  # [m] of the links' prisms
@@ -74,7 +74,7 @@ def contact_model(
     ground : its height, m
     """
     mujoco = import_mujoco()
-    spec = mujoco.MjSpec.from_string(inertial_urdf(robot, robot.file_tree, {}, fuse=True))
+    spec = inertial_spec(robot, robot.file_tree, {}, in_plane=False)
     up, kinds = np.asarray(robot.plane.vertical, dtype=np.float64), mujoco.mjtGeom
     spec.option.gravity = -surroundings.gravity * up
     spec.option.timestep = STEP

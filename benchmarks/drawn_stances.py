@@ -19,7 +19,7 @@ from floatplan.motion.planar.flight import momentum_set
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.stance.check import judged, stance_figures
-from floatplan.stance.contacts import Contact, contact_at, heights_over_com
+from floatplan.stance.contacts import Contact, contact_at, corners, heights_over_com, undersides
 from floatplan.stance.exact import OnePoint, StanceDynamics
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
@@ -251,11 +251,9 @@ def _flown(plan: Plan, drawing: Drawing) -> tuple[Array, Array] | None:
     rate = plan.dynamics.base_rate(q, v, 0.0)
     torques = plan.dynamics.full_forces(q, v, a, rate) @ robot.transmission
     turned = start.orientation + np.concatenate(([0.0], np.cumsum((rate[1:] + rate[:-1]) / 2))) * duration / (NODES - 1)
-    shapes = robot.hulls([])
-    spots = [drawing.feet[0].spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
-    radii = np.array([drawing.feet[0].depth, *(each.radius for each in shapes for _ in range(2))])
+    spots = [drawing.feet[0].spots[0]._replace(radius=drawing.feet[0].depth), *corners(robot.hulls([]))]
     com = plan.ballistics.gravity * duration**2 / 2 * s * (1 - s)
-    lows = [heights_over_com(robot, spots, np.append(turned[k], q[k])).imag - radii + com[k] for k in range(NODES)]
+    lows = [undersides(robot, spots, np.append(turned[k], q[k])) + com[k] for k in range(NODES)]
     hits = min(each.min() for each in lows) < lows[0][0] - POINT_FEET
     return None if hits or not ((low < q) & (q < high)).all() else (np.abs(torques).max(axis=0), np.abs(v).max(axis=0))
 

@@ -69,7 +69,7 @@ class GeneralDynamics(Dynamics):
         """Derivatives (N, m, 3n+1) of the moments F by the n positions, velocities and accelerations, and by h."""
         tree, turn, inertia, n = self._tree, self._turn, self._inertia, positions.shape[1]
         rotations = tree.rotations(positions @ tree.turns.T + tree.offsets)
-        coupled = rotations.conj()[:, :, None] * self._coupling * rotations[:, None, :]
+        coupled = rotations.conj()[:, :, None] * tree.coupling * rotations[:, None, :]
         by_acceleration = coupled.real + np.diag(inertia)
         locked_inertia = by_acceleration.sum(axis=(1, 2))
         rates = velocities @ tree.turns.T + base_rate.rate[:, None]

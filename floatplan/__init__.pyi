@@ -8,11 +8,11 @@ from floatplan.inflight.correction import Correction as Correction
 from floatplan.inflight.correction import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.motion.dynamics import FlightState as FlightState
+from floatplan.motion.planar.contact import Contact as Contact
+from floatplan.motion.planar.contact import landing as landing
+from floatplan.motion.planar.contact import takeoff as takeoff
 from floatplan.planning.many import plan_many as plan_many
 from floatplan.planning.planner import plan as plan
-from floatplan.plans.contact import Contact as Contact
-from floatplan.plans.contact import landing as landing
-from floatplan.plans.contact import takeoff as takeoff
 from floatplan.plans.plan import Plan as Plan
 from floatplan.plans.plan import load_plan as load_plan
 from floatplan.plans.plans import Plans as Plans

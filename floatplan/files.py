@@ -153,7 +153,7 @@ def _too_deep() -> InputError:
     return InputError("is nested too deeply", advice=f"no file has more than {DEEPEST} levels")
 
 
-def check_finite(content: Any, element: str = "") -> None:
+def check_finite(content: Any) -> None:
     """Refuse numbers in nested mappings and sequences that are not finite, or too large for a double.
 
     Raises
@@ -161,7 +161,7 @@ def check_finite(content: Any, element: str = "") -> None:
     InputError
         Its element is the path of the first such number.
     """
-    check_numbers(content, element, _is_finite, _not_finite)
+    check_numbers(content, "", _is_finite, _not_finite)
 
 
 def check_numbers(

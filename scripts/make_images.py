@@ -167,7 +167,7 @@ def jump_picture(jump: fp.Jump) -> Figure:
     bodies = [shape.body for shape in robot.shapes]
     for contact in {contact.name: contact for stance in jump.stances for contact in stance.contacts}.values():
         force = sum(state.forces[each][:, 1] for each in contact.names) / weight
-        colour = colours[placed.part[bodies.index(contact.spots[0][0])]]
+        colour = colours[placed.part[bodies.index(contact.spots[0].body)]]
         forces.plot(times, np.where(force > 0, force, np.nan), color=colour, label=", ".join(contact.names))
     shares = state.torques @ robot.transmission / jump.problem.motor_torque_limits
     for colour, joint in zip(colours[1:], robot.joints, strict=True):
@@ -238,14 +238,14 @@ def draw_jump(axes: Axes, jump: fp.Jump, placed: Postures) -> None:
     stances = iter(jump.stances)
     standing = [None if phase.kind == "flight" else next(stances) for phase in jump.phases]
     state, robot = jump.at(placed.times), jump.problem.robot
-    rotations = robot.tree.rotations(robot.tree.absolute_angles(*_angles(jump, state)))
+    axes_of_plane = np.stack((robot.plane.horizontal, robot.plane.vertical))
     unit = FORCE * (high - low).imag / (robot.mass * jump.problem.flight.gravity)
     for index, time in enumerate(placed.times):
         draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(("white", 1.0),), shift=shifts[index])
         stance = standing[int(np.searchsorted(ends[:-1], time))]
         for contact in () if stance is None else stance.contacts:
-            weights = robot.tree.point_weights(*(np.array([part]) for part in contact.spots[0]))[0]
-            foot = complex(placed.com[index] + rotations[index] @ weights + shifts[index])
+            along, up = axes_of_plane @ state.points[contact.name][index]
+            foot = complex(along + 1j * up + shifts[index])
             push = unit * sum(state.forces[name][index] for name in contact.names)
             if np.hypot(*push) > SHORTEST_ARROW * (high - low).imag:
                 tip = (foot.real + push[0], foot.imag + push[1])

@@ -22,8 +22,8 @@ sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("tests/helper
 
 from proof_judge import Judge  # noqa: E402
 from proof_mutations import base_plans, mutate  # noqa: E402
+from proof_records import certify_record  # noqa: E402
 
-from floatplan.certificate.certificate import certify_record  # noqa: E402
 from floatplan.plans.record import PlanRecord  # noqa: E402
 
 BATCH = 50

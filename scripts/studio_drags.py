@@ -23,6 +23,10 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+
+from studio_insides import logged_errors, process_ids
+
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
@@ -162,13 +166,13 @@ def megabytes(studio: Studio) -> tuple[float, float]:
         except OSError:
             return 0.0
 
-    return resident(os.getpid()), max(map(resident, studio.session.process_ids), default=0.0)
+    return resident(os.getpid()), max(map(resident, process_ids(studio.session)), default=0.0)
 
 
 def processor_seconds(studio: Studio) -> float:
     """Time that processors have spent on the page and the quick plans."""
     total = time.process_time()
-    for process in studio.session.process_ids[:1]:
+    for process in process_ids(studio.session)[:1]:
         try:
             fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -187,7 +191,11 @@ def main() -> int:
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     problem = fp.load_problem(options.problem)
-    with tempfile.TemporaryDirectory() as folder, closing(Studio(problem, folder=folder, port=options.port)) as studio:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        logged_errors() as logged,
+        closing(Studio(problem, folder=folder, port=options.port)) as studio,
+    ):
         drags = Drags(studio, options.seed, folder)
         times = np.array([drags.gentle(number) for number in range(options.gentle)])
         found = times[times[:, 2] > 0]
@@ -207,7 +215,7 @@ def main() -> int:
             told[verdict] = told.get(verdict, 0) + 1
             memory.append((time.monotonic() - begin, *megabytes(studio)))
         studio.actions.wait(PATIENCE)
-        errors = [repr(error) for error in studio.errors]
+        errors = [repr(error) for error in logged]
         recovers = drags.session.edit(lambda _: problem) and drags.session.wait(
             lambda view: view.is_current and view.verdict == "proved", PATIENCE
         )

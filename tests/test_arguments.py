@@ -247,7 +247,9 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
         "authority": Call(lambda plan: repr(plan) if isinstance(plan, fp.Plan) else fp.authority(plan), {"plan": plan}),
         "Authority.until": Call(authority.until, {"error": 0.1}),
         "Replanner.reference": Call(replanner.reference, {"t": 0.1}),
-        **{f"Plan.{name}": Call(getattr(plan, name), {"times": 0.5}) for name in ("at", "q", "v", "a", "tau")},
+        **{
+            f"Plan.{name}": Call(getattr(plan, name), {"times": 0.5}) for name in ("at", "q", "v", "a", "tau", "forces")
+        },
         "Plan.save": Call(plan.save, {"path": file}),
         "Plan.export": Call(plan.export, {"form": "csv", "path": folder / "trajectory.csv", "rate": 10.0}),
         "Plan.figures": Call(plan.figures, {"compare": plan}, len),

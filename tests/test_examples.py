@@ -7,11 +7,15 @@ import io
 import json
 import runpy
 from contextlib import redirect_stdout
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
+from long_cases import cases
 from needed import skip_or_fail
+
+from floatplan.robot.urdf.example_robots import robots_folder
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PROMISED = {
@@ -23,22 +27,25 @@ PROMISED = {
     "pinocchio_interop": "nothing pushes the base",
     "in_flight": "lands as planned",
     "the_method": "|b| = 25.0411",
+    "fly_a_go2": "degrees off at touchdown, and stands",
 }
+EXTRAS = {"mujoco_playback": ("mujoco",), "fly_a_go2": ("mujoco", "casadi")}
+LONG = {"fly_a_go2"}
 
 
 def test_none_is_left_out() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == set(PROMISED)
 
 
-@pytest.mark.parametrize("name", PROMISED)
+@pytest.mark.parametrize("name", cases(list(PROMISED), LONG))
 def test_script_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if name == "mujoco_playback":
-        try:
-            import mujoco  # noqa: F401
-        except ImportError:
-            skip_or_fail("mujoco is not installed")
+    for module in EXTRAS.get(name, ()):
+        if find_spec(module) is None:
+            skip_or_fail(f"{module} is not installed")
+    if name == "fly_a_go2" and robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed")
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
     assert PROMISED[name] in capsys.readouterr().out

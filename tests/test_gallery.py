@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from proof_records import certify_record
 
 import floatplan as fp
-from floatplan.certificate.certificate import certify_record, shapes_of
+from floatplan.certificate.certificate import shapes_of
 from floatplan.motion.planar.contact_rates import has_contact
 from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder

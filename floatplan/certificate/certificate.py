@@ -81,7 +81,7 @@ def certify(
                 flight = record.problem["flight"]
                 standing = [str(flight[end]["frame"]) for end in ("takeoff", "landing")]
                 shapes = [shapes_of(robot), shapes_of(robot, robot.hulls(standing, robot.limb_ends))]
-        return _prove(record, path, shapes, unknown, budget)
+        return prove(record, path, shapes, unknown, budget)
 
 
 def shapes_of(robot: Robot, capsules: Sequence[LinkCapsule] | None = None) -> list[LinkShape]:
@@ -95,50 +95,24 @@ def shapes_of(robot: Robot, capsules: Sequence[LinkCapsule] | None = None) -> li
     return shapes
 
 
-def certify_record(
-    record: PlanRecord,
-    urdf: str | Path | None = None,
-    *,
-    shapes: Sequence[LinkShape] | None = None,
-    hulls: Sequence[LinkShape] | None = None,
-    budget: int = BUDGET,
-) -> Certificate:
-    """Prove or refute a plan, one thread at a time; another that computes with Arb meanwhile sees its precision change.
-
-    Parameters
-    ----------
-    record : PlanRecord
-    urdf : path, optional
-        The robot's file; left out, ``record.robot.urdf``. Its SHA-256 has to be the recorded one.
-    shapes : sequence of (link, start, end, radius), optional
-        Capsules, m; places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
-        the root link's axes in the posture with all planned positions zero. Left out, a link is the segments from
-        its origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
-    hulls : the same, optional
-        Capsules whose ends reach as far down as the links: what stands on the ground. Left out, ``shapes``.
-    budget : int
-        Most cells of time; with fewer than it needs, the proof may end undecided.
-
-    Raises
-    ------
-    InputError
-        The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
-    """
-    path = urdf_path(record.robot.urdf if urdf is None else urdf)
-    return _prove(checked(record), path, (shapes, hulls), (), budget)
-
-
-def _prove(
+def prove(
     record: PlanRecord,
     path: Path,
     shapes: Sequence[Sequence[LinkShape] | None],
     unknown_meshes: Sequence[str],
     budget: int,
 ) -> Certificate:
-    """Prove a record that is ``checked`` for the URDF at ``path``; ``shapes`` are those of links and their hulls.
+    """Prove a record that is ``checked`` for the URDF at ``path``, one thread at a time.
 
-    ``unknown_meshes`` are files that the shapes are around and whose hashes the record lacks: they leave clearances
-    undecided.
+    Another that computes with Arb meanwhile sees its precision change.
+
+    Parameters
+    ----------
+    shapes : of the links, and their hulls: what stands on the ground
+        Capsules, m: places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
+        the root link's axes in the posture with all planned positions zero. Of None, a link is the segments from its
+        origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
+    unknown_meshes : files that these are around and whose hashes the record lacks: they leave clearances undecided
     """
     with _ONE_AT_A_TIME:
         began = time.perf_counter()

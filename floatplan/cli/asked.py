@@ -104,6 +104,15 @@ def _angle(option: str, text: str, degrees: bool) -> float:
     return math.radians(_number(option, text)) if degrees else _number(option, text)
 
 
+def gain(option: str, text: str | None) -> float | dict[str, float] | None:
+    """Return a gain as typed: one number for all joints, or ``joint=number,..``; InputError where it is neither."""
+    if text is None:
+        return None
+    if "=" not in text:
+        return _number(option, text)
+    return {joint: _number(f"{option} {joint}", value) for joint, value in _pairs(option, text, "JOINT=GAIN")}
+
+
 def is_robot(source: str) -> bool:
     """Whether the argument names a robot; a problem file otherwise."""
     return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")

@@ -158,6 +158,7 @@ COMMANDS = (  # in the order in which --help lists them
     *(plan, problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
     *(show.export, study, studio, jump, launch, problems.takeoff, robots.init),
 )
+OF_THEIR_OWN = {robots.info: robots.InfoCommand, show.export: show.ExportCommand}
 for command in COMMANDS:
     typed = reporting_errors(with_options(command))
-    app.command(cls=robots.InfoCommand if command is robots.info else None)(typed)
+    app.command(cls=OF_THEIR_OWN.get(command))(typed)

@@ -7,9 +7,7 @@ from dataclasses import asdict
 from typing import Any, get_args
 
 from floatplan.files import plain
-from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.motion.planar.contact_rates import End, has_contact
-from floatplan.motion.planar.reachable import Reachable, reachable
+from floatplan.motion.flight import End, Reachable, angular_momentum_interval, inertia_extremes
 from floatplan.problem.parts import Limits
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import position_limits
@@ -48,17 +46,6 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
         }
     )
     return facts
-
-
-def reachable_sets(problem: Problem) -> dict[str, Reachable]:
-    """Return what joint rates reach at the ends where a frame stands on the ground, about what the problem asks.
-
-    Where h is free it is the one that lets the joints be slowest at both together.
-    """
-    from floatplan.plans.contact import momentum_of_ends
-
-    _, momentum = momentum_of_ends(problem)
-    return {end: reachable(problem, end, momentum) for end in get_args(End) if has_contact(problem, end)}
 
 
 def momentum_facts(problem: Problem, sets: Mapping[str, Reachable]) -> dict[str, Any]:

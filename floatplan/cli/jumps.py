@@ -37,16 +37,20 @@ def jump(
     output: Output = None,
     seed: Seed = 0,
     starts: Starts = 4,
+    report: Annotated[
+        bool | None, typer.Option("--report/--no-report", help="Write the page; the default unless --json is given.")
+    ] = None,
     json_output: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Plan a whole jump: from standing through a flight to standing again.
 
     Its flight is proved for every instant; its stances are checked 2000 times a second, which is no proof. Writes
-    jump.json, and the flight's plan.json. Exit code 0 only where a jump was found, proved and checked so.
+    jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where a jump was found,
+    proved and checked so.
     """
     from floatplan.certificate.certificate import certify
-    from floatplan.cli.results import check_directory, write_jump
+    from floatplan.cli.results import REPORT, check_directory, write_jump
     from floatplan.files import runs_folder
     from floatplan.problem.file import load_problem
     from floatplan.stance.planner import jump as search
@@ -61,6 +65,11 @@ def jump(
             bar.say("proving the flight")
             found = found.with_certificate(certify(found.flight))
     files = write_jump(found, directory, tell(quiet))
+    if (report or (report is None and not json_output)) and found.flight is not None:
+        from floatplan.view.jumps import JumpView
+        from floatplan.view.report.report import write_report
+
+        files.append(write_report(JumpView(found, found.check, found.verdict), directory / REPORT))
     words = (found, files, time.perf_counter() - began, program())
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
     ok = found.ok and proved

@@ -24,7 +24,8 @@ def bounds(
     For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
     the frame on the ground being at rest: intervals of angular momentum and velocity.
     """
-    from floatplan.cli.facts import momentum_facts, reachable_sets
+    from floatplan.cli.facts import momentum_facts
+    from floatplan.motion.flight import reachable_sets
     from floatplan.problem.file import load_problem
 
     problem = load_problem(problem_file)
@@ -46,9 +47,9 @@ def takeoff(
     Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
     rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
     """
-    from floatplan.plans.contact import landing as at_landing
-    from floatplan.plans.contact import no_common_momentum
-    from floatplan.plans.contact import takeoff as at_takeoff
+    from floatplan.motion.flight import landing as at_landing
+    from floatplan.motion.flight import no_common_momentum
+    from floatplan.motion.flight import takeoff as at_takeoff
     from floatplan.problem.file import load_problem
 
     problem = load_problem(problem_file)

@@ -1,27 +1,40 @@
-"""The commands that show a plan and hand it on: ``show`` and ``export``."""
+"""The commands that show a plan or a jump, and hand a plan on: ``show`` and ``export``."""
 
 from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path
+from floatplan.cli.common import OpenPage, Quiet, Urdf, print_path
 from floatplan.cli.progress import progress
+from floatplan.errors import naming
 
+if TYPE_CHECKING:
+    from floatplan.plans.plan import Plan
+    from floatplan.stance.jump import Jump
+
+MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
 ]
 
 
+STIFFNESS = (
+    "Stiffness of the joints, N m/rad, of all or by name; of a jump that of a bandwidth of 100 rad/s if left out."
+)
+DAMPING = "Their damping, N m s/rad; the critical one if left out."
+
+
 def show(
-    plan_file: PlanFile,
+    motion_file: MotionFile,
     scene: Annotated[
-        bool, typer.Option("--scene", help="The flight in 3-D with the robot's meshes, one page.")
+        bool, typer.Option("--scene", help="The motion in 3-D with the robot's meshes, one page.")
     ] = False,
-    png: Annotated[bool, typer.Option("--png", help="The figures and the kinogram as PNG.")] = False,
+    png: Annotated[bool, typer.Option("--png", help="The figures as PNG: curves, kinogram or moments.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.")] = False,
     gif: Annotated[bool, typer.Option("--gif", help="A film, GIF.")] = False,
     mp4: Annotated[bool, typer.Option("--mp4", help="A film, MP4; needs ffmpeg.")] = False,
@@ -34,18 +47,25 @@ def show(
     open_page: OpenPage = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
+    """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
-    from floatplan.plans.plan import load_plan
+    from floatplan.plans.plan import Plan, load_plan
+    from floatplan.view.jumps import JumpView, Shown
 
-    plan = load_plan(plan_file, urdf)
+    motion = _motion(motion_file, urdf)
+    with naming(motion_file):
+        plan: Shown = motion if isinstance(motion, Plan) else JumpView(motion, motion.check, motion.verdict)
     other = None if compare is None else load_plan(compare)
-    directory = Path(plan_file).parent if output is None else output
+    directory = Path(motion_file).parent if output is None else output
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+    files = []
     with progress("drawing", quiet) as bar:
-        files = [] if scene or formats or films else [plan.show(directory / REPORT, browse=False)]
+        if not (scene or formats or films):
+            from floatplan.view.report.report import write_report
+
+            files.append(write_report(plan, directory / REPORT))
         if scene:
             from floatplan.view.scene.scene import write_scene
 
@@ -54,7 +74,10 @@ def show(
             from floatplan.view.figures.figures import save_figures
 
             files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
+        for name in films:
+            from floatplan.view.figures.animation import animate
+
+            files.append(animate(plan, directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
             print_path(path)
@@ -64,39 +87,56 @@ def show(
                 webbrowser.open(path.resolve().as_uri())
 
 
+class ExportCommand(TyperCommand):
+    """Its help ends with the formats."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """List them."""
+        from floatplan.export.formats import FORMATS
+
+        with formatter.section("Formats"):
+            formatter.write_dl([(name, form.text) for name, form in FORMATS.items()])
+
+
 def export(
-    plan_file: PlanFile,
-    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those above.")],
+    motion_file: MotionFile,
+    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those below.")],
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Instants per second; left out, what suits the format.")
     ] = None,
+    kp: Annotated[str | None, typer.Option(metavar="K|J=K,..", help=STIFFNESS)] = None,
+    kd: Annotated[str | None, typer.Option(metavar="K|J=K,..", help=DAMPING)] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file; beside the plan if left out.")
     ] = None,
     urdf: Urdf = None,
     quiet: Quiet = False,
 ) -> None:
-    """Hand a plan on, to a robot, a simulator or another program. SI units and radians.
+    """Hand a plan or a whole jump on, to a robot, a simulator or another program. SI units and radians.
 
-    \b
-    csv        planned joints and those that follow them, 1 kHz
-    csv-full   base pose and all joints, one row per instant
-    parquet    the same as Parquet (extra "parquet")
-    npz        NumPy: what plan.at() gives
-    pinocchio  NumPy: q, v, a, tau of Pinocchio's free-flyer model
-    mujoco     NumPy: qpos, qvel, ctrl with a free joint
-    ros        trajectory_msgs/JointTrajectory as YAML
-    mcap       a ROS 2 bag, also for Foxglove (extra "mcap")
-    unitree    CSV as Unitree's motion data
-    """  # noqa: D301
+    Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
+    """
+    from floatplan.cli.asked import gain
     from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of
-    from floatplan.plans.plan import load_plan
 
     known = format_of(form)
-    plan = load_plan(plan_file, urdf)
-    path = Path(plan_file).parent / known.file if output is None else output
+    stiffness, damping = gain("--kp", kp), gain("--kd", kd)
+    motion = _motion(motion_file, urdf)
+    path = Path(motion_file).parent / known.file if output is None else output
     with progress("exporting", quiet):
-        path = write(plan, form, path, rate)
+        path = write(motion, form, path, rate, kp=stiffness, kd=damping)
     if not quiet:
         print_path(path)
+
+
+def _motion(path: str, urdf: str | None) -> Plan | Jump:
+    """Read a plan or a jump, whichever the file says that it holds."""
+    from floatplan.files import read_json
+    from floatplan.plans.plan import load_plan
+    from floatplan.stance.jump import FORMAT
+    from floatplan.stance.jump_file import load_jump
+
+    content = read_json(Path(path), kind="a plan or jump file")
+    is_jump = isinstance(content, dict) and content.get("format") == FORMAT
+    return load_jump(path, urdf) if is_jump else load_plan(path, urdf)

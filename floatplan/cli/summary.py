@@ -15,9 +15,9 @@ from rich.text import Text
 
 from floatplan.arguments import percent, short, shortened
 from floatplan.errors import escaped
-from floatplan.plans.contact import Contact
+from floatplan.motion.flight import Contact
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import Row, plan_verdict, proof_rows, result_rows, utilisation_table
+from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Certificate, Tone
 from floatplan.problem.problem import Problem
 
@@ -37,7 +37,6 @@ REACHED = {
     "horizontal_velocity": "horizontal, m/s",
     "vertical_velocity": "vertical, m/s",
 }
-CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 COLOURS: Mapping[Tone, str] = {"good": "green", "open": "yellow", "bad": "red"}
 
 
@@ -194,7 +193,7 @@ def _reachable(facts: Mapping[str, Any]) -> RenderableType:
         return Text("no frame stands on the ground, so none has to be at rest", "dim")
     rows = []
     for end in ends:
-        rows.append((f"{end}, asked", *(f"{value:.5g}" for value in facts[f"{end}_asked"])))
+        rows.append((f"{end}, desired", *(f"{value:.5g}" for value in facts[f"{end}_asked"])))
         rows.append(("each alone, by joint rates", *(_interval(facts[f"{end}_{key}_bounds"]) for key in REACHED)))
     unlimited = all(None in (facts[f"{end}_{key}_bounds"] or ()) for end in ends for key in REACHED)
     note = "joints without velocity limits reach anything: limits.velocity sets them"
@@ -212,29 +211,23 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
 
 def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
     """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
-    from floatplan.stance.check import judged
+    from floatplan.view.jumps import JumpView
+    from floatplan.view.report.data import PHASES, STANCES, check_lines, phase_lines
 
     name, took = jump.problem.name, f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
-    figures = {name: value for name, value in jump.check.figures.items() if name != "torque_speed" or value > 0}
-    broken, held = judged(jump.request, figures)
-    proved = jump.flight.certificate is not None and jump.flight.certificate.proved
-    tone: Tone = "bad" if not (jump.ok and proved) else "open" if jump.flight.warnings else "good"
-    phases = []
-    for phase in jump.phases:
-        times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
-        phases.append((phase.kind, *times, ", ".join(phase.contacts) or "nothing"))
+    view = JumpView(jump, jump.check, jump.verdict)
+    broken, held = check_lines(view)
     written = [Row(path.stem, escaped(str(path))) for path in files]
-    plan = next(path for path in files if path.stem == "plan")
     return Group(
-        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[tone]}"),
-        _table(("phase", "s", "from", "to", "on the ground"), phases),
+        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[view.tone]}"),
+        _table(PHASES, phase_lines(view)),
         *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
-        *(Text(f"not within limits: {', '.join(words)}", "red") for words in broken),
+        *(Text(", ".join(words), "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
-        _table(("stances", "limit"), held),
-        _named([*written, Row("next", f"{program} show {shlex.quote(str(plan))}    # the flight")]),
+        _table(STANCES, held),
+        _named([*written, Row("next", f"{program} show {shlex.quote(str(files[0]))} --scene    # the jump in 3-D")]),
         Text(CHECKED, "dim"),
     )
 

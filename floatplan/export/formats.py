@@ -7,19 +7,27 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.export.motion import Exportable, Exported, Gain, exported
 from floatplan.export.ros_bag import mcap_content
-from floatplan.export.table import full_csv, gravity, parquet_content, sample_times, table_text, whole_nanoseconds
+from floatplan.export.table import (
+    contact_columns,
+    csv_text,
+    full_csv,
+    parquet_content,
+    sample_times,
+    table_text,
+    whole_nanoseconds,
+)
 from floatplan.files import write_atomically
-from floatplan.motion.planar.full_model import free_flyer
 from floatplan.plans.plan import Plan
 
-Content: TypeAlias = Callable[[Plan, float], str | bytes]  # of a file: a plan, and instants per second
+Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
 
 ARRAYS = (
     "orientation",
@@ -36,19 +44,62 @@ ARRAYS = (
 )  # of a FlightState, in the archive's order
 
 
+UNITREE_LEGS = ("FR", "FL", "RR", "RL")  # in the order of Unitree's SDK, in which each has hip, thigh and calf
+UNITREE_JOINTS = [f"{leg}_{part}_joint" for leg in UNITREE_LEGS for part in ("hip", "thigh", "calf")]
+
+
 @dataclass(frozen=True)
 class Format:
-    """A file format: the content of its files, their usual name, and their usual rate, Hz."""
+    """A file format.
+
+    Attributes
+    ----------
+    content : of its files
+    file : their usual name
+    rate : their usual rate, Hz
+    text : what the command's help says of it
+    gains : whether its files have room for them
+    of_plans : content of plans' files, which have less than those of other motions, and no gains
+    """
 
     content: Content
     file: str
     rate: float
+    text: str
+    gains: bool = True
+    of_plans: Callable[[Any, float], str | bytes] | None = None
 
 
-def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-    """Write a plan in a format of :data:`FORMATS`, whole or not at all; otherwise as ``plan.export``."""
+def export(
+    motion: Exportable,
+    form: str,
+    path: str | Path | None = None,
+    rate: float | None = None,
+    *,
+    kp: Gain | None = None,
+    kd: Gain | None = None,
+) -> Path:
+    """Write a plan or a jump in a format of :data:`FORMATS`, whole or not at all.
+
+    Parameters
+    ----------
+    motion : Plan or Jump
+    form, path, rate : as of :meth:`floatplan.Plan.export`
+    kp, kd : float or mapping, optional
+        Gains as of :func:`floatplan.export.motion.exported`.
+
+    Raises
+    ------
+    InputError
+        The format is unknown or has no room for gains, a number is wrong, or there is no motion.
+    """
     known = format_of(form)
-    content = known.content(plan, known.rate if rate is None else rate)
+    rate = known.rate if rate is None else rate
+    of_plans = known.of_plans if isinstance(motion, Plan) else None
+    if (of_plans is not None or not known.gains) and (kp is not None or kd is not None):
+        instead = ", ".join(name for name, each in FORMATS.items() if each.gains and each.of_plans is None)
+        raise InputError(f'a file "{form}" has no room for gains', element="format", advice=f"take one of {instead}")
+    content = known.content(exported(motion, kp, kd), rate) if of_plans is None else of_plans(motion, rate)
     return write_atomically(known.file if path is None else path, content)
 
 
@@ -67,35 +118,49 @@ def npz_content(plan: Plan, rate: float) -> bytes:
     return _archive({"times": state.times, **names, **arrays})
 
 
-def pinocchio_content(plan: Plan, rate: float) -> bytes:
+def pinocchio_content(motion: Exported, rate: float) -> bytes:
     """Return NumPy's archive for ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
     ``time`` (N,); ``q`` (N, nq), ``v``, ``a``, ``tau`` (N, nv) as of ``plan.q``, ``plan.v``, ``plan.a``, ``plan.tau``;
-    ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out.
+    ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out; and
+    what :func:`_controlled` adds.
     """
-    motion, place = plan.full_motion(sample_times(plan.duration, rate)), free_flyer(plan.robot)
+    times, moves = sample_times(motion.duration, rate), motion.motion
     arrays = {
-        "time": motion.state.times,
-        "q": place.configurations(motion),
-        "v": place.velocities(motion),
-        "a": place.accelerations(motion),
-        "tau": place.torques(motion),
-        "gravity": gravity(plan),
+        "time": times,
+        **{name: getattr(moves, name)(times) for name in ("q", "v", "a", "tau")},
+        "gravity": motion.gravity,
         "joint_names": np.array(motion.joints),
     }
-    return _archive(arrays)
+    return _archive(arrays | _controlled(motion, times))
 
 
-def ros_content(plan: Plan, rate: float) -> str:
+def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
+    """Return what a controller needs beside the motion at times (N,), as far as there is any.
+
+    ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,); ``contacts`` (N, C), whether each
+    stands; ``forces`` (N, C, 3), N, in the world; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
+    """
+    arrays: dict[str, Any] = {}
+    found = motion.contacts(times)
+    if found is not None:
+        arrays |= {"phase": found.phase, "phase_begin": found.begin, "contact_names": np.array(found.names)}
+        arrays |= {"contacts": found.stand, "forces": found.forces}
+    if motion.gains is not None:
+        arrays |= dict(zip(("kp", "kd"), motion.gains, strict=True))
+    return arrays
+
+
+def ros_content(motion: Exported, rate: float) -> str:
     """Return a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds.
 
     Efforts are the motors' own torques.
     """
-    nanoseconds = whole_nanoseconds(plan, rate)
-    motion = plan.full_motion(nanoseconds / 1e9)
-    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
+    nanoseconds = whole_nanoseconds(motion.duration, rate)
+    whole = motion.at(nanoseconds / 1e9)
+    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in whole.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
-    rows = zip(motion.positions, motion.velocities, motion.accelerations, motion.motor_torques, strict=True)
+    rows = zip(whole.positions, whole.velocities, whole.accelerations, whole.motor_torques, strict=True)
     for instant, (positions, velocities, accelerations, effort) in zip(nanoseconds.tolist(), rows, strict=True):
         lines += [
             f"- positions: {_yaml(positions)}",
@@ -107,38 +172,72 @@ def ros_content(plan: Plan, rate: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def mujoco_content(plan: Plan, rate: float) -> bytes:
+def mujoco_content(motion: Exported, rate: float) -> bytes:
     """Return NumPy's archive for MuJoCo: a free joint at the root link, then one hinge (or slide) per joint.
 
     ``time`` (N,), ``qpos`` (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world,
-    angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J). The order of a
-    model's joints may be another: go by the names.
+    angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J); and what
+    :func:`_controlled` adds. The order of a model's joints may be another: go by the names.
     """
-    motion = plan.full_motion(sample_times(plan.duration, rate))
-    quaternion = np.roll(motion.base_quaternion, 1, axis=1)
+    times = sample_times(motion.duration, rate)
+    whole = motion.at(times)
+    quaternion = np.roll(whole.base_quaternion, 1, axis=1)
     arrays = {
-        "time": motion.state.times,
-        "qpos": np.concatenate((motion.base_position, quaternion, motion.positions), axis=1),
-        "qvel": np.concatenate((motion.base_velocity, motion.base_angular_velocity, motion.velocities), axis=1),
-        "ctrl": motion.motor_torques,
-        "joint_names": np.array(motion.joints),
-        "gravity": gravity(plan),
+        "time": times,
+        "qpos": np.concatenate((whole.base_position, quaternion, whole.positions), axis=1),
+        "qvel": np.concatenate((whole.base_velocity, whole.base_angular_velocity, whole.velocities), axis=1),
+        "ctrl": whole.motor_torques,
+        "joint_names": np.array(whole.joints),
+        "gravity": motion.gravity,
     }
-    return _archive(arrays)
+    return _archive(arrays | _controlled(motion, times))
 
 
-def unitree_content(plan: Plan, rate: float) -> str:
+def unitree_content(motion: Exported, rate: float) -> str:
     """Return CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
 
     As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
     flight is not a whole number of steps, the last row is the landing, less than a step early.
     """
-    motion = plan.full_motion(sample_times(plan.duration, rate))
-    names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
-    rows = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
+    whole = motion.at(sample_times(motion.duration, rate))
+    names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *whole.joints]
+    rows = np.concatenate((whole.base_position, whole.base_quaternion, whole.positions), axis=1)
     lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]
     return "\n".join(lines) + "\n"
+
+
+def unitree_sdk_content(motion: Exported, rate: float) -> str:
+    """Return CSV in the order of Unitree's ``motor_cmd``: front right, front left, rear right, rear left; hip to calf.
+
+    Columns: ``time``; ``q``, ``dq``, ``tau``, ``kp``, ``kd``, each of the twelve motors in turn, as ``q_FR_hip_joint``;
+    then contacts and forces as of the other tables.
+
+    Raises
+    ------
+    InputError
+        The robot is none of Unitree's quadrupeds with twelve motors: A1, Go1, Go2, B1.
+    """
+    missing = [name for name in UNITREE_JOINTS if name not in motion.joints]
+    others = [name for name in motion.joints if name not in UNITREE_JOINTS]
+    if missing or others:
+        why = f'it has no joint "{missing[0]}"' if missing else f'its joint "{others[0]}" is none of theirs'
+        reason = f"is none of Unitree's quadrupeds with twelve motors (A1, Go1, Go2, B1): {why}"
+        raise InputError(
+            reason, source=motion.robot.source, element=f'robot "{motion.robot.name}"', advice="take csv-full"
+        )
+    times = sample_times(motion.duration, rate)
+    whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
+    header, columns = ["time"], [times]
+    blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
+    if motion.gains is not None:
+        blocks |= {name: np.tile(gain, (len(times), 1)) for name, gain in zip(("kp", "kd"), motion.gains, strict=True)}
+    for name, values in blocks.items():
+        header += [f"{name}_{joint}" for joint in UNITREE_JOINTS]
+        columns += list(values[:, order].T)
+    contacts = contact_columns(motion, times)
+    header += [column.name for column in contacts]
+    return csv_text(header, columns + [column.values for column in contacts])
 
 
 def _archive(arrays: Mapping[str, Array]) -> bytes:
@@ -156,13 +255,16 @@ def _yaml(values: Array) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(table_text, "trajectory.csv", 1000.0),
-    "csv-full": Format(full_csv, "full_trajectory.csv", 1000.0),
-    "parquet": Format(parquet_content, "trajectory.parquet", 1000.0),
-    "npz": Format(npz_content, "trajectory.npz", 1000.0),
-    "pinocchio": Format(pinocchio_content, "pinocchio.npz", 1000.0),
-    "mujoco": Format(mujoco_content, "mujoco.npz", 1000.0),
-    "ros": Format(ros_content, "joint_trajectory.yaml", 100.0),
-    "mcap": Format(mcap_content, "flight.mcap", 100.0),
-    "unitree": Format(unitree_content, "unitree.csv", 50.0),
+    "csv": Format(full_csv, "trajectory.csv", 1000.0, "planned joints; of a jump as csv-full", of_plans=table_text),
+    "csv-full": Format(full_csv, "full_trajectory.csv", 1000.0, "base pose and all joints, one row per instant"),
+    "parquet": Format(parquet_content, "trajectory.parquet", 1000.0, 'the same as Parquet (extra "parquet")'),
+    "npz": Format(
+        pinocchio_content, "trajectory.npz", 1000.0, "NumPy: plan.at(); of a jump as pinocchio", of_plans=npz_content
+    ),
+    "pinocchio": Format(pinocchio_content, "pinocchio.npz", 1000.0, "NumPy: q, v, a, tau of its free-flyer model"),
+    "mujoco": Format(mujoco_content, "mujoco.npz", 1000.0, "NumPy: qpos, qvel, ctrl with a free joint"),
+    "ros": Format(ros_content, "joint_trajectory.yaml", 100.0, "trajectory_msgs/JointTrajectory as YAML", gains=False),
+    "mcap": Format(mcap_content, "flight.mcap", 100.0, 'a ROS 2 bag, also for Foxglove (extra "mcap")'),
+    "unitree": Format(unitree_content, "unitree.csv", 50.0, "CSV as Unitree's motion data", gains=False),
+    "unitree-sdk": Format(unitree_sdk_content, "unitree_sdk.csv", 500.0, "CSV in its motors' order: A1, Go1, Go2, B1"),
 }

@@ -1,24 +1,24 @@
 """MCAP, as a ROS 2 bag: Foxglove opens it as it is, and ``ros2 bag play`` plays it.
 
 Messages are CDR with ROS 2's own definitions, since these are what both read: a ROS 2 bag must hold CDR, and
-Foxglove, which takes JSON too, shows a robot from the standard messages. Written with the package ``mcap``.
+Foxglove, which takes JSON too, shows a robot from the standard messages. Written with the package ``mcap``, encoded
+by ``mcap-ros2-support``, whose own writer cannot keep messages for later listeners.
 """
 
 from __future__ import annotations
 
 import io
-import struct
-from collections.abc import Sequence
-from typing import Any
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
+from floatplan.export.motion import Contacts, Exported
 from floatplan.export.table import whole_nanoseconds
-from floatplan.motion.planar.full_model import FullMotion
-from floatplan.plans.plan import Plan
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so
 MOST_TRANSFORMS = 1_000_000  # [-] moving links times instants: below 200 MB
@@ -49,7 +49,14 @@ LATCHED = """- history: 1
   avoid_ros_namespace_conventions: false
 """  # kept for who listens later (transient local), as tf2 and RViz ask of these topics; numbers are of the RMW's enums
 
-TOPICS = {  # topic -> type, definition, types that it uses, whether its last message is kept for later listeners
+FORCE = "std_msgs/Header header\ngeometry_msgs/Vector3 vector", (HEADER, TIME, VECTOR)
+LAYOUT = "std_msgs/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset"
+DIMENSION = "std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride"
+NUMBERS = "std_msgs/MultiArrayLayout layout\nfloat64[] data", (LAYOUT, DIMENSION)
+
+# type, definition, types that it uses, whether its last message is kept for later listeners
+Topic: TypeAlias = tuple[str, str, tuple[tuple[str, str], ...], bool]
+TOPICS: dict[str, Topic] = {
     "/robot_description": ("std_msgs/msg/String", "string data", (), True),
     "/tf_static": (*TRANSFORMS, True),
     "/tf": (*TRANSFORMS, False),
@@ -57,132 +64,100 @@ TOPICS = {  # topic -> type, definition, types that it uses, whether its last me
 }
 
 
-def mcap_content(plan: Plan, rate: float) -> bytes:
-    """Return a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf``, ``/joint_states``; time begins at takeoff.
+def mcap_content(exported: Exported, rate: float) -> bytes:
+    """Return a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf``, ``/joint_states``; time begins at the start.
 
     The frame ``world`` has the root link's axes at orientation 0; ``/tf`` has the root link in it, and every link that
     a joint moves in its parent; links that are fixed are in ``/tf_static``. Efforts are the motors' own torques.
+    Where there are contacts, ``/phase`` counts from 0, ``/contacts/POINT/stands`` says whether a point does, and
+    ``/contacts/POINT/force`` is the force on it, N, along the axes of ``world``. ``/gains`` are a row of stiffness and
+    one of damping, N m/rad and N m s/rad, of the joints in the order of ``/joint_states``.
 
     Raises
     ------
     InputError
-        The package mcap is not installed, or the rate is wrong.
+        The packages mcap and mcap-ros2-support are not installed, or the rate is wrong.
     """
     writers = import_optional("mcap.writer", name="the package mcap", element="format", extra="mcap")
-    tree = plan.robot.file_tree
-    nanoseconds = whole_nanoseconds(plan, rate)
-    moving = sum(joint.moves for joint in tree.joints)
-    if len(nanoseconds) * moving > MOST_TRANSFORMS:
-        reason = f"{rate} Hz for {plan.duration} s are more than {MOST_TRANSFORMS} transforms"
+    tree = exported.robot.file_tree
+    nanoseconds = whole_nanoseconds(exported.duration, rate)
+    fixed, moving = ([joint for joint in tree.joints if joint.moves is moves] for moves in (False, True))
+    if len(nanoseconds) * len(moving) > MOST_TRANSFORMS:
+        reason = f"{rate} Hz for {exported.duration} s are more than {MOST_TRANSFORMS} transforms"
         raise InputError(reason, element="rate", advice="give a lower rate")
-    motion = plan.full_motion(nanoseconds / 1e9)
-    transforms = _Transforms(plan, motion)
+    times = nanoseconds / 1e9
+    motion = exported.at(times)
+    world = WORLD
+    while world in tree.links:
+        world += "_"
     stream = io.BytesIO()
     writer = writers.Writer(stream)
     writer.start(profile="ros2", library="floatplan")
-    channels = {topic: _channel(writer, topic) for topic in TOPICS}
-
-    def write(topic: str, instant: int, message: _Cdr) -> None:
-        writer.add_message(channels[topic], instant, message.content(), instant)
-
-    write("/robot_description", 0, _Cdr().text(plan.robot.xml))
-    write("/tf_static", 0, transforms.static())
+    write = {topic: _topic(writer, topic, kind) for topic, kind in TOPICS.items()}
+    write["/robot_description"](0, {"data": exported.robot.xml})
+    places = (_transform(0, joint.parent, joint.child, pin.SE3ToXYZQUAT(joint.origin.placement)) for joint in fixed)
+    write["/tf_static"](0, {"transforms": list(places)})
+    bases = np.concatenate((motion.base_position, motion.base_quaternion), axis=1)
+    columns = [motion.joints.index(joint.name) for joint in moving]
     for index, instant in enumerate(nanoseconds.tolist()):
-        write("/tf", instant, transforms.moving(index, instant))
-        write("/joint_states", instant, _joint_state(motion, index, instant))
+        transforms = [_transform(instant, world, tree.root, bases[index])]
+        for joint, position in zip(moving, motion.positions[index, columns].tolist(), strict=True):
+            place = pin.SE3ToXYZQUAT(joint.origin.placement * joint.motion(position))
+            transforms.append(_transform(instant, joint.parent, joint.child, place))
+        write["/tf"](instant, {"transforms": transforms})
+        quantities = {"position": motion.positions, "velocity": motion.velocities, "effort": motion.motor_torques}
+        state = {name: values[index].tolist() for name, values in quantities.items()}
+        write["/joint_states"](instant, {"header": _header(instant, ""), "name": list(motion.joints), **state})
+    contacts = exported.contacts(times)
+    if contacts is not None:
+        _write_contacts(writer, contacts, nanoseconds.tolist(), world)
+    if exported.gains is not None:
+        sizes = zip(("kp, kd", "joint"), exported.gains.shape, (exported.gains.size, len(motion.joints)), strict=True)
+        rows = [{"label": label, "size": count, "stride": stride} for label, count, stride in sizes]
+        content = {"layout": {"dim": rows, "data_offset": 0}, "data": exported.gains.ravel().tolist()}
+        _topic(writer, "/gains", ("std_msgs/msg/Float64MultiArray", *NUMBERS, True))(0, content)
     writer.finish()
     return stream.getvalue()
 
 
-def _channel(writer: Any, topic: str) -> int:
-    """Begin a topic."""
-    name, fields, uses, kept = TOPICS[topic]
+def _write_contacts(writer: Any, contacts: Contacts, instants: list[int], world: str) -> None:
+    """Write who stands, and the forces, at instants, ns."""
+    phase = _topic(writer, "/phase", ("std_msgs/msg/Int32", "int32 data", (), False))
+    points = []
+    for name in contacts.names:
+        place = "/contacts/" + re.sub(r"\W", "_", name, flags=re.ASCII)
+        stands = _topic(writer, f"{place}/stands", ("std_msgs/msg/Bool", "bool data", (), False))
+        force = _topic(writer, f"{place}/force", ("geometry_msgs/msg/Vector3Stamped", *FORCE, False))
+        points.append((stands, force))
+    for index, instant in enumerate(instants):
+        phase(instant, {"data": int(contacts.phase[index])})
+        for (stands, force), stand, vector in zip(points, contacts.stand[index], contacts.forces[index], strict=True):
+            stands(instant, {"data": bool(stand)})
+            numbers = dict(zip("xyz", vector.tolist(), strict=True))
+            force(instant, {"header": _header(instant, world), "vector": numbers})
+
+
+def _topic(writer: Any, topic: str, kind: Topic) -> Callable[[int, Mapping[str, Any]], None]:
+    """Begin a topic; return what writes a message of an instant, ns, into it."""
+    encoders = import_optional("mcap_ros2._dynamic", name="mcap-ros2-support", element="format", extra="mcap")
+    name, fields, uses, kept = kind
     rule = "=" * 80
     text = "\n".join([fields, *(f"{rule}\nMSG: {used}\n{definition}" for used, definition in uses)])
     schema = writer.register_schema(name, "ros2msg", text.encode())
-    return int(writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": LATCHED if kept else ""}))
+    channel = writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": LATCHED if kept else ""})
+    encode = encoders.serialize_dynamic(name, text)[name]
+    return lambda instant, message: writer.add_message(channel, instant, encode(message), instant)
 
 
-class _Cdr:
-    """A message in little-endian CDR: numbers aligned to their size, sequences and texts after their length."""
-
-    def __init__(self) -> None:
-        self._data = bytearray()
-
-    def _align(self, size: int) -> None:
-        self._data += bytes(-len(self._data) % size)
-
-    def numbers(self, form: str, *values: int) -> _Cdr:
-        """Integers of four bytes: ``i`` signed, ``I`` not."""
-        self._align(4)
-        self._data += struct.pack(f"<{form}", *values)
-        return self
-
-    def stamp(self, instant: int) -> _Cdr:
-        return self.numbers("iI", instant // 10**9, instant % 10**9)
-
-    def text(self, text: str) -> _Cdr:
-        encoded = text.encode() + b"\0"
-        self.numbers("I", len(encoded))
-        self._data += encoded
-        return self
-
-    def texts(self, texts: Sequence[str]) -> _Cdr:
-        self.numbers("I", len(texts))
-        for text in texts:
-            self.text(text)
-        return self
-
-    def floats(self, values: Array) -> _Cdr:
-        """So many numbers of eight bytes, without their count."""
-        self._align(8)
-        self._data += np.asarray(values, dtype="<f8").tobytes()
-        return self
-
-    def sequence(self, values: Array) -> _Cdr:
-        self.numbers("I", len(values))
-        return self.floats(values) if len(values) else self
-
-    def content(self) -> bytes:
-        return b"\x00\x01\x00\x00" + bytes(self._data)
+def _header(instant: int, frame: str) -> dict[str, Any]:
+    return {"stamp": {"sec": instant // 10**9, "nanosec": instant % 10**9}, "frame_id": frame}
 
 
-def _joint_state(motion: FullMotion, index: int, instant: int) -> _Cdr:
-    message = _Cdr().stamp(instant).text("").texts(motion.joints)
-    for values in (motion.positions, motion.velocities, motion.motor_torques):
-        message.sequence(values[index])
-    return message
-
-
-class _Transforms:
-    """Where links are in their parents."""
-
-    def __init__(self, plan: Plan, motion: FullMotion) -> None:
-        tree = plan.robot.file_tree
-        column = {name: index for index, name in enumerate(motion.joints)}
-        self._fixed = [joint for joint in tree.joints if not joint.moves]
-        self._moving = [(joint, motion.positions[:, column[joint.name]]) for joint in tree.joints if joint.moves]
-        self._root, self._motion = tree.root, motion
-        self._world = WORLD
-        while self._world in tree.links:
-            self._world += "_"
-
-    def static(self) -> _Cdr:
-        message = _Cdr().numbers("I", len(self._fixed))
-        for joint in self._fixed:
-            _placed(message, 0, joint.parent, joint.child, pin.SE3ToXYZQUAT(joint.origin.placement))
-        return message
-
-    def moving(self, index: int, instant: int) -> _Cdr:
-        message = _Cdr().numbers("I", len(self._moving) + 1)
-        base = np.concatenate((self._motion.base_position[index], self._motion.base_quaternion[index]))
-        _placed(message, instant, self._world, self._root, base)
-        for joint, positions in self._moving:
-            place = joint.origin.placement * joint.motion(float(positions[index]))
-            _placed(message, instant, joint.parent, joint.child, pin.SE3ToXYZQUAT(place))
-        return message
-
-
-def _placed(message: _Cdr, instant: int, parent: str, child: str, place: Array) -> None:
-    """Add a ``TransformStamped``; ``place`` (7,) is x, y, z, quaternion x, y, z, w."""
-    message.stamp(instant).text(parent).text(child).floats(place)
+def _transform(instant: int, parent: str, child: str, place: Array) -> dict[str, Any]:
+    """A ``TransformStamped``; ``place`` (7,) is x, y, z, quaternion x, y, z, w."""
+    numbers = place.tolist()
+    transform = {
+        "translation": dict(zip("xyz", numbers[:3], strict=True)),
+        "rotation": dict(zip("xyzw", numbers[3:], strict=True)),
+    }
+    return {"header": _header(instant, parent), "child_frame_id": child, "transform": transform}

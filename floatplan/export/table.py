@@ -1,6 +1,6 @@
-"""Tables of a plan sampled in time: its motors as CSV, and the whole motion as CSV or Parquet.
+"""Tables of a motion sampled in time: a plan's motors as CSV, and the whole motion as CSV or Parquet.
 
-The latter has the base in space, and every joint that the URDF has.
+The latter has the base in space, every joint that the URDF has, contacts and gains.
 """
 
 from __future__ import annotations
@@ -10,12 +10,17 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.plans.plan import Plan
+from floatplan.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from floatplan.export.motion import Exported
 
 SPACE = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -39,14 +44,9 @@ def sample_times(duration: float, rate: float) -> Array:
     return np.append(np.arange(steps) / rate, duration)
 
 
-def whole_nanoseconds(plan: Plan, rate: float) -> IntArray:
+def whole_nanoseconds(duration: float, rate: float) -> IntArray:
     """Instants of :func:`sample_times` in whole nanoseconds, as ROS has them."""
-    return np.floor(sample_times(plan.duration, rate) * 1e9 + 1e-3).astype(np.int64)
-
-
-def gravity(plan: Plan) -> Array:
-    """The acceleration of gravity (3,), m/s^2, in the world."""
-    return np.asarray(-plan.ballistics.gravity * plan.robot.plane.vertical)
+    return np.floor(sample_times(duration, rate) * 1e9 + 1e-3).astype(np.int64)
 
 
 def table_text(plan: Plan, rate: float = 1000.0) -> str:
@@ -79,55 +79,90 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
         if index < len(plan.robot.joints) and np.count_nonzero(ratios[:, index]) > 1:
             header.append(f"{joint}_generalized_torque")
             columns.append(state.torques[:, index])
-    return csv_text(header, np.column_stack(columns))
+    return csv_text(header, columns)
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A quantity at all instants: name, unit, values (N,)."""
+    """A quantity at all instants: name, unit, values (N,), whole numbers where it counts or is 1 of what is true."""
 
     name: str
     unit: str
-    values: Array
+    values: Array | IntArray
 
 
-def full_columns(plan: Plan, rate: float) -> list[Column]:
-    """Return the columns: time, base, joints in Pinocchio's order.
+def full_columns(motion: Exported, rate: float) -> list[Column]:
+    """Return the columns: time, base, joints in Pinocchio's order, contacts and gains where there are any.
 
     The world's axes are the root link's at orientation 0. ``base_x`` to ``base_qw`` are place and orientation of the
     root link, ``base_vx`` to ``base_wz`` its velocities, all in the world. A joint's torque is its motor's own.
+    ``phase`` counts from 0; ``POINT_contact`` is 1 where the point stands, and ``POINT_fx`` to ``POINT_fz`` are the
+    force on it, in the world; at a change of contacts all are those before it.
     """
-    motion = plan.full_motion(sample_times(plan.duration, rate))
-    columns = [Column("time", "s", motion.state.times)]
+    times = sample_times(motion.duration, rate)
+    whole, robot = motion.at(times), motion.robot
+    columns = [Column("time", "s", times)]
     for prefix, unit, letters, values in (
-        ("base_", "m", SPACE, motion.base_position),
-        ("base_", "1", QUATERNION, motion.base_quaternion),
-        ("base_v", "m/s", SPACE, motion.base_velocity),
-        ("base_w", "rad/s", SPACE, motion.base_angular_velocity),
+        ("base_", "m", SPACE, whole.base_position),
+        ("base_", "1", QUATERNION, whole.base_quaternion),
+        ("base_v", "m/s", SPACE, whole.base_velocity),
+        ("base_w", "rad/s", SPACE, whole.base_angular_velocity),
     ):
         columns += [Column(prefix + letter, unit, column) for letter, column in zip(letters, values.T, strict=True)]
-    tree = plan.robot.layout.tree
-    for index, joint in enumerate(motion.joints):
-        angle, torque = ("rad", "N m") if tree.joint[joint].turns else ("m", "N")
+    for index, joint in enumerate(whole.joints):
+        angle, torque = units(robot, joint)
         columns += [
-            Column(f"{joint}_position", angle, motion.positions[:, index]),
-            Column(f"{joint}_velocity", f"{angle}/s", motion.velocities[:, index]),
-            Column(f"{joint}_acceleration", f"{angle}/s^2", motion.accelerations[:, index]),
-            Column(f"{joint}_torque", torque, motion.motor_torques[:, index]),
+            Column(f"{joint}_position", angle, whole.positions[:, index]),
+            Column(f"{joint}_velocity", f"{angle}/s", whole.velocities[:, index]),
+            Column(f"{joint}_acceleration", f"{angle}/s^2", whole.accelerations[:, index]),
+            Column(f"{joint}_torque", torque, whole.motor_torques[:, index]),
+        ]
+    return columns + contact_columns(motion, times) + gain_columns(motion, len(times))
+
+
+def units(robot: Robot, joint: str) -> tuple[str, str]:
+    """Units of a joint's position and torque."""
+    return ("rad", "N m") if robot.layout.tree.joint[joint].turns else ("m", "N")
+
+
+def contact_columns(motion: Exported, times: Array) -> list[Column]:
+    """Return the columns of contacts at times (N,), s; none where nothing is said of them."""
+    found = motion.contacts(times)
+    if found is None:
+        return []
+    columns = [Column("phase", "1", found.phase)]
+    for index, point in enumerate(found.names):
+        columns.append(Column(f"{point}_contact", "1", found.stand[:, index].astype(np.int64)))
+        forces = found.forces[:, index].T
+        columns += [Column(f"{point}_f{letter}", "N", force) for letter, force in zip(SPACE, forces, strict=True)]
+    return columns
+
+
+def gain_columns(motion: Exported, count: int) -> list[Column]:
+    """Return the columns of gains, the same in all of so many rows."""
+    if motion.gains is None:
+        return []
+    columns = []
+    for joint, stiffness, damping in zip(motion.joints, *motion.gains, strict=True):
+        angle, torque = units(motion.robot, joint)
+        columns += [
+            Column(f"{joint}_kp", f"{torque}/{angle}", np.full(count, stiffness)),
+            Column(f"{joint}_kd", f"{torque} s/{angle}", np.full(count, damping)),
         ]
     return columns
 
 
-def full_csv(plan: Plan, rate: float) -> str:
+def full_csv(motion: Exported, rate: float) -> str:
     """Return the columns of :func:`full_columns` as CSV, numbers that read back bit for bit."""
-    columns = full_columns(plan, rate)
-    return csv_text([column.name for column in columns], np.column_stack([column.values for column in columns]))
+    columns = full_columns(motion, rate)
+    return csv_text([column.name for column in columns], [column.values for column in columns])
 
 
-def parquet_content(plan: Plan, rate: float) -> bytes:
+def parquet_content(motion: Exported, rate: float) -> bytes:
     """Return the columns of :func:`full_columns` as Parquet; each has its unit in its metadata.
 
-    The file's metadata has ``problem``, ``robot``, ``duration``, ``angular_momentum`` and ``gravity`` (x y z).
+    The file's metadata has ``problem``, ``robot``, ``duration``, ``gravity`` (x y z), of a plan ``angular_momentum``,
+    and of a jump ``phases`` as JSON.
 
     Raises
     ------
@@ -136,25 +171,22 @@ def parquet_content(plan: Plan, rate: float) -> bytes:
     """
     arrow = import_optional("pyarrow", name="PyArrow", element="format", extra="parquet")
     parquet = import_optional("pyarrow.parquet", name="PyArrow", element="format", extra="parquet")
-    columns = full_columns(plan, rate)
-    fields = [arrow.field(column.name, arrow.float64(), False, {"unit": column.unit}) for column in columns]
-    about = {
-        "problem": plan.problem.name,
-        "robot": plan.robot.name,
-        "duration": repr(plan.duration),
-        "angular_momentum": repr(plan.angular_momentum),
-        "gravity": " ".join(repr(float(value) + 0.0) for value in gravity(plan)),
-    }
-    table = arrow.table([arrow.array(column.values) for column in columns], schema=arrow.schema(fields, about))
+    columns = full_columns(motion, rate)
+    arrays = [arrow.array(column.values) for column in columns]
+    fields = [
+        arrow.field(column.name, array.type, False, {"unit": column.unit})
+        for column, array in zip(columns, arrays, strict=True)
+    ]
+    table = arrow.table(arrays, schema=arrow.schema(fields, motion.about))
     stream = io.BytesIO()
     parquet.write_table(table, stream)
     return stream.getvalue()
 
 
-def csv_text(header: Sequence[str], rows: Array) -> str:
-    """CSV of rows (N, C) under a header (C), of which no spreadsheet takes a name, from a URDF, for a formula."""
+def csv_text(header: Sequence[str], columns: Sequence[Array | IntArray]) -> str:
+    """CSV of C columns (N,) under a header (C), of which no spreadsheet takes a name, from a URDF, for a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(f"'{name}" if name.startswith(("=", "+", "-", "@")) else name for name in header)
-    writer.writerows(rows.tolist())
+    writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
     return text.getvalue()

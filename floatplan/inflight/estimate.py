@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
-from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.flight import Dynamics
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -40,7 +40,7 @@ POSITION_JUMP = 0.6  # [rad] of a joint beside its reference
 RATE_JUMP = 3.0  # [rad/s] of base and joints beside the expected, and as much again as the plan's fastest
 PLACE_JUMP = 1.0  # [m] of the centre of mass
 SPEED_JUMP = 3.0  # [m/s]
-CONSISTENT = 5  # [-] measurements that go on from one another, after which a robot is where they say
+CONSISTENT = 5  # [-] measurements that go on from one another, after which a robot that was hit is where they say
 DEVIATION = 0.05  # [rad] of angles from where their rates lead
 LONGEST_GAP = 0.1  # [s] between them
 PLACE_TIME = 0.02  # [s] time constant of the low-pass filter
@@ -193,34 +193,47 @@ def _distance(one: list[float], other: list[float]) -> float:
     return sum(_apart(one, other))
 
 
+class _Chain:
+    """Measurements that go on from one another, and how many they are."""
+
+    def __init__(self, measured: Measurement, count: int) -> None:
+        self.count, self._last = count, measured
+        self._off: Array | float = 0.0  # [rad] of the angles, from where the rates lead
+
+    def takes(self, measured: Measurement) -> bool:
+        """Whether a measurement is where the last one's rates and its own lead; if so it is the last one."""
+        last, dt = self._last, measured.time - self._last.time
+        moved, before = _angles(measured) - _angles(last), np.append(last.velocities, last.orientation_rate)
+        if not moved.any() or dt > LONGEST_GAP:  # a sensor that stands still
+            return False
+        rates = (before + np.append(measured.velocities, measured.orientation_rate)) / 2
+        off = self._off + (moved - dt * rates)
+        if (np.abs(off) > DEVIATION).any():
+            return False
+        self.count, self._last, self._off = self.count + 1, measured, off
+        return True
+
+
 class Recovery:
-    """Measurements that are far from what was expected, but go on from one another: the robot was hit, say."""
+    """Whether measurements that are far from what was expected are to be believed.
+
+    They are where they go on from one that was believed: a joint lags behind its reference, say. Else where enough go
+    on from one another: the robot was hit.
+    """
 
     def __init__(self) -> None:
-        self.clear()
+        self._chains: list[_Chain] = []
 
-    def clear(self) -> None:
-        """Forget them: one was as expected."""
-        self._last: Measurement | None = None
-        self._count = 0
+    def believe(self, measured: Measurement) -> None:
+        """One was as expected."""
+        self._chains = [_Chain(measured, CONSISTENT)]
 
     def again(self, measured: Measurement) -> bool:
-        """Take in the next; whether so many have gone on from one another that they are to be believed."""
-        last, self._last = self._last, measured
-        if last is None or not self._goes_on(last, measured):
-            self._count, self._off = 1, np.zeros(1 + len(measured.positions))
-        else:
-            self._count += 1
-        return self._count >= CONSISTENT
-
-    def _goes_on(self, last: Measurement, measured: Measurement) -> bool:
-        dt = measured.time - last.time
-        moved, before = _angles(measured) - _angles(last), np.append(last.velocities, last.orientation_rate)
-        rates = (before + np.append(measured.velocities, measured.orientation_rate)) / 2
-        if not moved.any():  # a sensor that stands still
-            return False
-        self._off = self._off + (moved - dt * rates)
-        return dt <= LONGEST_GAP and bool((np.abs(self._off) <= DEVIATION).all())
+        """Take in one that was not; whether it is to be believed."""
+        taken = next((chain for chain in self._chains if chain.takes(measured)), None)
+        believed = [chain for chain in self._chains if chain.count >= CONSISTENT]
+        self._chains = [*believed[-1:], *([] if taken in believed else [taken or _Chain(measured, 1)])]
+        return taken is not None and taken.count >= CONSISTENT
 
 
 def _angles(measured: Measurement) -> Array:

@@ -7,24 +7,24 @@ margin over ``LENGTH_SCALE``, as in the planner's constraints.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, ShareRows, can_write
+from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, can_write
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, planar_flight
+from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, flight_dynamics, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
-from floatplan.problem.limits import shares_of_limits
+from floatplan.problem.limits import Shares, shares_of_limits
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import LinkCapsule, PlanarTree
+from floatplan.tables import LIMIT_TABLE
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 LEAST_INSTANTS = (
@@ -56,10 +56,6 @@ class LimitRows:
     window: tuple[float, float] = ALWAYS
 
 
-def _share(used: Mapping[str, Array], also: Mapping[str, Array]) -> LimitRows:
-    return LimitRows(ShareRows(used, also), SHARE_AIM, SHARE_SOFTNESS)
-
-
 def _distance(block: Block, window: tuple[float, float] = ALWAYS) -> LimitRows:
     return LimitRows(block, DISTANCE_AIM, DISTANCE_SOFTNESS, window)
 
@@ -80,7 +76,7 @@ def limit_rows(problem: Problem) -> list[LimitRows]:
                 element=f"limits.{shares.key}",
                 advice="leave it out, or fly without corrections",
             )
-        rows.append(_share(shares.used, shares.also))
+        rows.append(LimitRows(shares, SHARE_AIM, SHARE_SOFTNESS))
     return rows
 
 
@@ -96,7 +92,10 @@ def sensible_rows(plan: Plan) -> list[LimitRows]:
     largest = float(plan.peaks.joints["acceleration"].max())
     if not free.any() or not largest:
         return []
-    return [_share({"accelerations": np.eye(len(free))[free] / (SENSIBLE * largest)}, {})]
+    names, row = tuple(np.array(plan.robot.joints)[free].tolist()), LIMIT_TABLE["acceleration"]
+    limit = np.full(len(names), SENSIBLE * largest)
+    shares = Shares(row.key, names, limit, row.unit, {row.quantity: np.eye(len(free))[free] / limit[:, None]})
+    return [LimitRows(shares, SHARE_AIM, SHARE_SOFTNESS)]
 
 
 def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[LimitRows]:
@@ -143,7 +142,7 @@ class Views:
 
     def __init__(self, plan: Plan, form: Form) -> None:
         problem = plan.problem
-        flight = planar_flight(problem)
+        flight = flight_dynamics(problem)
         shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
         hulls = _distinct(flight.tree, problem.ground_shapes) if problem.ground else ()
         self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes, hulls))
@@ -201,7 +200,7 @@ def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCa
 
 def _level(plan: Plan) -> int:
     """Level of nodes that resolves theta0' of the plan well enough."""
-    flight = planar_flight(plan.problem)
+    flight = flight_dynamics(plan.problem)
     level = 0
     for level, count in enumerate(NODE_COUNTS):  # noqa: B007
         quadrature = gauss_grid(count).quadrature

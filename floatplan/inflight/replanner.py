@@ -25,7 +25,7 @@ from floatplan.inflight.estimate import (
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS_NEAR, KEPT, Corrected, Update
-from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.flight import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
@@ -207,7 +207,7 @@ class Replanner:
         measured.orientation = unwrapped(measured.orientation, expected.beside)
         base = plausible.base(measured, expected)
         if base and plausible.joints(measured, expected):
-            self._recovery.clear()
+            self._recovery.believe(measured)
         elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:

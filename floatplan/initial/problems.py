@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.initial.robots import ChosenRobot, standing_height, upright
-from floatplan.motion.planar.closed_form import tree_dynamics
+from floatplan.motion.flight import tree_dynamics
 from floatplan.plans.plan import Plan
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Landing, Limits, Motion, Posture, Takeoff

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.errors import InputError, naming
-from floatplan.motion.planar.ballistics import frame_from_com
+from floatplan.motion.flight import frame_from_com
 from floatplan.problem.parts import JointState
 from floatplan.problem.resolution import lowest_point
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak

@@ -8,7 +8,7 @@ motion.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +20,7 @@ from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.problem.limits import Shares
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 
 SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
@@ -54,15 +55,7 @@ class SumRows:
     weights: Mapping[str, Array]
 
 
-@dataclass(frozen=True, eq=False)
-class ShareRows:
-    """What is left of limits: 1 less the magnitudes of two sums (r, m) of quantities, ``used`` and ``also``."""
-
-    used: Mapping[str, Array]
-    also: Mapping[str, Array] = field(default_factory=dict)
-
-
-Block = ObstacleRows | PairRows | SumRows | ShareRows
+Block = ObstacleRows | PairRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
 
 
 class CompiledConstraints:
@@ -142,9 +135,9 @@ class CompiledConstraints:
     ) -> int:
         """Write kind, two indices, least value and inverse scale of each row; how many there are."""
         before = len(rows)
-        if isinstance(block, SumRows | ShareRows):
+        if isinstance(block, SumRows | Shares):
             parts = [self.sums(block)] if isinstance(block, SumRows) else [self._sum(block.used)]
-            if isinstance(block, ShareRows) and block.also:
+            if isinstance(block, Shares) and block.also:
                 parts.append(self._sum(block.also))
             begin, count = len(sums), len(parts[0])
             kind = SUM if isinstance(block, SumRows) else SHARE

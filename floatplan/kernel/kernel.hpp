@@ -2,9 +2,8 @@
 #pragma once
 #include <cstdint>
 
-// Counts that must be multiples of 8 or 32: several instants are computed at once, none of them alone.
+// Counts that must be multiples of 8: several instants are computed at once, none of them alone.
 using Eights = std::int64_t;
-using ThirtyTwos = std::int64_t;
 
 // A planar tree, see bodies.py. Bodies that turn alike are one; body 0 is the base and turns by nothing.
 struct Robot {
@@ -81,13 +80,11 @@ struct Batch {
     double *objective, *residual, *z, *coefficients;
 };
 
-// Chebyshev nodes on [0, 1], and a finer grid to look for the largest value on.
+// Chebyshev nodes s on [0, 1].
 struct Interpolation {
-    ThirtyTwos nodes;
-    std::int64_t points;         // of the finer grid, some of them nodes
+    Eights nodes;
+    const double *s, *tail;                   // (nodes), (3, nodes): the last Chebyshev coefficients from values there
     const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
-    const double *to_cosines;    // (nodes, nodes), by columns: from values at the nodes to factors of cos(j phi)
-    const double *to_fine;       // (points, nodes): from values at the nodes to those on the finer grid
 };
 
 // One row for each plan; coefficients (joints, columns) in powers of seconds.

@@ -16,7 +16,7 @@ from floatplan.kernel.build import FOLDER
 HEADER = "kernel.hpp"
 NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
 ARRAYS = {"double": np.dtype(np.float64), "std::int64_t": np.dtype(np.int64)}
-MULTIPLES = {"Eights": 8, "ThirtyTwos": 32}  # kinds of counts
+MULTIPLES = {"Eights": 8}  # kinds of counts
 HEAD = object.__basicsize__  # bytes
 RETURNED: dict[str, Any] = {"void": None, "std::int64_t": ctypes.c_int64, "const char *": ctypes.c_char_p}
 

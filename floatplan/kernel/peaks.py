@@ -7,16 +7,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array
 from floatplan.kernel.bodies import unscaled_robot
 from floatplan.kernel.layout import Filled, FilledArray
 from floatplan.kernel.library import kernel
-from floatplan.motion.quadrature import chebyshev_nodes
+from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
 from floatplan.problem.problem import Problem
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
 RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
-FINENESS = 4  # points of the search grid per node
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,26 +70,15 @@ def many_peaks(
 
 @lru_cache(maxsize=16)
 def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
-    """Powers of s and their derivatives at the nodes, and maps from values there."""
+    """Powers of s and their derivatives at the nodes, and the last Chebyshev coefficients from values there."""
     found = []
     k = np.arange(size)
     for nodes in counts:
-        powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
+        s = chebyshev_nodes(nodes)
+        powers = np.vander(s, size, increasing=True)
         slope, curvature = np.zeros((2, *powers.shape))
         slope[:, 1:] = powers[:, :-1] * k[1:]
         curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
         of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
-        to_cosines, to_fine = _cosine_maps(nodes)
-        maps = {"points": len(to_fine), "to_cosines": to_cosines.T, "to_fine": to_fine}
-        found.append(Filled("Interpolation", nodes=nodes, **of_powers, **maps))
+        found.append(Filled("Interpolation", nodes=nodes, s=s, tail=coefficient_map(nodes)[-3:], **of_powers))
     return FilledArray("Interpolation", found)
-
-
-@lru_cache(maxsize=8)
-def _cosine_maps(nodes: int) -> tuple[Array, Array]:
-    """From values at the nodes to the factors of cos(j phi), ``s = (1 - cos phi) / 2``; and on to a finer grid."""
-    j = np.arange(nodes)
-    weights = np.where((j == 0) | (j == nodes - 1), 0.5, 1.0)
-    coefficients = np.outer(weights, weights) * np.cos(np.outer(np.pi * j / (nodes - 1), j)) * (2 / (nodes - 1))
-    fine = np.linspace(0, np.pi, FINENESS * (nodes - 1) + 1)
-    return read_only(coefficients), read_only(np.cos(np.outer(fine, j)) @ coefficients)

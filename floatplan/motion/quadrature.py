@@ -108,8 +108,8 @@ def chebyshev_nodes(count: int) -> Array:
 
 @lru_cache(maxsize=16)
 @one_thread
-def _coefficient_map(count: int) -> Array:
-    """Values at the nodes to Chebyshev coefficients."""
+def coefficient_map(count: int) -> Array:
+    """Return the matrix (count, count) from values at the nodes to Chebyshev coefficients in 2 s - 1."""
     return read_only(np.linalg.inv(chebyshev.chebvander(2 * chebyshev_nodes(count) - 1, count - 1)))
 
 
@@ -121,7 +121,7 @@ def _grid_values(count: int) -> tuple[Array, Array]:
 
 def resolution(values: Array) -> float:
     """Size of the last three Chebyshev coefficients of functions (count, r), relative to the largest value."""
-    tail = np.abs(_coefficient_map(len(values))[-3:] @ values).max()
+    tail = np.abs(coefficient_map(len(values))[-3:] @ values).max()
     return float(tail / max(float(np.abs(values).max()), 1e-300))
 
 
@@ -135,7 +135,7 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     value : (L,)
     """
     count = len(values)
-    coefficients = _coefficient_map(count) @ values
+    coefficients = coefficient_map(count) @ values
     grid, at_grid = _grid_values(count)
     fine = at_grid @ coefficients
     row, column = lowest_of_neighbours(fine)

@@ -15,8 +15,7 @@ import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import Peaks
-from floatplan.plans.contact import Contact
-from floatplan.plans.contact_advice import FAST
+from floatplan.motion.flight import FAST, Contact
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling

@@ -18,10 +18,8 @@ from floatplan.arguments import flag, function, in_short, made, optional, positi
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.motion.planar.ballistics import Ballistics, ballistics
-from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.flight import Ballistics, Contact, angular_momentum_interval, ballistics, landing, takeoff
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.plans.contact import Contact, landing, takeoff
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
@@ -222,8 +220,8 @@ class Plan(PlannedMotion):
         Parameters
         ----------
         form : str
-            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap" or "unitree"; see
-            ``floatplan export --help``.
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree" or "unitree-sdk";
+            see ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory.
         rate : float, optional

@@ -12,10 +12,8 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.motion import flight
 from floatplan.motion.dynamics import FlightState, Peaks
-from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
-from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics, free_flyer
 from floatplan.motion.quadrature import (
     NODE_COUNTS,
     GaussLegendre,
@@ -39,10 +37,10 @@ PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
-def least_distances(segments: Segments, obstacle: Obstacle, instants: Array) -> Array:
+def least_distances(segments: flight.Segments, obstacle: Obstacle, instants: Array) -> Array:
     """Least distances (N,) m of shapes placed at N instants, s, to an obstacle; infinite while it does not exist."""
     low, high = obstacle.window or (-np.inf, np.inf)
-    distances = obstacle_distances(segments, obstacle, instants).min(axis=1)
+    distances = flight.obstacle_distances(segments, obstacle, instants).min(axis=1)
     return np.where((instants >= low) & (instants <= high), distances, np.inf)
 
 
@@ -65,7 +63,7 @@ class PlannedMotion:
     amplitude: Array
     coefficients: Array
     angular_momentum: float
-    ballistics: Ballistics
+    ballistics: flight.Ballistics
 
     @property
     def robot(self) -> Robot:
@@ -73,9 +71,9 @@ class PlannedMotion:
         return self.problem.robot
 
     @cached_property
-    def dynamics(self) -> PinocchioDynamics:
+    def dynamics(self) -> flight.PinocchioDynamics:
         """The robot's rigid-body dynamics."""
-        return PinocchioDynamics(self.robot)
+        return flight.PinocchioDynamics(self.robot)
 
     @property
     def duration(self) -> float:
@@ -132,9 +130,9 @@ class PlannedMotion:
             angular_momentum=read_only(momentum_map[:, 0] * rate + joint_part),
         )
 
-    def full_motion(self, times: npt.ArrayLike) -> FullMotion:
+    def full_motion(self, times: npt.ArrayLike) -> flight.FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
-        return FullMotion(self.dynamics, self._state(self._within(times).ravel()), self.ballistics.gravity)
+        return flight.FullMotion(self.dynamics, self._state(self._within(times).ravel()), self.ballistics.gravity)
 
     def q(self, times: npt.ArrayLike) -> Array:
         """Configuration (..., nq), m and rad, in the order of the free-flyer model of the file itself.
@@ -153,22 +151,32 @@ class PlannedMotion:
         InputError
             As of :meth:`at`; or a joint is called ``root_joint``, as Pinocchio calls the free flyer.
         """
-        return self._in_file(times, free_flyer(self.robot).configurations)
+        return self._in_file(times, flight.free_flyer(self.robot).configurations)
 
     def v(self, times: npt.ArrayLike) -> Array:
         """Velocity (..., nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
-        return self._in_file(times, free_flyer(self.robot).velocities)
+        return self._in_file(times, flight.free_flyer(self.robot).velocities)
 
     def a(self, times: npt.ArrayLike) -> Array:
         """Acceleration (..., nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
-        return self._in_file(times, free_flyer(self.robot).accelerations)
+        return self._in_file(times, flight.free_flyer(self.robot).accelerations)
 
     def tau(self, times: npt.ArrayLike) -> Array:
         """Torques (..., nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
-        return self._in_file(times, free_flyer(self.robot).torques)
+        return self._in_file(times, flight.free_flyer(self.robot).torques)
+
+    @property
+    def phases(self) -> tuple[()]:
+        """None: nothing of a flight alone is about contacts, as :attr:`floatplan.Jump.phases` are."""
+        return ()
+
+    def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Return no forces: nothing touches the ground at times within the flight, s; see :meth:`Jump.forces`."""
+        self._within(times)
+        return {}
 
     @one_thread
-    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[FullMotion], Array]) -> Array:
+    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[flight.FullMotion], Array]) -> Array:
         """A quantity (N, size) at times of any shape, in that shape."""
         values = quantity(self.full_motion(times))
         return values.reshape(*np.shape(times), values.shape[1])
@@ -221,12 +229,12 @@ class PlannedMotion:
         )
 
     @one_thread
-    def segments(self, instants: Array, hulls: bool = False) -> Segments:
+    def segments(self, instants: Array, hulls: bool = False) -> flight.Segments:
         """The links' shapes at instants (N,); with the hulls for distances to the ground where asked for."""
         positions, _, _ = self.joint_motion(instants)
         angles = self.robot.tree.absolute_angles(self.orientation(instants), positions)
         com = self.ballistics.positions(instants)
-        shapes = LinkShapes(self.robot.tree, self.robot.shapes, self.problem.ground_shapes if hulls else ())
+        shapes = flight.LinkShapes(self.robot.tree, self.robot.shapes, self.problem.ground_shapes if hulls else ())
         return shapes.place(com[:, 0] + 1j * com[:, 1], angles)
 
     @cached_property
@@ -281,7 +289,7 @@ class PlannedMotion:
         ground = self.problem.ground_plane
         height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
         segments, shapes = self.segments(np.array([instant]), hulls=True), self.problem.ground_shapes
-        distances = obstacle_distances(segments, ground, np.array([instant]))[0]
+        distances = flight.obstacle_distances(segments, ground, np.array([instant]))[0]
         return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
 
     @cached_property

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.motion.planar.ballistics import ballistics
-from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.flight import angular_momentum_interval, ballistics
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 

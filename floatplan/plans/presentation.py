@@ -15,6 +15,7 @@ from floatplan.robot.leak import WORTH_A_WARNING
 from floatplan.tables import OBJECTIVE_TABLE
 
 LONGEST_LIST = 200  # [-] characters of constraints that are not proved
+CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 EXPONENTS = {"2": "²", "3": "³"}
 
 

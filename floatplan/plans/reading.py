@@ -105,10 +105,11 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
     solver = {name: value for name, value in content["solver"].items() if name != "seed"}
     for name, value in {**content, "solver": solver}.items():
         if name not in ("coefficients", "certificate", "replay"):
-            _check_size(value, name, LARGEST if name in ASKED else LARGEST_FOUND)
+            check_size(value, name, LARGEST if name in ASKED else LARGEST_FOUND)
 
 
-def _check_size(value: Any, element: str, largest: float) -> None:
+def check_size(value: Any, element: str, largest: float) -> None:
+    """Refuse numbers, in mappings and sequences, that are larger than the largest."""
     check_numbers(
         value,
         element,

@@ -117,6 +117,9 @@ class JumpRequest(Keyed):
         Shares of the limits that stances may use: of ``torque``, curves of torque and speed too, and ``velocity``.
     fixed : sequence of str
         What the flight keeps of what the problem says, of duration, angular_momentum, start, goal; the rest is a guess.
+    feet : str
+        "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
+        these, which the outlines of the feet have to be, roll on the ground without slipping.
     takeoff : JumpTakeoff
         What stands before the flight.
     landing : JumpLanding
@@ -134,6 +137,7 @@ class JumpRequest(Keyed):
     friction: Annotated[float, Key(numbers=Range(LEAST, STEEPEST, ""))] = 0.6
     margin: Annotated[Mapping[str, float], Key(check=_margin)] = field(default_factory=lambda: dict(MARGIN))
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
+    feet: Annotated[Literal["point", "rolling"], Key()] = "point"
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
     objective: Annotated[Literal["torque", "limits"], Key()] = "torque"

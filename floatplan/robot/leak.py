@@ -16,34 +16,22 @@ from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.model import BASE_COORDINATES, sample_postures
 from floatplan.robot.robot import Robot
 
-POSTURES = 64  # [-] of which the mean is taken
+POSTURES = 64  # [-] random ones, of which the mean is taken
 WORTH_A_WARNING = 0.05  # [-] of the leak: left/right coupled quadrupeds and humanoids stay below 0.02
 MEANINGLESS = 0.3  # [-] with a third of the momentum out of the plane, the robot rolls before it has turned
 
 
 @lru_cache(maxsize=64)
-def out_of_plane_leak(robot: Robot, *, postures: int = POSTURES, seed: int = 0) -> float:
+def out_of_plane_leak(robot: Robot) -> float:
     """How much angular momentum the planned joints make out of the plane, relative to that in it.
 
     With the base's orientation held, joint rates q' make the angular momentum ``A q'`` about the centre of mass: one
     row of A along the normal, two rows in the plane. The leak is the ratio of the root mean squares of these two and
     of that one, over all directions of q' and over random postures within the limits. It is 0 for a robot that is its
-    own mirror image in the plane.
-
-    Parameters
-    ----------
-    robot : Robot
-    postures : int
-        How many random postures.
-    seed : int
-        Of their random numbers.
-
-    Returns
-    -------
-    float
-        From 1e-4 to 1e-2 for quadrupeds with left and right legs coupled, of order 1 with legs that move apart.
+    own mirror image in the plane, 1e-4 to 1e-2 for quadrupeds with left and right legs coupled, and of order 1 with
+    legs that move apart.
     """
-    momenta = _angular_maps(robot, sample_postures(robot.position_limits, postures, Random(seed))) @ robot.selection
+    momenta = _angular_maps(robot, sample_postures(robot.position_limits, POSTURES, Random(0))) @ robot.selection
     out_of_plane, in_plane = (momenta[:, :2] ** 2).sum(), (momenta[:, 2] ** 2).sum()
     return math.sqrt(out_of_plane / in_plane)
 

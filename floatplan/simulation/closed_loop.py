@@ -23,12 +23,13 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import plain
 from floatplan.inflight.replanner import Replanner
-from floatplan.motion.planar.clearance import LinkShapes
+from floatplan.motion.flight import LinkShapes
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.forward import (
+    BANDWIDTH,
     FASTEST,
     Accelerations,
     Engine,
@@ -43,7 +44,6 @@ from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, p
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
-BANDWIDTH = 100.0  # [rad/s] of their feedback
 PERTURBED = "h=10%,inertia=5%,noise=0.1deg,delay=5ms"
 FLIGHTS = 20
 MOST_FLIGHTS = 10_000

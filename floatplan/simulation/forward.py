@@ -33,6 +33,7 @@ Moved: TypeAlias = Callable[[Array, Array, float], Array]  # positions, velociti
 Entries: TypeAlias = IntArray | slice
 
 FASTEST = 1e4  # [rad/s] bandwidth of feedback
+BANDWIDTH = 100.0  # [rad/s] of a controller's feedback, where none is said
 TIGHT = 1e-12  # [-] per step; open loop, errors grow with the motion: 10-fold in a flight, 1e12-fold with 20 links
 LOOSE = 1e-8  # [-] where what is flown was perturbed by far more
 MOST_EVALUATIONS = 40_000  # [-] of the dynamics; flights of real robots take up to 2000
@@ -54,13 +55,18 @@ def critical_gains(bandwidth: float, inertia: Array) -> Array:
     return read_only([bandwidth**2 * inertia, 2.0 * bandwidth * inertia])
 
 
-def feedback_gains(reduced: ReducedModel, posture: Array, bandwidth: float) -> Array:
-    """Return critical gains (2, m) for a bandwidth, rad/s, from the inertia that each joint turns at a posture.
+def joint_inertia(model: Any, posture: Array) -> Array:
+    """Return the inertia (m,), kg m^2, that each joint of a ``pinocchio.Model`` in the plane turns at a posture.
 
-    That inertia is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
+    It is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
     """
-    inverse = pin.computeMinverse(reduced.model, reduced.model.createData(), np.asarray(posture))
-    return critical_gains(bandwidth, 1.0 / np.diagonal(inverse)[JOINTS])
+    inverse = pin.computeMinverse(model, model.createData(), np.asarray(posture))
+    return np.asarray(1.0 / np.diagonal(inverse)[JOINTS])
+
+
+def feedback_gains(reduced: ReducedModel, posture: Array, bandwidth: float) -> Array:
+    """Return critical gains (2, m) for a bandwidth, rad/s, from the inertia that each joint turns at a posture."""
+    return critical_gains(bandwidth, joint_inertia(reduced.model, posture))
 
 
 class JointTorques:

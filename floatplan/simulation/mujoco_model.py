@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import count
 from types import ModuleType
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +16,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink, UrdfTree
+from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 from floatplan.simulation.recorded_motion import ReducedModel
 
 ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
@@ -98,14 +97,7 @@ def _compiled(
     """The model of a tree whose base moves in the plane alone, or is free; rigid joints stay where they are."""
     mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_string(inertial_urdf(robot, tree, rigid, fuse=not in_plane))
-        if in_plane:
-            free = next(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE)
-            base, plane, kinds = free.parent, robot.plane, mujoco.mjtJoint
-            spec.delete(free)
-            for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
-                kind = kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE
-                base.add_joint(name=name, type=kind, axis=axis)
+        spec = inertial_spec(robot, tree, rigid, in_plane)
         # nothing but inertia, gravity and joint torques, which damping and friction are taken off
         spec.option.gravity = reduced.model.gravity.linear
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -121,12 +113,10 @@ def _scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) ->
     mujoco = import_mujoco()
     joint_of = dict(zip(entries.tolist(), count(BASE_COORDINATES)))
     for body in range(1, model.nbody):
-        carrier = int(model.body_weldid[body])
-        if carrier:
-            last = int(model.body_jntadr[carrier] + model.body_jntnum[carrier] - 1)
-            joint = joint_of[int(model.jnt_qposadr[last])]
-            model.body_mass[body] *= mass[joint]
-            model.body_inertia[body] *= inertia[joint]
+        last = int(model.body_jntadr[body] + model.body_jntnum[body] - 1)
+        joint = joint_of[int(model.jnt_qposadr[last])]
+        model.body_mass[body] *= mass[joint]
+        model.body_inertia[body] *= inertia[joint]
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
@@ -140,7 +130,7 @@ def rigid_joints(robot: Robot) -> set[str]:
         for joint in tree.joints:
             moves = joint.moves and joint.name not in rigid
             body[joint.child] = joint.child if moves else body[joint.parent]
-            if _has_inertia(tree.links[joint.child]):
+            if tree.links[joint.child].inertial is not None:
                 heavy.add(body[joint.child])
         light = {joint.child for joint in tree.joints if body[joint.child] == joint.child} - heavy
         found = {name for name in robot.locked if {tree.joint[name].child, body[tree.joint[name].parent]} & light}
@@ -149,48 +139,42 @@ def rigid_joints(robot: Robot) -> set[str]:
         rigid |= found
 
 
-def inertial_urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], fuse: bool) -> str:
-    """URDF text of inertias and joints alone; links and joints by number, rigid joints fixed where they are."""
-    links = {name: f"link{index}" for index, name in enumerate(tree.links)}
-    lines = [_link(links[link.name], link) for link in tree.links.values()]
-    lines.append('<link name="outside"/><joint name="free" type="floating"><parent link="outside"/>')
-    lines.append(f"<child link={quoteattr(links[tree.root])}/></joint>")
-    for number, joint in enumerate(tree.joints):
-        row = robot.model.getJointId(joint.name) if joint.moves else 0
-        name = f"joint{row}" if row else f"fixed{number}"
-        lines.append(_joint(name, joint, links, rigid.get(joint.name)))
-    options = f'fusestatic="{str(fuse).lower()}" balanceinertia="false" discardvisual="true"'
-    return "\n".join(['<robot name="robot">', f"<mujoco><compiler {options}/></mujoco>", *lines, "</robot>"])
+def inertial_spec(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool) -> Any:
+    """Return the ``mujoco.MjSpec`` of inertias and joints alone, these called ``joint`` and their number in the model.
+
+    The base moves in the plane alone, or is free; rigid joints stay where they are, and what they carry is one body.
+    """
+    mujoco = import_mujoco()
+    spec, kinds = mujoco.MjSpec(), mujoco.mjtJoint
+    spec.compiler.fusestatic = True
+    bodies = {tree.root: _add_body(spec.worldbody, tree.links[tree.root], pin.SE3.Identity())}
+    base, plane = bodies[tree.root], robot.plane
+    if in_plane:
+        for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
+            base.add_joint(name=name, type=kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE, axis=axis)
+    else:
+        base.add_joint(name="free", type=kinds.mjJNT_FREE)
+    for joint in tree.joints:
+        placement = joint.origin.placement * joint.motion(rigid.get(joint.name, 0.0))
+        body = bodies[joint.child] = _add_body(bodies[joint.parent], tree.links[joint.child], placement)
+        if joint.moves and joint.name not in rigid:
+            name, kind = f"joint{robot.model.getJointId(joint.name)}", "HINGE" if joint.turns else "SLIDE"
+            body.add_joint(name=name, type=getattr(kinds, f"mjJNT_{kind}"), axis=joint.axis)
+    return spec
 
 
-def _link(name: str, link: UrdfLink) -> str:
-    if link.inertial is None or not _has_inertia(link):
-        return f"<link name={quoteattr(name)}/>"
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertial.inertia.tolist()
-    moments = f'ixx="{xx!r}" ixy="{xy!r}" ixz="{xz!r}" iyy="{yy!r}" iyz="{yz!r}" izz="{zz!r}"'
-    origin = link.inertial.origin
-    placed = f'<origin xyz="{_words(origin.xyz)}" rpy="{_words(origin.rpy)}"/>'
-    mass = f'<mass value="{link.inertial.mass!r}"/>'
-    return f"<link name={quoteattr(name)}><inertial>{placed}{mass}<inertia {moments}/></inertial></link>"
+def _add_body(parent: Any, link: UrdfLink, placement: Any) -> Any:
+    """Add a link to its parent's body, placed as a ``pinocchio.SE3`` says."""
+    body = parent.add_body(pos=placement.translation, quat=_quaternion(placement.rotation))
+    if link.inertial is not None:
+        origin = link.inertial.origin.placement
+        moments, axes = np.linalg.eigh(link.inertial.inertia)
+        axes[:, 0] *= np.linalg.det(axes)  # right-handed
+        body.mass, body.inertia, body.explicitinertial = link.inertial.mass, moments, True
+        body.ipos, body.iquat = origin.translation, _quaternion(origin.rotation @ axes)
+    return body
 
 
-def _has_inertia(link: UrdfLink) -> bool:
-    return link.inertial is not None and bool(link.inertial.mass or link.inertial.inertia.any())
-
-
-def _joint(name: str, joint: UrdfJoint, links: dict[str, str], locked: float | None) -> str:
-    xyz, rpy = joint.origin.xyz, joint.origin.rpy
-    free = joint.moves and locked is None
-    kind = "continuous" if joint.turns else "prismatic"
-    if locked is not None:
-        placement = joint.origin.placement * joint.motion(locked)
-        xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
-    turning = f'type="{kind}"><axis xyz="{_words(joint.axis)}"/>' if free else 'type="fixed">'
-    return (
-        f'<joint name="{name}" {turning}<origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>'
-        f'<parent link="{links[joint.parent]}"/><child link="{links[joint.child]}"/></joint>'
-    )
-
-
-def _words(values: Any) -> str:
-    return " ".join(repr(float(value)) for value in values)
+def _quaternion(rotation: Array) -> Array:
+    """Return the quaternion w x y z of a rotation matrix."""
+    return np.roll(pin.Quaternion(rotation).coeffs(), 1)

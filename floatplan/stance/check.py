@@ -9,8 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances, pair_distances
+from floatplan.arrays import Array
+from floatplan.motion.planar.clearance import LinkShapes, pair_distances
+from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
+from floatplan.robot import Robot
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
@@ -30,6 +33,7 @@ DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
+Touching = Mapping[str, tuple[Array, Array]]  # places and Jacobians of what is on the ground, by point's name
 Words = tuple[str, str]  # a figure in words, and its limit
 
 
@@ -45,12 +49,13 @@ class JumpCheck:
         ``velocity``: shares of the limits; ``held_torque``: of the efforts of joints that are locked. ``range``: least
         distance from the ends of joint ranges, rad. ``friction``: largest ratio of forces; ``slip``: horizontal force
         beyond the cone, and ``pull``: least vertical force, over weight. ``drift``, m, and ``foot_speed``, m/s: of feet
-        that stand. ``ground``: least height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of
-        those that stand, ``level``: by which what stands differs in height; ``obstacles``, ``self_distance``: least
-        distances beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations.
-        ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m, rad, and over
-        the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases, s.
-        ``torque_step``: where contacts change, over limits.
+        that stand; where they roll, of centres beyond what was rolled, and of parts on the ground. ``ground``: least
+        height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand, ``circle``:
+        distance from the ground of those that roll, ``level``: by which what stands differs in height; ``obstacles``,
+        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
+        accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
+        rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
+        s. ``torque_step``: where contacts change, over limits.
     sentences : for a person, what does not hold first
     """
 
@@ -90,29 +95,26 @@ def stance_figures(jump: JumpMotion) -> dict[str, float]:
         apart = np.abs(times - kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]) > APART
         times = np.sort(np.concatenate((times[apart], kinks)))
         state = stance.at(times)
-        found.append(_dynamics(jump, stance, state))
-        found.append(_feet(stance, state, jump.request.friction))
+        touching = stance.touching(state.positions)
+        found.append(_dynamics(jump, stance, state, touching))
+        found.append(_feet(stance, state, touching, jump.request.friction))
         found.append(_surroundings(jump, state, stance.place.imag - stance.contacts[0].depth, stance))
     return _worst(found)
 
 
-def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
+def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState, touching: Touching) -> dict[str, float]:
     robot, problem = stance.robot, jump.problem
     weight = robot.mass * stance.gravity
     model, data = robot.model, robot.model.createData()
     standing = pin.centerOfMass(model, data, state.positions[0]) @ robot.plane.vertical
     height = float(standing - stance.place.imag + stance.contacts[0].depth)
     wrench = np.empty_like(state.positions)
-    axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     for row, (q, v, a) in enumerate(zip(state.positions, state.velocities, state.accelerations, strict=True)):
         lifted = a.copy()
         lifted[1] += stance.gravity
         wrench[row] = pin.rnea(model, data, q, v, lifted)
-        pin.computeJointJacobians(model, data, q)
-        for name, (joint, local) in stance.points.items():
-            at = pin.SE3(np.eye(3), local)
-            frame = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
-            wrench[row] -= state.forces[name][row] @ axes @ frame[:3]
+    for name, (_, jacobians) in touching.items():
+        wrench -= np.einsum("ni,nij->nj", state.forces[name], jacobians)
     residual = np.abs(wrench[:, :3]) / [weight, weight, weight * height]
     motors = wrench @ robot.transmission
     planned = np.linalg.pinv(robot.selection).T
@@ -125,7 +127,7 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     efforts = np.where(robot.model.effortLimit > 0, robot.model.effortLimit, np.inf)
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     found["held_torque"] = float((np.abs(wrench[:, locked]) / efforts[locked]).max(initial=0.0))
-    joints = (state.positions - robot.reference) @ planned
+    joints = _joints(robot, state)
     low, high = np.asarray(problem.position_limits).T
     found["range"] = float(np.minimum(joints - low, high - joints).min())
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
@@ -136,24 +138,20 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     return found
 
 
-def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]:
-    """Cone, drift and speed of the feet that stand, by forward kinematics."""
-    robot = stance.robot
-    model, data = robot.model, robot.model.createData()
-    axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
-    weight = robot.mass * stance.gravity
-    found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf, "drift": 0.0, "foot_speed": 0.0}
-    for name, (joint, local) in stance.points.items():
-        places, speeds = np.empty((2, len(state.times), 2))
-        at = pin.SE3(np.eye(3), local)
-        for row, (q, v) in enumerate(zip(state.positions, state.velocities, strict=True)):
-            pin.computeJointJacobians(model, data, q)
-            places[row] = axes @ (data.oMi[joint] * at).translation
-            jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
-            speeds[row] = axes @ jacobian[:3] @ v
-        found["drift"] = max(found["drift"], float(np.ptp(places, axis=0).max()))
-        found["foot_speed"] = max(found["foot_speed"], float(np.abs(speeds).max()))
-        horizontal, vertical = state.forces[name].T
+def _feet(stance: Stance, state: JumpState, touching: Touching, friction: float) -> dict[str, float]:
+    """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
+    tree, weight = stance.robot.tree, stance.robot.mass * stance.gravity
+    angles = tree.absolute_angles(state.positions[:, 2], _joints(stance.robot, state))
+    drifts, speeds = [], []
+    for contact in stance.contacts:
+        for name, spot in zip(contact.names, contact.spots, strict=True):
+            places, jacobians = touching[name]
+            along = places @ stance.robot.plane.horizontal + tree.turn * spot.radius * angles[:, spot.body]
+            drifts += [np.ptp(along), np.ptp(places @ stance.robot.plane.vertical)]
+            speeds.append(np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max())
+    found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf}
+    found |= {"drift": float(max(drifts)), "foot_speed": float(max(speeds))}
+    for horizontal, vertical in (each.T for each in state.forces.values()):
         pressed = vertical > LIGHT * weight
         found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
         found["slip"] = max(
@@ -161,6 +159,11 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
         )
         found["pull"] = min(found["pull"], float(vertical.min() / weight))
     return found
+
+
+def _joints(robot: Robot, state: JumpState) -> Array:
+    """Planned joints (N, n), rad."""
+    return (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T
 
 
 def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stance | None = None) -> dict[str, float]:
@@ -171,12 +174,13 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
     robot = jump.problem.robot
     tree = robot.tree
     theta, base = state.positions[:, 2], state.positions[:, 0] + 1j * state.positions[:, 1]
-    angles = tree.absolute_angles(theta, (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T)
+    angles = tree.absolute_angles(theta, _joints(robot, state))
     rotations = tree.rotations(angles)
     com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
-    feet, stands = (
-        {robot.contact_link(robot.frames[frame].link) for on in each for one in on.contacts for frame in one.frames}
-        for each in (jump.stances, [] if stance is None else [stance])
+    own = () if stance is None else stance.contacts
+    feet, stands, rolls = (
+        {robot.contact_link(robot.frames[frame].link) for one in contacts for frame in one.frames}
+        for contacts in ([one for on in jump.stances for one in on.contacts], own, [one for one in own if one.radius])
     )
     found = {"ground": np.inf, "feet": np.inf, "lifted": 0.0}
     for link, hull in robot.link_hulls.items():
@@ -188,6 +192,8 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
         found[kind] = min(found[kind], float(heights.min()))
         if link in stands:
             found["lifted"] = max(found["lifted"], float(heights.min(axis=1).max()))
+        if link in rolls:
+            found["circle"] = max(found.get("circle", 0.0), float(np.abs(heights.min(axis=1)).max()))
     segments = LinkShapes(tree, robot.shapes).place(com, angles)
     links = [shape.link for shape in robot.shapes]
     for pair in jump.problem.self_clearances:
@@ -196,8 +202,9 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
         found["self_distance"] = min(found.get("self_distance", np.inf), least)
     if jump.problem.obstacles:
         since = state.times - jump.takeoff_time
-        distances = [obstacle_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
-        found["obstacles"] = float(min(distances))
+        distances = [least_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
+        if np.isfinite(min(distances)):
+            found["obstacles"] = float(min(distances))
     return found
 
 
@@ -255,7 +262,9 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("gap", SEAM, "phases are {:.2g} s apart"),
         ("rest", SEAM, "at its ends it moves by {:.2g}"),
         ("level", SEAM, "what stands is on grounds {:.2g} m apart"),
+        ("torque_step", np.inf, "torques step by {:.2g} of their limits where contacts change"),
         ("lifted", LIFTED, "feet that stand are up to {:.2g} m above the ground"),
+        ("circle", POINT_FEET, "outlines of feet that roll are circles to {:.2g} m"),
     ]
     least = [
         ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),
@@ -269,7 +278,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
     broken: list[Words] = []
     for name, limit, sentence in rules:
         if name in figures:
-            words = sentence.format(figures[name]), f"{limit:g} at most"
+            words = sentence.format(figures[name]), f"{limit:g} at most" if np.isfinite(limit) else "without limit"
             (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(words)
     for name, limit, sentence in least:
         if name in figures:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
-from floatplan.robot import Frame, Robot
-from floatplan.stance.model import Spot
+from floatplan.robot import Frame, LinkCapsule, Robot
+from floatplan.stance.model import Spot, spot_weights
 from floatplan.tables import POINT_FEET
 
 SAME = 2e-3  # [m] by which places of left and right may differ
@@ -22,6 +22,8 @@ STANDING = 5e-3  # [m] what is no higher than that over the ground, in the stand
 WAYS = 64  # [-] directions in which the hull is looked at
 COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
+ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
+UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
 NAMED = (".heel", ".toe")
 
 
@@ -34,7 +36,7 @@ class Contact:
     frames : the frame, then its followers'
     suffix : ".heel" or ".toe" for an end of a sole, which has no frame of its own; else nothing
     spots : the points, in the order of the frames
-    depth : its height over the ground where it stands, m
+    depth : its height over the ground where it stands, m; where it rolls, the radius
     vertical : whether it only presses: a heel, whose toe holds the foot, and shares its horizontal force
     """
 
@@ -50,6 +52,11 @@ class Contact:
         return tuple(frame + self.suffix for frame in self.frames)
 
     @property
+    def radius(self) -> float:
+        """Of the circles on which it rolls, m; 0 where it stands on points."""
+        return self.spots[0].radius
+
+    @property
     def frame(self) -> str:
         """The first frame."""
         return self.frames[0]
@@ -62,10 +69,23 @@ class Contact:
 
 def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexArray:
     """Places (points,) relative to the centre of mass in a posture y (n+1,), m: horizontal + i vertical."""
-    tree = robot.tree
-    angles = tree.absolute_angles(y[0], y[1:])
-    bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots], np.complex128)
-    return np.asarray(tree.point_weights(bodies, local) @ tree.rotations(angles))
+    turned, _ = np.split(spot_weights(robot, spots), 2, axis=1)
+    return np.asarray(turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:])))
+
+
+def ground_below(robot: Robot, contact: Contact, y: Array) -> float:
+    """Height of the ground on which a contact stands in a posture y (n+1,), over the centre of mass, m."""
+    return float(heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth)
+
+
+def corners(shapes: Iterable[LinkCapsule]) -> list[Spot]:
+    """Ends of shapes, with their radii."""
+    return [Spot(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
+
+
+def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
+    """Heights (spots,) of the lowest points of circles, over the centre of mass in a posture y (n+1,), m."""
+    return np.asarray(heights_over_com(robot, spots, y).imag - [each.radius for each in spots])
 
 
 def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
@@ -84,14 +104,11 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     if frame not in robot.frames:
         raise InputError(f'no frame "{frame}" is known', advice="name a link or a joint")
     home = robot.frames[frame]
-    link = robot.contact_link(home.link)
-    shapes = [] if link is None else robot.link_hulls[link]
-    corners = [(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
-    place = heights_over_com(robot, [(home.body, home.local)], y)[0]
-    if not corners:
-        return (_contact(robot, frame, "", (home.body, home.local), 0.0),)
-    found = heights_over_com(robot, [corner[:2] for corner in corners], y)
-    under = found.imag - [corner[2] for corner in corners]
+    spot, ends = Spot(home.body, home.local), _ends(robot, frame)
+    place = heights_over_com(robot, [spot], y)[0]
+    if not ends:
+        return (_contact(robot, frame, "", spot, 0.0),)
+    found, under = heights_over_com(robot, ends, y), undersides(robot, ends, y)
     low = np.flatnonzero(under < under.min() + FLAT)
     rear, front = low[found.real[low].argmin()], low[found.real[low].argmax()]
     if found.real[front] - found.real[rear] <= SOLE:
@@ -99,19 +116,47 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
         if depth > HIGHEST:
             reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
             raise InputError(reason, advice=_lower(robot, home, y))
-        return (_contact(robot, frame, "", (home.body, home.local), depth),)
-    ends = zip(NAMED, (rear, front), (True, False), strict=True)
+        return (_contact(robot, frame, "", spot, depth),)
     heel, toe = (
-        _contact(robot, frame, name, corners[at][:2], float(found[at].imag - under.min()), vertical)
-        for name, at, vertical in ends
+        _contact(robot, frame, name, ends[at]._replace(radius=0.0), float(found[at].imag - under.min()), vertical)
+        for name, at, vertical in zip(NAMED, (rear, front), (True, False), strict=True)
     )
     return toe, heel
+
+
+def _ends(robot: Robot, frame: str) -> list[Spot]:
+    """Corners with which a frame's link stands on the ground."""
+    link = robot.contact_link(robot.frames[frame].link)
+    return [] if link is None else corners(robot.link_hulls[link])
+
+
+def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
+    """Return a contact on circles that roll, about its frames down to the ground, in a posture y (n+1,) that stands.
+
+    Raises
+    ------
+    InputError
+        The outline of a link, so far about what is lowest that it may roll, is no circle about its frame.
+    """
+    angles = robot.tree.absolute_angles(y[0], y[1:])
+    for frame, spot in zip(contact.frames, contact.spots, strict=True):
+        ways = np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS)) * robot.tree.rotations(-angles)[spot.body] * -1j
+        reach = np.zeros(ROLLS)
+        for each in _ends(robot, frame):
+            reach = np.maximum(reach, ((each.place - spot.place) * ways.conj()).real + each.radius)
+        off = float(np.abs(reach - contact.depth).max())
+        if contact.suffix or not off < min(POINT_FEET, UNROUND * contact.depth):
+            round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
+            reason = f"{frame!r} cannot roll: its link is {'a sole' if contact.suffix else round_}"
+            advice = 'name a frame at the centre of a round foot, or let feet = "point"'
+            raise InputError(reason, advice=advice)
+    return replace(contact, spots=tuple(each._replace(radius=contact.depth) for each in contact.spots))
 
 
 def _lower(robot: Robot, home: Frame, y: Array) -> str:
     """Which frame to name in the place of one that is high above the ground: a link's, lower on the same body."""
     links = [name for name, each in robot.frames.items() if each.body == home.body and name == each.link]
-    heights = heights_over_com(robot, [(home.body, robot.frames[name].local) for name in links], y).imag
+    heights = heights_over_com(robot, [Spot(home.body, robot.frames[name].local) for name in links], y).imag
     lowest = links[int(heights.argmin())]
     return "name a foot's frame" + (f", such as {lowest!r}" if robot.frames[lowest].local != home.local else "")
 
@@ -132,10 +177,11 @@ def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
     found: dict[int, tuple[str, Spot]] = {}
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 1 + len(robot.joints)))
     for name, each in alike:
-        pair = [heights_over_com(robot, [(home.body, home.local), (each.body, each.local)], q) for q in postures]
+        both = [Spot(frame.body, frame.local) for frame in (home, each)]
+        pair = [heights_over_com(robot, both, q) for q in postures]
         turned = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[each.body]))
         if max(abs(first - second) for first, second in pair) < SAME:
-            found.setdefault(each.body, (name, (each.body, each.local + (spot[1] - home.local) * turned)))
+            found.setdefault(each.body, (name, Spot(each.body, each.local + (spot.place - home.local) * turned)))
     return list(found.values())
 
 
@@ -145,14 +191,14 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
     They are the limbs' ends that reach as low as it does in the posture ``y`` (n+1,).
     """
     home = robot.frames[frame]
-    heights = {link: _lowest(robot, link, y) for link in robot.limb_ends}
+    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in robot.limb_ends}
     own = min([height for link, height in heights.items() if robot.layout.body_of[link] == home.body], default=None)
     chosen = {tuple(robot.tree.turns[home.body].tolist()): frame}
     for link in sorted(heights, key=lambda link: heights[link]):
         if own is not None and heights[link] < own + LEVEL:
             chosen.setdefault(tuple(robot.tree.turns[robot.frames[link].body].tolist()), link)
     places = {
-        each: heights_over_com(robot, [(robot.frames[each].body, robot.frames[each].local)], y)[0].real
+        each: heights_over_com(robot, [Spot(robot.frames[each].body, robot.frames[each].local)], y)[0].real
         for each in chosen.values()
     }
     return sorted(places, key=lambda each: places[each])
@@ -160,22 +206,15 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
 
 def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float = LEVEL) -> str:
     """Which contact is above the ground, by more than ``most``, m, in a posture y (n+1,); for a person."""
-    heights = {link: _lowest(robot, link, y) for link, hull in robot.link_hulls.items() if hull}
+    heights = {link: undersides(robot, corners(hull), y).min() for link, hull in robot.link_hulls.items() if hull}
     if not heights:
         return ""
     lowest = min(heights, key=lambda link: heights[link])
     for contact in contacts:
-        above = heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth - heights[lowest]
+        above = ground_below(robot, contact, y) - heights[lowest]
         if above > most:
             return f"{contact.name!r} is in the air: {lowest!r} is {1e3 * above:.0f} mm lower"
     return ""
-
-
-def _lowest(robot: Robot, link: str, y: Array) -> float:
-    shapes = robot.link_hulls[link]
-    spots = [(each.body, end) for each in shapes for end in (each.start, each.end)]
-    radii = np.repeat([each.radius for each in shapes], 2)
-    return float((heights_over_com(robot, spots, y).imag - radii).min())
 
 
 @dataclass(frozen=True)
@@ -197,30 +236,30 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
     """
     feet = [spot for each in contacts for spot in each.spots]
     feet_links = {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
-    kept: dict[tuple[float, ...], list[tuple[Spot, float, bool]]] = {}
-    for shape in robot.hulls({frame for each in contacts for frame in each.frames}):
-        group = kept.setdefault(tuple(robot.tree.turns[shape.body].tolist()), [])
-        own = [(spot[1], each.depth) for each in contacts for spot in each.spots if spot[0] == shape.body]
-        group += [
-            ((shape.body, end), shape.radius, shape.link in feet_links)
-            for end in (shape.start, shape.end)
-            if all(abs(end - place) + shape.radius > depth + FITS for place, depth in own)
-        ]
+    circles = [(spot, each.depth + FITS) for each in contacts for spot in each.spots]
+    hulls = robot.hulls(dict.fromkeys(frame for each in contacts for frame in each.frames))
+    kept: dict[tuple[float, ...], list[tuple[Spot, bool]]] = {}
+    for shape in hulls:
+        for corner in corners([shape]):
+            group = kept.setdefault(tuple(robot.tree.turns[corner.body].tolist()), [])
+            own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
+            if all(apart + corner.radius > most for apart, most in own):
+                group.append((corner, shape.link in feet_links))
     spots, least = [], []
     ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
     for members in filter(None, kept.values()):
-        places = np.array([member[0][1] for member in members])
-        radii = np.array([member[1] for member in members])
+        places = np.array([corner.place for corner, _ in members])
+        radii = np.array([corner.radius for corner, _ in members])
         reach = np.outer(ways.real, places.real) + np.outer(ways.imag, places.imag) + radii
         farthest, missing = set[int](), reach.max(axis=1)
         while missing.max() > COARSE:
             farthest.add(int(reach[missing.argmax()].argmax()))
             missing = reach.max(axis=1) - reach[:, sorted(farthest)].max(axis=1)
-        heights = heights_over_com(robot, [member[0] for member in members], y).imag - ground
+        heights = undersides(robot, [corner for corner, _ in members], y) - ground
         for index in sorted(farthest):
-            above = heights[index] - radii[index]
-            stands = any(body == members[index][0][0] and abs(place - places[index]) < SAME for body, place in feet)
+            above, (spot, is_foot) = heights[index], members[index]
+            stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME for foot in feet)
             if above > STANDING and not stands:
-                spots.append(members[index][0])
-                least.append(radii[index] + (-POINT_FEET / 2 if members[index][2] else min(room, above / 2)))
+                spots.append(spot._replace(radius=0.0))
+                least.append(spot.radius + (-POINT_FEET / 2 if is_foot else min(room, above / 2)))
     return Watched(tuple(spots), np.array(least))

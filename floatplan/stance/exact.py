@@ -21,7 +21,7 @@ from scipy.optimize import root
 from floatplan.arrays import Array
 from floatplan.stance.contacts import Contact, heights_over_com
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, hermite
+from floatplan.stance.motion import Grid, Stance, hermite, refined, values
 from floatplan.stance.phases import Phase
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import axes_of, balanced, closures, dependent, spread
@@ -177,7 +177,7 @@ class OnePoint:
         start : orientation and its rate at the first time
         """
         times = self.times
-        fine = np.interp(np.arange(SUBSTEPS * (len(times) - 1) + 1) / SUBSTEPS, np.arange(len(times)), times)
+        fine = refined(times, SUBSTEPS)
         steps = np.diff(fine)
         stages = [np.concatenate(joints(each)) for each in (fine[:-1], fine[:-1] + steps / 2, fine[1:])]
         found = np.asarray(self._steps(np.array(start), np.concatenate(stages), steps[None]))
@@ -189,13 +189,12 @@ class OnePoint:
         return y, v, a
 
 
-def blend(times: Array, near: float, far: float, values: Array) -> tuple[Array, Array, Array]:
-    """Return a quintic and two derivatives (rows, N): ``values`` (rows, 3) at ``near``, all zero at ``far``."""
+def blend(times: Array, near: float, far: float, changes: Array) -> tuple[Array, Array, Array]:
+    """Return a quintic and two derivatives (rows, N): ``changes`` (rows, 3) at ``near``, all zero at ``far``."""
     order = np.argsort([near, far])
-    ends = np.zeros((2, 3, len(values)))
-    ends[0] = values.T
-    curve = BPoly.from_derivatives(np.array([near, far])[order], ends[order])
-    return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
+    ends = np.zeros((2, 3, len(changes)))
+    ends[0] = changes.T
+    return values(BPoly.from_derivatives(np.array([near, far])[order], ends[order]), times)
 
 
 def released(program: JumpProgram, solution: Solution) -> Solution:
@@ -225,7 +224,8 @@ def exact_stances(
     """
     phases = [phase for phase in program.phases if phase.side == side]
     robot, anchor = program.model.robot, phases[-1 if side == "takeoff" else 0].anchor
-    place = com + complex(heights_over_com(robot, anchor.spots[:1], y)[0])
+    spot, angles = anchor.spots[0], robot.tree.absolute_angles(y[0], y[1:])
+    place = com + complex(heights_over_com(robot, [spot], y)[0]) + robot.tree.turn * spot.radius * angles[spot.body]
     pairs = zip(phases, exact_side(program, solution, side, (float(y[0]), rate)), strict=True)
     return tuple(Stance(robot, program.model.gravity, phase.contacts, place, grid) for phase, grid in pairs)
 
@@ -276,7 +276,7 @@ def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:
     coarse = begins[index] + solution.durations[index] * phase.shares
     columns = slice(program.starts[index], program.starts[index + 1] + 1)
     curve = hermite(coarse, solution.y[:, columns], solution.v[:, columns], solution.a[:, columns])
-    fine = np.interp(np.arange(REFINED * phase.intervals + 1) / REFINED, np.arange(len(coarse)), coarse)
+    fine = refined(coarse, REFINED)
     forces = solution.forces[index]
     horizontal, vertical = forces[0::2], forces[1::2]
     small = vertical < 1e-3 * program.node.weight
@@ -284,7 +284,7 @@ def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:
     for row, lost in zip(ratios, small, strict=True):
         row[lost] = np.interp(np.flatnonzero(lost), np.flatnonzero(~lost), row[~lost]) if (~lost).any() else 0.0
     spread_out = np.array([np.interp(fine, coarse, row) for row in ratios]).reshape(len(ratios), len(fine))
-    return Grid(fine, curve(fine).T, curve.derivative()(fine).T, curve.derivative(2)(fine).T, spread_out)
+    return Grid(fine, *values(curve, fine), spread_out)
 
 
 def _one_point(

@@ -10,7 +10,8 @@ from floatplan.planning.planner import plan
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.stance.contacts import Contact, corners, ground_below, heights_over_com, undersides
+from floatplan.stance.model import Spot
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
@@ -21,7 +22,7 @@ def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> comple
     """Place of a contact relative to its frame's origin, m."""
     robot = program.model.robot
     home = robot.frames[contact.frame]
-    spots = [contact.spots[0], (home.body, home.local)]
+    spots = [contact.spots[0], Spot(home.body, home.local)]
     place, origin = heights_over_com(robot, spots, y)
     return complex(place - origin)
 
@@ -39,24 +40,28 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         for node in (first, last)
     )
     before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor
-    ground = _from_frame(program, before, solution.y[:, first]).imag - before.depth
+    lifted = problem.takeoff.position[1] - before.depth
+    ground = lifted + _from_frame(program, before, solution.y[:, first]).imag
     height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
     model = program.model
     speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
+    time = float(solution.durations[index])
+    windows = [(each, each.window or (0.0, time)) for each in problem.obstacles]
+    there = [each for each, (begin, end) in windows if begin < time and end > 0]
     return replace(
         problem,
         start=start,
         goal=goal,
         flight=Flight(
-            float(solution.durations[index]),
+            time,
             angular_momentum=solution.momentum,
-            takeoff=Takeoff(before.frame),
+            takeoff=Takeoff(before.frame, problem.takeoff.position),
             landing=Landing(after.frame, height=height),
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
+        obstacles=(*there, _ground(problem, program, solution, ground)),
         ground=False,
         written=None,
     )
@@ -64,14 +69,12 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
 
 def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> HalfPlane:
     """The half-plane below the links' capsules at both ends, which are thicker than what stands."""
-    index, depth = program.flight, 0.0
-    shapes = problem.robot.shapes
+    index, depth, robot = program.flight, 0.0, problem.robot
     for side, node in ((index - 1, program.starts[index]), (index + 1, program.starts[index + 1])):
         anchor = program.phases[side].anchor
-        spots = [anchor.spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
-        places = heights_over_com(problem.robot, spots, solution.y[:, node]).imag
-        lowest = (places[1:] - np.repeat([each.radius for each in shapes], 2)).min()
-        depth = max(depth, float(places[0] - anchor.depth - lowest))
+        y = solution.y[:, node]
+        lowest = undersides(robot, corners(robot.shapes), y).min()
+        depth = max(depth, ground_below(robot, anchor, y) - float(lowest))
     return HalfPlane(point=(0.0, round(ground - depth - POINT_FEET, 4)))
 
 

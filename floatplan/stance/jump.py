@@ -116,9 +116,10 @@ def _stance(stance: Stance) -> dict[str, Any]:
             {
                 "frames": list(each.frames),
                 "suffix": each.suffix,
-                "places": [[place.real, place.imag] for _, place in each.spots],
+                "places": [[spot.place.real, spot.place.imag] for spot in each.spots],
                 "depth": each.depth,
                 "vertical": each.vertical,
+                "rolls": each.radius > 0,
             }
             for each in stance.contacts
         ],

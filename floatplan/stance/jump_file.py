@@ -14,7 +14,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_finite, read_json
 from floatplan.plans.plan import rebuild
-from floatplan.plans.reading import LARGEST, record_from_dict, recorded_robot
+from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot
 from floatplan.plans.record import RobotRecord
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_from_dict
@@ -22,6 +22,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
 from floatplan.stance.jump import FORMAT, Jump
+from floatplan.stance.model import Spot
 from floatplan.stance.motion import Grid, Stance
 
 KEYS = ("format", "status", "explanation", "robot", "problem", "flight", "stances")
@@ -62,9 +63,13 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         raise InputError("is not the robot of the flight", element="robot.sha256")
     problem = problem_from_dict(content["problem"], robot, path)
     request = problem.jump or JumpRequest()
+    check_size(content["stances"], "stances", LARGEST)
     sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
     for index, each in enumerate(content["stances"]):
         sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))
+    rolls = {each.radius > 0 for stances in sides.values() for stance in stances for each in stance.contacts}
+    if rolls - {request.feet == "rolling"}:
+        raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
     answer = {"status": str(content["status"]), "explanation": str(content["explanation"])}
@@ -72,14 +77,14 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
 
 
 def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:
-    if not content["contacts"]:
+    if not content["contacts"] or not all(each["frames"] for each in content["contacts"]):
         raise InputError("must name what stands", element=f"{element}.contacts")
     contacts = tuple(
         Contact(
             tuple(each["frames"]),
             str(each["suffix"]),
             tuple(
-                (robot.frames[frame].body, complex(*place))
+                Spot(robot.frames[frame].body, complex(*place), each["depth"] if each.get("rolls") is True else 0.0)
                 for frame, place in zip(each["frames"], each["places"], strict=True)
             ),
             float(each["depth"]),
@@ -97,7 +102,5 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
         values = np.asarray(content[name], dtype=np.float64).reshape(-1, len(times))
         if values.shape != shape:
             raise InputError(f"has shape {values.shape}, not {shape}", element=f"{element}.{name}")
-        if np.abs(values).max(initial=0.0) > LARGEST:
-            raise InputError(f"holds numbers beyond {LARGEST:g}", element=f"{element}.{name}")
         arrays[name] = read_only(values)
     return Stance(robot, float(gravity), contacts, complex(*content["place"]), Grid(read_only(times), **arrays))

@@ -134,6 +134,13 @@ class JumpMotion:
         found = forces(self.problem.robot, self.at(times))
         return {name: values.reshape(*np.shape(times), 3) for name, values in found.items()}
 
+    def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Where those forces act (..., 3), m, in the world; NaN where the point is not in contact.
+
+        Of a point it is the origin of its frame, of a foot that rolls the lowest point of its circle.
+        """
+        return {name: place.reshape(*np.shape(times), 3) for name, place in self.at(times).points.items()}
+
     def _in_file(self, times: npt.ArrayLike, quantity: Callable[[Robot, JumpState], Array]) -> Array:
         values = quantity(self.problem.robot, self.at(times))
         return values.reshape(*np.shape(times), values.shape[1])

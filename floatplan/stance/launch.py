@@ -19,7 +19,8 @@ from floatplan.stance.exact import exact_stances
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance, flight_state
-from floatplan.stance.program import JumpProgram, Meeting, Solution
+from floatplan.stance.phases import Meeting
+from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import Range
 
@@ -99,7 +100,8 @@ def launch(
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
     met = _meeting(plan, setup, end)
-    setup = replace(setup, fixed=(met,), momentum=plan.angular_momentum)
+    alone = replace(plan.problem, obstacles=(), self_clearances=())
+    setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Launch, dict[str, float] | None]:
         return _answer(plan, request, end, program, solution)
@@ -109,9 +111,9 @@ def launch(
     first = program(ROOM)
     for start in range(starts):
         rng = np.random.default_rng((seed, start)) if start else None
-        solution = first.solve(first.guess(rng))
-        if solution.converged:
-            found = corrected(ROOM, margins, (first, solution), program, complete)
+        solved = first.solved(first.guess(rng))
+        if solved[1].converged:
+            found = corrected(ROOM, margins, solved, program, complete)
             answer = min(answer, found, key=lambda each: (not each.ok, bool(each.broken), each.ratio))
         if answer.ok:
             break

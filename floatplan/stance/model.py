@@ -5,10 +5,16 @@ point that is at rest, or from the centre of mass. With the rotations e_k = exp(
 at ``sum_k W_k e_k`` from a reference point, W from :meth:`floatplan.robot.PlanarTree.point_weights`. Places are pairs
 (horizontal, vertical). Virtual work with body k's angle gives
 
-``Q_k = sum_b m_b <i sigma W_bk e_k, c_b'' + i g> + I_k phi_k'' - sum_f <i sigma W_fk e_k, F_f>``,
+``Q_k = sum_b m_b <i sigma W_bk e_k, c_b'' + i g> + I_k phi_k'' - sum_f <i sigma W_fk e_k + rho_fk, F_f>``,
 
 W from the base's origin, c_b the bodies' centres, F_f forces at points f. Motors' torques are ``motor_turns^T Q``,
 and ``sum_k Q_k = 0`` is the balance of moments about the base's origin. What turns rotors is part of Q.
+
+A foot's circle of radius r about the point C of body b rolls on level ground where ``C' = -sigma r phi_b'``: then
+``C + sigma r phi_b = sum_k W_k e_k + rho_k phi_k``, with ``rho_b = sigma r``, is at rest, as C is for a foot that is a
+point, r = 0. Its derivatives by the angles are those of the part of the foot that is on the ground, ``P = C - i r``,
+where the force acts: one form for places, rates, closures and moments. P itself moves as C does, and the angular
+momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre of mass.
 """
 
 from __future__ import annotations
@@ -16,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,7 +31,29 @@ from floatplan.errors import import_optional
 from floatplan.robot import Robot
 
 Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical part, CasADi expressions
-Spot: TypeAlias = tuple[int, complex]  # a body, and a place in its frame, m
+
+
+class Spot(NamedTuple):
+    """A place on a body.
+
+    Attributes
+    ----------
+    body : int
+    place : in the body's frame, m
+    radius : of the circle about it that rolls on the ground, m; 0 for a point
+    """
+
+    body: int
+    place: complex
+    radius: float = 0.0
+
+
+def spot_weights(robot: Robot, spots: Sequence[Spot]) -> ComplexArray:
+    """Weights (points, 2 m) of places relative to the centre of mass: W of rotations e, then rho of angles, m."""
+    bodies, local = np.array([each.body for each in spots]), np.array([each.place for each in spots], np.complex128)
+    rolled = np.zeros((len(bodies), len(robot.tree.mass)))
+    rolled[np.arange(len(bodies)), bodies] = robot.tree.turn * np.array([each.radius for each in spots])
+    return np.concatenate((robot.tree.point_weights(bodies, local), rolled), axis=1)
 
 
 def casadi() -> Any:
@@ -77,31 +105,41 @@ class PlanarModel:
         return self._sx(np.column_stack((np.ones(len(self.robot.tree.mass)), self.robot.tree.turns)))
 
     @cached_property
-    def _rotations(self) -> tuple[Pair, Pair, Pair]:
+    def angles(self) -> tuple[Any, Any, Any]:
+        """Angles phi of the bodies, phi' and phi''."""
+        phi, *changes = (casadi().mtimes(self._rates, each) for each in (self.y, self.v, self.a))
+        return phi + self.robot.tree.offsets, changes[0], changes[1]
+
+    @cached_property
+    def rotations(self) -> tuple[Pair, Pair, Pair]:
         """Rotations e of the bodies, e' and e''."""
         ca, turn = casadi(), self.robot.tree.turn
-        phi = ca.mtimes(self._rates, self.y) + self.robot.tree.offsets
-        rate, acceleration = turn * ca.mtimes(self._rates, self.v), turn * ca.mtimes(self._rates, self.a)
+        phi, rate, acceleration = self.angles[0], turn * self.angles[1], turn * self.angles[2]
         c, s = ca.cos(phi), turn * ca.sin(phi)
         first = (-rate * s, rate * c)
         return (c, s), first, (-acceleration * s - rate * first[1], acceleration * c + rate * first[0])
 
     def weights(self, spots: Sequence[Spot], reference: Spot | None = None) -> ComplexArray:
-        """Weights W (points, m) of places relative to a reference; to the centre of mass where there is none."""
-        bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots])
-        found = self.robot.tree.point_weights(bodies, local.astype(np.complex128))
+        """Weights (points, 2 m) of places relative to a reference; to the centre of mass where there is none."""
+        found = spot_weights(self.robot, spots)
         return found if reference is None else found - self.weights([reference])
 
     @cached_property
     def centers(self) -> list[Spot]:
         """Centres of mass of the bodies."""
-        return [(body, complex(place)) for body, place in enumerate(self.robot.tree.center)]
+        return [Spot(body, complex(place)) for body, place in enumerate(self.robot.tree.center)]
 
     def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
-        """Places (points,) m of weights (points, m), or their first or second derivatives."""
-        ca, (c, s) = casadi(), self._rotations[derivative]
-        real, imaginary = self._constant(weights.real), self._constant(weights.imag)
-        return ca.mtimes(real, c) - ca.mtimes(imaginary, s), ca.mtimes(imaginary, c) + ca.mtimes(real, s)
+        """Places (points,) m of weights (points, 2 m), or their first or second derivatives."""
+        ca, (c, s) = casadi(), self.rotations[derivative]
+        real, imaginary, rolled = self._parts(weights)
+        x = ca.mtimes(real, c) - ca.mtimes(imaginary, s) + ca.mtimes(rolled, self.angles[derivative])
+        return x, ca.mtimes(imaginary, c) + ca.mtimes(real, s)
+
+    def _parts(self, weights: ComplexArray) -> tuple[Any, Any, Any]:
+        """W's real and imaginary parts, and rho, each (points, m)."""
+        turned, rolled = np.split(weights, 2, axis=1)
+        return self._constant(turned.real), self._constant(turned.imag), self._constant(rolled.real)
 
     def _constant(self, values: Any) -> Any:
         ca = casadi()
@@ -132,12 +170,11 @@ class PlanarModel:
 
     def _moments(self, spots: Sequence[Spot], x: Any, z: Any) -> Any:
         """Virtual work (m,) of forces (x, z) at points with the bodies' angles, the base's origin at rest."""
-        ca, (c, s), turn = casadi(), self._rotations[0], self.robot.tree.turn
-        weights = self.weights(spots, (0, 0j)).T
-        real, imaginary = self._constant(weights.real), self._constant(weights.imag)
+        ca, (c, s), turn = casadi(), self.rotations[0], self.robot.tree.turn
+        real, imaginary, rolled = (part.T for part in self._parts(self.weights(spots, Spot(0, 0j))))
         along = ca.mtimes(real, z) - ca.mtimes(imaginary, x)
         across = ca.mtimes(real, x) + ca.mtimes(imaginary, z)
-        return turn * (c * along - s * across)
+        return turn * (c * along - s * across) + ca.mtimes(rolled, x)
 
     def motor_torques(self, moments: Any) -> Any:
         """Torques (motors,) N m, each motor's own, of moments Q."""
@@ -150,6 +187,16 @@ class PlanarModel:
         (x, z), (vx, vz) = self.places(weights), self.places(weights, 1)
         orbital = tree.turn * ca.dot(ca.DM(tree.mass), x * vz - z * vx)
         return orbital + ca.dot(ca.DM(tree.inertia), ca.mtimes(self._rates, self.v))
+
+    def momentum_about(self, spot: Spot) -> tuple[Any, Any, Any]:
+        """Angular momentum L about the one contact on the ground, kg m^2/s; L' and L'' where moments balance."""
+        turn, mass, weight = self.robot.tree.turn, self.robot.mass, self.robot.mass * self.gravity
+        (x, z), (vx, vz), (_, az) = (self.com_from(spot, order) for order in range(3))
+        place, speed, change = (-turn * spot.radius * angles[spot.body] for angles in self.angles)  # of P
+        x, z = x - place, z + spot.radius
+        first = weight * x + mass * speed * vz
+        second = weight * (vx - speed) + mass * (change * vz + speed * az)
+        return self.momentum() + turn * mass * (x * vz - z * vx), -turn * first, -turn * second
 
     def function(self, name: str, outputs: Sequence[Any], *more: Any) -> Any:
         """A CasADi function of y, v, a and ``more`` symbols; arrays (size, N) are N evaluations."""

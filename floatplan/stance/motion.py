@@ -15,6 +15,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray, read_only
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
+from floatplan.stance.model import Spot, spot_weights
 
 BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 
@@ -43,12 +44,22 @@ class Grid:
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """y, y', y'' (n+1, N) at times (N,)."""
-        return self.curve(times).T, self.curve.derivative()(times).T, self.curve.derivative(2)(times).T
+        return values(self.curve, times)
 
 
 def hermite(times: Array, y: Array, v: Array, a: Array) -> Any:
     """Quintics through values (rows, G), first and second derivatives."""
     return BPoly.from_derivatives(times, np.stack((y.T, v.T, a.T), axis=1))
+
+
+def values(curve: Any, times: Array) -> tuple[Array, Array, Array]:
+    """A curve and two derivatives (rows, N) at times (N,)."""
+    return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
+
+
+def refined(times: Array, count: int) -> Array:
+    """Times (N,) with ``count`` even steps in the place of each of theirs."""
+    return np.interp(np.arange(count * (len(times) - 1) + 1) / count, np.arange(len(times)), times)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +73,7 @@ class JumpState:
         The base's horizontal, vertical place and orientation, then all joints, m and rad.
     forces : point's name -> (N, 2) N, horizontal and vertical, of the points in contact
     torques : (N, nv) N m, inverse dynamics less the forces; the base's first three are what is out of balance
+    points : point's name -> (N, 3) m in the jump's world, where its force acts; NaN where it is not in contact
     """
 
     times: Array
@@ -70,6 +82,7 @@ class JumpState:
     accelerations: Array
     forces: dict[str, Array]
     torques: Array
+    points: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +94,7 @@ class Stance:
     robot : Robot
     gravity : m/s^2
     contacts : the anchor first
-    place : of the anchor in the jump's world, m, horizontal + i vertical
+    place : of the anchor in the jump's world, m, horizontal + i vertical; one that rolls is there at its body's angle 0
     grid : Grid
     """
 
@@ -95,24 +108,24 @@ class Stance:
         """State at times (N,) s from the jump's start."""
         robot, tree = self.robot, self.robot.tree
         y, v, a = self.grid.at(times)
-        rotations = tree.rotations(tree.absolute_angles(y[0], y[1:].T))
+        angles = tree.absolute_angles(y[0], y[1:].T)
+        rotations = tree.rotations(angles)
         rates, changes = (each[0][:, None] + each[1:].T @ tree.turns.T for each in (v, a))
-        weights = self._from_base(self.contacts[0])[0]
+        weights = spot_weights(robot, [self.contacts[0].spots[0], Spot(0, 0j)])
+        turned, rolled = np.split(weights[0] - weights[1], 2)
         first = 1j * tree.turn * rates * rotations
         second = (1j * tree.turn * changes - rates**2) * rotations
-        base = [self.place - rotations @ weights, -(first @ weights), -(second @ weights)]
+        pairs = ((rotations, angles), (first, rates), (second, changes))
+        base = [-(rotation @ turned) - angle @ rolled for rotation, angle in pairs]
+        base[0] += self.place
         full = _full(robot, zip(base, (y[0], v[0], a[0]), (y[1:].T, v[1:].T, a[1:].T), strict=True))
-        wrench = self._wrench(full)
-        forces = self._forces(times, wrench, rotations)
-        torques = wrench - self._pushed(full[0], forces)
-        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(torques))
-
-    def _from_base(self, contact: Contact) -> ComplexArray:
-        """Weights (points, m) of a contact's points relative to the base's origin."""
-        spots = [*contact.spots, (0, 0j)]
-        bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots])
-        weights = self.robot.tree.point_weights(bodies, local.astype(np.complex128))
-        return np.asarray(weights[:-1] - weights[-1])
+        touching, wrench = self.touching(full[0]), self._wrench(full)
+        forces = self._forces(times, wrench, {name: each[:, :, BASE - 1] for name, (_, each) in touching.items()})
+        torques = wrench.copy()
+        for name, (_, jacobians) in touching.items():
+            torques -= np.einsum("ni,nij->nj", forces[name], jacobians)
+        points = {name: places for name, (places, _) in touching.items()}
+        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(torques), points)
 
     def _wrench(self, full: list[Array]) -> Array:
         """Forces (N, nv) on all coordinates that the motion takes, by RNEA, gravity's included."""
@@ -122,42 +135,47 @@ class Stance:
         rows = zip(full[0], full[1], lifted, strict=True)
         return np.array([pin.rnea(model, data, q, v, a) for q, v, a in rows])
 
-    def _forces(self, times: Array, wrench: Array, rotations: ComplexArray) -> dict[str, Array]:
-        """Forces of all points: the others' by the balance of moments, the anchor's what is left."""
-        turn, anchor, others = self.robot.tree.turn, self.contacts[0], self.contacts[1:]
-        arms = {each: (rotations @ self._from_base(each).T).mean(axis=1) for each in self.contacts}
-        left = wrench[:, 0] + 1j * wrench[:, 1]
-        moment = wrench[:, 2] - turn * (arms[anchor].conj() * left).imag
+    def _forces(self, times: Array, wrench: Array, levers: dict[str, Array]) -> dict[str, Array]:
+        """Forces (N, 2) of all points: the others' by the balance of moments, the anchor's what is left.
+
+        Levers (N, 2) m are the points' velocities where the base alone turns.
+        """
+        means = [np.mean([levers[name] for name in each.names], axis=0) for each in self.contacts]
+        left = wrench[:, :2]
+        moment = wrench[:, 2] - (means[0] * left).sum(axis=1)
         forces: dict[str, Array] = {}
-        for row, contact in enumerate(others):
-            ratio = np.interp(times, self.grid.times, self.grid.ratios[row])
-            arm = arms[contact] - arms[anchor]
-            vertical = moment / (turn * (arm.conj() * (ratio + 1j)).imag)
-            force = vertical * (ratio + 1j)
+        for contact, lever, ratios in zip(self.contacts[1:], means[1:], self.grid.ratios, strict=True):
+            ratio = np.interp(times, self.grid.times, ratios)
+            way = np.stack((ratio, np.ones_like(ratio)), axis=1)
+            force = way * (moment / ((lever - means[0]) * way).sum(axis=1))[:, None]
             left = left - force
             forces |= _shared(contact, force)
-        return _shared(anchor, left) | forces
-
-    def _pushed(self, positions: Array, forces: dict[str, Array]) -> Array:
-        """Forces (N, nv) of the contacts on all coordinates."""
-        robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
-        axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
-        pushed = np.zeros_like(positions)
-        for row, q in enumerate(positions):
-            pin.computeJointJacobians(model, data, q)
-            for name, (joint, local) in self.points.items():
-                jacobian = pin.getFrameJacobian(model, data, joint, pin.SE3(np.eye(3), local), pin.LOCAL_WORLD_ALIGNED)
-                pushed[row] += forces[name][row] @ axes @ jacobian[:3]
-        return pushed
+        return _shared(self.contacts[0], left) | forces
 
     @cached_property
-    def points(self) -> dict[str, tuple[int, Array]]:
-        """Pinocchio's joint, and the place (3,) m in it, of each point that stands."""
+    def points(self) -> dict[str, tuple[int, Array, float]]:
+        """Pinocchio's joint, the place (3,) m in it, and the radius, m, of each point that stands."""
         return {
-            name: point_in_joint(self.robot, frame, spot[1])
+            name: (*point_in_joint(self.robot, frame, spot.place), spot.radius)
             for contact in self.contacts
             for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True)
         }
+
+    def touching(self, positions: Array) -> dict[str, tuple[Array, Array]]:
+        """What of each contact is on the ground at positions (N, nv), of a circle its lowest part: by point's name.
+
+        Places (N, 3) m, and Jacobians (N, 2, nv), horizontal and vertical, by Pinocchio.
+        """
+        robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
+        axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
+        found = {name: (np.empty((len(positions), 3)), np.empty((len(positions), 2, model.nv))) for name in self.points}
+        for row, q in enumerate(positions):
+            pin.computeJointJacobians(model, data, q)
+            for name, (joint, local, radius) in self.points.items():
+                at = pin.SE3(np.eye(3), local - radius * (data.oMi[joint].rotation.T @ axes[1]))
+                jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
+                found[name][0][row], found[name][1][row] = (data.oMi[joint] * at).translation, axes @ jacobian[:3]
+        return found
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -182,9 +200,8 @@ def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array
     return joint, np.asarray(own)
 
 
-def _shared(contact: Contact, force: ComplexArray) -> dict[str, Array]:
-    part = force / len(contact.frames)
-    return {name: np.stack((part.real, part.imag), axis=1) for name in contact.names}
+def _shared(contact: Contact, force: Array) -> dict[str, Array]:
+    return dict.fromkeys(contact.names, force / len(contact.names))
 
 
 def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
@@ -209,7 +226,7 @@ def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
     )
     full = _full(robot, parts)
     torques = read_only(plan.dynamics.full_forces(*planned))
-    return JumpState(read_only(times), full[0], full[1], full[2], {}, torques)
+    return JumpState(read_only(times), full[0], full[1], full[2], {}, torques, {})
 
 
 def _full(robot: Robot, parts: Iterable[tuple[ComplexArray, Array, Array]]) -> list[Array]:
@@ -224,13 +241,16 @@ def _full(robot: Robot, parts: Iterable[tuple[ComplexArray, Array, Array]]) -> l
 
 
 def joined(times: Array, parts: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
-    """Put states together: rows of each among times (N,), and points whose forces are zero elsewhere."""
+    """Put states together: rows of each among times (N,), and points whose forces are zero elsewhere, places NaN."""
     size = parts[0][1].positions.shape[1]
     arrays = {name: np.empty((len(times), size)) for name in ("positions", "velocities", "accelerations", "torques")}
     forces = {name: np.zeros((len(times), 2)) for name in names}
+    points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in parts:
         for name, values in arrays.items():
             values[rows] = getattr(state, name)
         for name, force in state.forces.items():
             forces[name][rows] = force
-    return JumpState(read_only(times), forces=forces, **{name: read_only(values) for name, values in arrays.items()})
+            points[name][rows] = state.points[name]
+    told = {name: read_only(values) for name, values in arrays.items()}
+    return JumpState(read_only(times), forces=forces, points=points, **told)

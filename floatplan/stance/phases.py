@@ -71,6 +71,25 @@ class Phase:
         return self.contacts[1:]
 
 
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """What is known of one end of the flight.
+
+    Attributes
+    ----------
+    node : 0, its first, or -1, its last
+    y : (n+1,) rad
+    v, a : (n+1,) rad/s, rad/s^2; None where nothing is asked of them
+    com : horizontal and vertical velocity of the centre of mass, m/s; None where that follows
+    """
+
+    node: int
+    y: Array
+    v: Array | None = None
+    a: Array | None = None
+    com: tuple[float, float] | None = None
+
+
 def phases_of(
     takeoff: Sequence[tuple[Contact, ...]],
     landing: Sequence[tuple[Contact, ...]],
@@ -108,6 +127,14 @@ def phases_of(
             low, high = given if given is not None else (least * guess, WIDEST[side][1] * guess)
             phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
     return tuple(phases)
+
+
+def instants(phases: Sequence[Phase], durations: Array) -> Array:
+    """Times (K+1,) of the nodes of phases that last so long, s."""
+    times = np.zeros(1)
+    for phase, lasts in zip(phases, durations, strict=True):
+        times = np.append(times, times[-1] + lasts * phase.shares[1:])
+    return times
 
 
 def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array | None:

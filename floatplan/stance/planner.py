@@ -81,9 +81,11 @@ def jump(
     say = progress or (lambda _: None)
     with naming(file):
         setup = jump_setup(problem, asked)
+        programs = {room: setup.program(room) for room in ROOMS}
+        first = programs[ROOMS[0]]
+        first.separation.check_standing(first.node, first.motion(first.guess()))
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    programs = {room: setup.program(room) for room in ROOMS}
     spent = 0
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
@@ -96,13 +98,14 @@ def jump(
         tried = start + 1
         say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
-        solution = program.solve(program.guess(rng))
+        found = program.solved(program.guess(rng))
+        solution = found[1]
         spent += solution.iterations
         if not solution.converged:
             best = min(best, solution.worst)
             continue
         most = 0 if room is ROOMS[0] else CORRECTIONS
-        answer = corrected(room, asked, (program, solution), setup.program, complete, most)
+        answer = corrected(room, asked, found, setup.program, complete, most)
         if answer.ok:
             return answer
     if answer is not None:

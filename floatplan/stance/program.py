@@ -17,16 +17,17 @@ alone is a jump whose flight, of no intervals, is known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.model import casadi
-from floatplan.stance.motion import hermite
-from floatplan.stance.phases import Phase
+from floatplan.stance.motion import hermite, values
+from floatplan.stance.phases import Meeting, Phase, instants
 from floatplan.stance.rows import (
     BALANCE,
     CLEAR,
@@ -38,7 +39,9 @@ from floatplan.stance.rows import (
     Rows,
     closures,
     hermite_step,
+    roughness,
 )
+from floatplan.stance.separation import Separation
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
 CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node away from the flight, where they vanish
@@ -51,25 +54,7 @@ TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
-
-
-@dataclass(frozen=True, eq=False)
-class Meeting:
-    """What is known of one end of the flight.
-
-    Attributes
-    ----------
-    node : 0, its first, or -1, its last
-    y : (n+1,) rad
-    v, a : (n+1,) rad/s, rad/s^2; None where nothing is asked of them
-    com : horizontal and vertical velocity of the centre of mass, m/s; None where that follows
-    """
-
-    node: int
-    y: Array
-    v: Array | None = None
-    a: Array | None = None
-    com: tuple[float, float] | None = None
+EXCHANGES = 8  # [-] programs at most in which more is kept apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +91,7 @@ class JumpProgram:
     Parameters
     ----------
     node : NodeRows of the jump's phases
+    separation : what it keeps apart
     fixed : what is known of the flight's ends
     momentum : kg m^2/s, where it is given
     limits : whether the factor on limits is least, instead of squared torques
@@ -115,6 +101,7 @@ class JumpProgram:
     def __init__(
         self,
         node: NodeRows,
+        separation: Separation,
         fixed: Sequence[Meeting] = (),
         momentum: float | None = None,
         limits: bool = False,
@@ -122,10 +109,10 @@ class JumpProgram:
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
-        self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))
+        self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
-        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
-        self._fixed, self._momentum, self._limits, self._iterations = tuple(fixed), momentum, limits, iterations
+        self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
+        self._limits, self._iterations = limits, iterations
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -207,7 +194,8 @@ class JumpProgram:
     def _solver(self) -> tuple[Any, Any, Rows]:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
         ca, unit = casadi(), self.node.unit
-        raw = ca.MX.sym("w", sum(rows * columns for rows, columns in self._shapes))
+        size = sum(rows * columns for rows, columns in self._shapes)
+        raw = ca.MX.sym("w", size + len(self.separation.angles))
         y, v, a, *rest = self.split(raw)
         count = len(self.phases)
         forces, drifts, (durations, momentum, factor) = rest[:count], rest[count:-3], rest[-3:]
@@ -227,6 +215,7 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
+        self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         goal = ROUGHNESS * self.node.smooth * rough
         goal += factor + SMOOTH * total / unit if self._limits else total / unit
         settings = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "max_iter": self._iterations}
@@ -264,13 +253,10 @@ class JumpProgram:
                 rows.add_nodes(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), rates), bounds, -most, most, label)
 
     def _add_turn(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any) -> None:
-        """On one point gravity alone changes the angular momentum about it; the orientation by Hermite's rule."""
-        model, (y, v, a), weight = self.model, parts, self.node.weight
-        anchor, mass, turn = phase.anchor.spots[0], model.robot.mass, model.robot.tree.turn
-        (x, z), (vx, vz) = model.com_from(anchor), model.com_from(anchor, 1)
-        momentum = model.momentum() + turn * mass * (x * vz - z * vx)
-        outputs = [momentum, -turn * weight * x, -turn * weight * vx]
-        momenta, pulls, changes = rows.calls(model.function("about", outputs), y, v, a)
+        """Angular momentum about the one point on the ground, as of ``model``, and orientation, by Hermite's rule."""
+        model, (y, v, a) = self.model, parts
+        about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
+        momenta, pulls, changes = rows.calls(about, y, v, a)
         ahead = hermite_step(momenta, pulls, changes, step)
         rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{BALANCE} ({phase.side})")
         rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
@@ -359,11 +345,11 @@ class JumpProgram:
         return z + anchor.depth, vx, vz
 
     def solve(self, guess: Array) -> Solution:
-        """Follow IPOPT from a guess (size,), scaled as :meth:`join` does."""
+        """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
         solver, evaluate, rows = self._solver
         low, high = np.concatenate(rows.low), np.concatenate(rows.high)
-        box = self._box
-        answer = solver(x0=guess, lbx=box[0], ubx=box[1], lbg=low, ubg=high)
+        box = np.concatenate((np.stack(self._box), self.separation.box), axis=1)
+        answer = solver(x0=np.append(guess, self.separation.angles), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
         values = np.asarray(evaluate(raw)).ravel()
@@ -383,6 +369,50 @@ class JumpProgram:
             iterations=int(stats["iter_count"]),
         )
 
+    def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
+        """The same program, with what it keeps apart, and held joints whose torques are rows."""
+        other = copy(self)
+        vars(other).pop("_solver", None)
+        other.node, other.separation = copy(self.node), separation
+        other.node.held = held
+        return other
+
+    def motion(self, guess: Array) -> list[Array]:
+        """Values of y, v, a (n+1, K+1) and durations (phases, 1) of a guess (size,)."""
+        y, v, a, *_, durations, _, _ = self.split(guess)
+        return [y, v, a, durations]
+
+    def solved(self, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
+        """Solve from a guess; again with what the solution breaks, until nothing is.
+
+        That is what comes too near, where either way around is tried, and torques of joints that are held.
+
+        Parameters
+        ----------
+        guess : (size,)
+        known : the program that the guess comes from
+        """
+        program = self
+        if known is not None and (known.separation.lines or known.node.held):
+            lines = replace(self.separation, lines=known.separation.lines).at(self.node, self.motion(guess))
+            program = self.kept(lines, known.node.held)
+        solution = program.solve(guess)
+        for _ in range(EXCHANGES):
+            if not solution.converged:
+                break
+            before = self.resampled(solution, self.phases)
+            wider = program.separation.wider(self.node, self.motion(before))
+            strained = program.node.strained((solution.y, solution.v, solution.a), solution.forces)
+            if not wider and not strained:
+                break
+            held = (*program.node.held, *strained)
+            for separation in wider or [program.separation]:
+                program = self.kept(separation, held)
+                solution = program.solve(before)
+                if solution.converged:
+                    break
+        return program, solution
+
     def guess(self, rng: np.random.Generator | None = None) -> Array:
         """Return the generic guess; with random numbers a perturbed one.
 
@@ -396,11 +426,7 @@ class JumpProgram:
             durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), low, high)
             bumps = np.sin(np.pi * np.linspace(0, 1, self.nodes)[None] * rng.integers(1, 4, (self.size - 1, 1)))
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
-        times = np.zeros(self.nodes)
-        for index, phase in enumerate(self.phases):
-            times[self.starts[index] : self.starts[index + 1] + 1] = (
-                times[self.starts[index]] + durations[index] * phase.shares
-            )
+        times = instants(self.phases, durations)
         begin, end = (times[self.starts[np.clip(self.flight + at, 0, len(self.phases))]] for at in (-1, 2))
         share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
         turn = self.ends[1, 0] - self.ends[0, 0]
@@ -413,26 +439,12 @@ class JumpProgram:
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
-        old = (solution.y, solution.v, solution.a)
-        parts: list[list[Array]] = [[], [], []]
-        forces, at = [], 0
-        for index, (mine, other) in enumerate(zip(self.phases, phases, strict=True)):
-            columns = slice(at, at + other.intervals + 1)
-            at += other.intervals
-            if mine.intervals:
-                curve = hermite(solution.durations[index] * other.shares, *(each[:, columns] for each in old))
-                times = solution.durations[index] * mine.shares[:-1]
-                for order, part in enumerate(parts):
-                    part.append((curve.derivative(order) if order else curve)(times).T)
-            rows = [np.interp(mine.shares, other.shares, row) for row in solution.forces[index]]
-            forces.append(np.array(rows).reshape(-1, len(mine.shares)))
+        curve = hermite(instants(phases, solution.durations), solution.y, solution.v, solution.a)
+        joined = values(curve, instants(self.phases, solution.durations))
+        forces = [
+            np.array([np.interp(own.shares, other.shares, row) for row in rows]).reshape(-1, len(own.shares))
+            for own, other, rows in zip(self.phases, phases, solution.forces, strict=True)
+        ]
         drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -3]]
-        joined = [np.concatenate((*part, each[:, -1:]), axis=1) for part, each in zip(parts, old, strict=True)]
-        own = solution.durations[:, None], np.array([[solution.momentum]])
-        return self.join([*joined, *forces, *drifts, *own, np.full((int(self._limits), 1), solution.factor)])
-
-
-def roughness(parts: Sequence[Any], unit: float) -> Any:
-    """Squared steps of the joints' accelerations from node to node, in units of the robot."""
-    joints = parts[2][1:, :]
-    return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
+        rest = solution.durations[:, None], np.array([[solution.momentum]])
+        return self.join([*joined, *forces, *drifts, *rest, np.full((int(self._limits), 1), solution.factor)])

@@ -12,6 +12,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact, Watched, heights_over_com
+from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
 
@@ -21,6 +22,7 @@ BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the gro
 PRESSED = "pressed on the ground"
 LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
+EFFORT = "effort of"
 BENDS, BENT = "bends its leg", 0.1  # [-] how well it does, of what it does where the robot stands
 ROUNDING = 1e-9  # [m]
 
@@ -35,6 +37,7 @@ class Bounds:
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
+    held : share of the efforts of joints that are held
     """
 
     torque: Array
@@ -43,13 +46,14 @@ class Bounds:
     velocity: Array
     position: Array
     friction: float
+    held: float = 1.0
 
 
 @dataclass
 class Rows:
     """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes.
 
-    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
+    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that, but for efforts.
     """
 
     factor: Any = None
@@ -72,7 +76,8 @@ class Rows:
         self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
 
     def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
-        shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
+        limited = (low == -1.0) & (high == 1.0) & [not label.startswith(EFFORT) for label in labels]
+        shares = [] if self.factor is None else np.flatnonzero(limited).tolist()
         if shares:
             own = values[shares]
             values[shares], low[shares], high[shares] = self.factor - own, 0.0, np.inf
@@ -156,9 +161,11 @@ class NodeRows:
     ends : (2, n+1) y where the robot stands before and after
     known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
     smooth : weight of steps of accelerations, times the usual one
+    held : joints that are held, whose torques are rows
     """
 
     smooth = 1.0
+    held: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -170,6 +177,8 @@ class NodeRows:
         known: Sequence[tuple[Contact, Array]] = (),
     ) -> None:
         self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
+        self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
+        self.flies = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
         self.weight = model.robot.mass * model.gravity  # [N]
         standing = 0 if self.phases[0].contacts else -1
         anchor, end = self.phases[standing].anchor, ends[standing]
@@ -203,7 +212,7 @@ class NodeRows:
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
         if phase.others:  # else it may pull a little between nodes
             rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
-        rows += self._torque_rows(moments)
+        rows += [*self._torque_rows(moments), *self._held_rows(phase.contacts, [own, *pairs])]
         ground = -phase.anchor.depth
         if self.watched.spots:
             heights = model.places(model.weights(self.watched.spots, anchor))[1]
@@ -284,6 +293,39 @@ class NodeRows:
                     rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
         return rows
 
+    def _held_rows(self, contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[Row]:
+        """Torques of joints that are held over their efforts."""
+        shares = self._holding.shares(self.held, contacts, forces)
+        most = self.bounds.held
+        return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(self.held)]
+
+    @cached_property
+    def _holding(self) -> HeldJoints:
+        return HeldJoints(self.model)
+
+    def strained(self, motion: Sequence[Array], forces: Sequence[Array]) -> tuple[str, ...]:
+        """Held joints whose torques are no rows yet, and beyond their bounds at nodes; of left and right the one.
+
+        Parameters
+        ----------
+        motion : y, v, a (n+1, K+1)
+        forces : of each phase (2 others, nodes) N
+        """
+        names = [name for name in self._holding.efforts if name not in self.held]
+        found: dict[tuple[float, ...], str] = {}
+        shares = [np.zeros((len(names), 0))]
+        for phase, start, given in zip(self.phases, self.starts, forces, strict=False) if names else ():
+            symbols = casadi().SX.sym("forces", len(given))
+            own, pairs = balanced(self.model, phase, symbols) if phase.contacts else ((0.0, 0.0), [])
+            acting = [own, *pairs] if phase.contacts else []
+            function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
+            nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
+            shares.append(np.abs(np.asarray(function(*nodes, given))))
+        for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
+            if row.max() > self.bounds.held:
+                found.setdefault(tuple(row.round(3).tolist()), name)
+        return tuple(found.values())
+
     def _cost(self, moments: Any) -> Any:
         torques = self.model.motor_torques(moments)
         return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
@@ -296,6 +338,7 @@ class NodeRows:
             (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
             (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
             *self._torque_rows(moments),
+            *self._held_rows((), []),
         ]
         spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
         _, z = model.places(model.weights(spots))
@@ -310,6 +353,12 @@ def hermite_step(values: Any, rates: Any, changes: Any, step: Any) -> Any:
     """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (changes[:, :-1] - changes[:, 1:])
+
+
+def roughness(parts: Sequence[Any], unit: float) -> Any:
+    """Squared steps of the joints' accelerations from node to node, in units of the robot."""
+    joints = parts[2][1:, :]
+    return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
 
 
 def axes_of(contact: Contact) -> tuple[int, ...]:

@@ -19,15 +19,17 @@ from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
     contact_at,
-    heights_over_com,
+    ground_below,
     in_the_air,
+    rolling,
     standing_feet,
     watched_points,
 )
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import ITERATIONS, JumpProgram, Meeting, Solution
+from floatplan.stance.phases import Meeting, Phase, not_static, phases_of, standing_posture
+from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
+from floatplan.stance.separation import ROOM, Separation
 
 MOST = 2  # [-] contacts of a phase
 FAR = 0.1  # [m] above what is lowest in the reference posture: no foot is there
@@ -50,6 +52,7 @@ class Room:
     smooth : by which factor steps of accelerations weigh more
     clear : height that what does not stand keeps from the ground, m, or half of that where the robot stands
     range : from the ends of joint ranges, rad
+    apart : beyond margins of obstacles and links, m
     """
 
     torque: float
@@ -59,6 +62,7 @@ class Room:
     smooth: float = 1.0
     clear: float = 0.01
     range: float = 0.1
+    apart: float = ROOM
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -68,14 +72,16 @@ class Room:
             return now if over <= 1 else now * STRICTER / min(over, 1.25)
 
         most = request.margin["torque"]
-        torque = min(share("torque", most, self.torque), share("torque_speed", most, self.torque))
+        limits = {"torque": most, "torque_speed": most, "held_torque": 1.0}
+        torque = min(share(name, limit, self.torque) for name, limit in limits.items())
         velocity = share("velocity", request.margin["velocity"], self.velocity)
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
         clear = self.clear + max(0.0, -figures.get("ground", 0.0))
-        finer = FINER * self.finer
-        return replace(self, torque=torque, velocity=velocity, friction=friction, clear=clear, finer=finer)
+        apart = self.apart - min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
+        more = {"finer": FINER * self.finer, "clear": clear, "apart": apart}
+        return replace(self, torque=torque, velocity=velocity, friction=friction, **more)
 
 
 Answer = TypeVar("Answer")
@@ -106,10 +112,10 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = finer.solve(finer.resampled(found[1], found[0].phases))
-        if not again.converged:
+        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0])
+        if not again[1].converged:
             break
-        found = finer, again
+        found = again
         answer, figures = complete(*found)
     return answer
 
@@ -148,6 +154,7 @@ class Setup:
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
             position=inside(np.asarray(problem.position_limits), room.range),
             friction=room.friction * request.friction,
+            held=room.torque,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
@@ -162,8 +169,12 @@ class Setup:
 
     def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
+        problem = self.problem
+        apart = Separation(
+            problem.robot, problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        )
         limits = self.request.objective == "limits"
-        return JumpProgram(self.node(room), self.fixed, self.momentum, limits, iterations)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
 
 def inside(ranges: Array, room: float) -> Array:
@@ -189,7 +200,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
     after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
-    ground = _ground(problem.robot, takeoff_contacts[0][0], posture)
+    ground = ground_below(problem.robot, takeoff_contacts[0][0], posture)
     time = problem.flight.duration
     bounds = [
         *_bounds(request, "takeoff", len(takeoff)),
@@ -240,7 +251,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
         usual = [feet, [frame]] if len(feet) > 1 else [[frame], [toe.name]] if toe.suffix else [[frame]]
         groups = usual if takes_off else usual[::-1]
     contacts, posture = _side(problem, request, side, groups, wanted)
-    ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
+    ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
     unbounded = [None] * (2 * len(contacts) + 1)
     both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
     phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
@@ -274,7 +285,7 @@ def _side(
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot, takes_off = problem.robot, side == "takeoff"
     place = f"jump.{side}.contacts"
-    contacts = [_contacts(robot, names, wanted, place) for names in groups]
+    contacts = [_contacts(robot, names, wanted, place, request.feet) for names in groups]
     if any(len(each) > MOST for each in contacts):
         raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
     outer = contacts[0 if takes_off else -1]
@@ -313,11 +324,6 @@ def _bounds(request: JumpRequest, side: str, phases: int) -> list[tuple[float, f
     return [None] * phases if given is None else [(low, high) for low, high in given]
 
 
-def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
-    """Height of the ground over the centre of mass, m, standing."""
-    return float(heights_over_com(robot, contact.spots[:1], posture)[0].imag - contact.depth)
-
-
 def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Array | None = None) -> Array:
     """Posture (n+1,) rad that is asked for: that of ``standing``, or by joint, others being in the reference.
 
@@ -345,16 +351,17 @@ def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[l
     return [feet, [first]], [[last], feet]
 
 
-def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str) -> tuple[Contact, ...]:
+def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, feet: str) -> tuple[Contact, ...]:
     """Contacts of a phase's names; of a sole toe and heel, or the one named."""
     found: list[Contact] = []
     for name in names:
         frame, dot, _ = name.partition(".") if name not in robot.frames else (name, "", "")
         try:
             points = contact_at(robot, frame, wanted)
+            chosen = [each for each in points if not dot or each.name == name]
+            chosen = [rolling(robot, each, wanted) for each in chosen] if feet == "rolling" else chosen
         except InputError as error:
             raise error.within(element=place) from None
-        chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
             raise InputError(f"{name!r} is no point of a sole", element=place, advice=f"name {points[0].name!r}")
         twice = [each for each in found if set(each.names) & {point for one in chosen for point in one.names}]

@@ -73,11 +73,6 @@ class Studio:
         """Of the page."""
         return f"http://localhost:{self.server.get_port()}"
 
-    @property
-    def errors(self) -> list[BaseException]:
-        """What went wrong in the program, and did not end it."""
-        return [*self.session.errors, *self.actions.errors, *self.painter.errors, *self.player.errors]
-
     def close(self) -> None:
         """End the page and the planning."""
         self.session.close()

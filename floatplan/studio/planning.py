@@ -42,7 +42,6 @@ class Actions:
         self._actions: dict[str, Callable[[], object]] = {}
         self._lock = threading.Lock()
         self._thread = ThreadPoolExecutor(1, name)
-        self.errors: list[BaseException] = []
 
     def do(self, about: str, action: Callable[[], object]) -> None:
         """Do something soon; in place of what was to be done about the same before. Nothing where it is closed."""
@@ -65,8 +64,7 @@ class Actions:
             action = self._actions.pop(about)
         try:
             action()
-        except Exception as error:  # the page goes on whatever happens; it is an error of the program
-            self.errors.append(error)
+        except Exception:  # the page goes on whatever happens; it is an error of the program
             LOG.exception("%s: %s", self._name, about)
 
 
@@ -115,12 +113,6 @@ class Worker:
         """Stop for good."""
         self._closed = True
         self.stop()
-
-    @property
-    def process_ids(self) -> list[int]:
-        """Of the process, where one runs."""
-        with self._lock:
-            return [] if self._executor is None else [*self._executor._processes]
 
     def _started(self) -> Any:
         with self._lock:
@@ -217,16 +209,6 @@ class Planning:
         self._closed = True
         for each in (self._quick, self._thorough, self._plans, self._proofs):
             each.close()
-
-    @property
-    def process_ids(self) -> list[int]:
-        """Of the processes that run."""
-        return [*self._quick.process_ids, *self._thorough.process_ids]
-
-    @property
-    def errors(self) -> list[BaseException]:
-        """What went wrong in the program."""
-        return [*self._plans.errors, *self._proofs.errors]
 
     def _tell(self, question: Question, answer: ShownPlan | Failure) -> None:
         if isinstance(answer, ShownPlan) and answer.plan.ok:

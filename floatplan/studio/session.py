@@ -145,9 +145,9 @@ class Session:
             self._ask()
             return True
 
-    def set(self, path: str, value: float, gesture: str = "") -> bool:
+    def set(self, path: str, value: float) -> bool:
         """Set a number by its path in a problem file, SI units and radians."""
-        return self.edit(numbers({path: value}), gesture or path)
+        return self.edit(numbers({path: value}), path)
 
     def undo(self) -> bool:
         """Take back the last change; return whether there was one."""
@@ -194,16 +194,6 @@ class Session:
     def close(self) -> None:
         """End the planning."""
         self._planning.close()
-
-    @property
-    def process_ids(self) -> list[int]:
-        """Of the processes that plan."""
-        return self._planning.process_ids
-
-    @property
-    def errors(self) -> list[BaseException]:
-        """What went wrong in the program while it planned, and did not end it."""
-        return self._planning.errors
 
     def _ask(self) -> None:
         with self._lock:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.flight import ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.edits import end_state, moved, put_obstacle
@@ -252,7 +252,6 @@ class Player:
         self._closed = threading.Event()
         self._dirty = True
         self.frames = 0  # sent so far
-        self.errors: list[BaseException] = []
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
 
@@ -303,8 +302,7 @@ class Player:
             if moving and shows:
                 try:
                     self._send(shows, min(instant, longest))
-                except Exception as error:  # the next pose is another chance; it is an error of the program
-                    self.errors.append(error)
+                except Exception:  # the next pose is another chance; it is an error of the program
                     LOG.exception("player")
 
     def _send(self, shows: list[Show], instant: float) -> None:

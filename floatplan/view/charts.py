@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.tables import JOINT_LIMITS, LimitRow
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import robot_size
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
@@ -22,17 +23,17 @@ NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest 
 
 @dataclass(frozen=True, eq=False)
 class SampledPlan:
-    """A plan, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
+    """A plan or jump, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
 
-    Those of joint, motor or obstacle i end in ``.i``.
+    Those of joint, motor or obstacle i end in ``.i``. A jump has those of :meth:`JumpView.columns` too.
     """
 
-    plan: Plan
+    plan: Shown
     state: FlightState
     columns: dict[str, Array]
 
     @classmethod
-    def of(cls, plan: Plan, times: Array, beside: Plan | None = None) -> SampledPlan:
+    def of(cls, plan: Shown, times: Array, beside: Shown | None = None) -> SampledPlan:
         """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
         state, beside = plan.at(times), beside or plan
         inertia = plan.dynamics.momentum_map(state.positions)
@@ -54,6 +55,8 @@ class SampledPlan:
         columns |= {f"motor_torques.{index}": torques[name] for index, name in motors if name in torques}
         for index, obstacle in enumerate(beside.problem.obstacles):
             columns[f"clearance.{index}"] = plan.clearances(times, [obstacle])
+        if isinstance(plan, JumpView):
+            columns |= plan.columns(times)
         return cls(plan, state, columns)
 
     @property
@@ -105,14 +108,15 @@ class Panel:
     ----------
     label : in front of the unit
     interval : of its quantity that is marked: (9)
-    range : ends of the axis of distances, where what is far away is cut off; their ``margins`` are marked
+    range : ends of the axis of distances, where what is far away is cut off
+    fixed : margins, and other lines that are drawn however far away they are
     """
 
     label: str
     curves: Sequence[Curve]
     interval: tuple[float, float] | None = None
     range: tuple[float, float] | None = None
-    margins: Sequence[float] = ()
+    fixed: Sequence[ReferenceLine] = ()
 
     def lines(self, peak: float) -> tuple[list[ReferenceLine], list[ReferenceLine]]:
         """Return margins, limits and interval, and those of them that are left out: they would flatten the curves.
@@ -123,7 +127,7 @@ class Panel:
         curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
-        drawn = [ReferenceLine("margin", ALARM, np.array(margin)) for margin in self.margins]
+        drawn = [*self.fixed]
         left: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
             if np.isfinite(limit.min()):
@@ -142,7 +146,7 @@ class Chart:
     Attributes
     ----------
     name : of its figure
-    title, unit : for a person
+    title, unit : for a person; bands, which are there or not, have no unit
     panels : axes, the tallest first
     factor : from SI to ``unit``
     of_each : whether each curve has a picture of its own where they are too many for one
@@ -164,30 +168,75 @@ class Chart:
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
 
-    Curves of another plan may be drawn beside them.
+    Curves of another plan may be drawn beside them. A jump has what stands, forces, shares of limits and the height of
+    the centre of mass in the place of momentum and inertia.
     """
     plan = sampled.plan
     joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
     ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
     keys = ["orientation", *(f"positions.{joint}" for joint in joints)]
     angles = _of_parts(plan, keys, ends=list(zip(*ends, strict=True)))
-    inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
     drawn = [
         Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
         *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()),
         Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
-        _momentum(plan),
-        Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)]),
     ]
+    if isinstance(plan, JumpView):
+        drawn = [*_of_jump(sampled, plan), *drawn]
+    else:
+        inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
+        drawn += [_momentum(plan), Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)])]
     return [*drawn, _clearance(sampled, other)] if plan.problem.obstacles else drawn
 
 
-def is_crowded(plan: Plan) -> bool:
+def _of_jump(sampled: SampledPlan, view: JumpView) -> list[Chart]:
+    """What stands, forces, what is used of friction and of limits, height."""
+    robot, problem, margin = view.robot, view.problem, view.jump.request.margin
+    stands, forces, friction = (
+        [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(view.colours.items())]
+        for key in ("stands", "force_z", "friction")
+    )
+    limits, efforts = np.minimum(problem.motor_torque_limits, problem.motor_stall), np.array([*view.efforts.values()])
+    rates = _of_parts(view, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    by_use = sorted(enumerate(view.efforts), key=lambda each: -largest(sampled.columns[f"held_use.{each[0]}"]))
+    held = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
+    cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", INK, np.array(1.0))])
+    drawn = [
+        Chart("contacts", "On the ground", "", [Panel("", stands)], of_each=False),
+        Chart("forces", "Vertical forces", "N", [Panel("vertical force", forces)], of_each=False),
+        Chart("friction", "Friction used", "%", [cone], factor=100, of_each=False),
+        _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits, margin["torque"]),
+        _shares("held_use", "Torque of held joints over effort", held, tuple(view.efforts), efforts),
+        _shares("rate_use", "Rate over limit", rates, robot.joints, problem.velocity_limits, margin["velocity"]),
+        Chart("com_height", "Height of the centre of mass", "m", [Panel("height", [Curve("CM", "com_height", INK)])]),
+    ]
+    return [chart for chart in drawn if chart.curves]
+
+
+def _shares(
+    name: str, title: str, curves: list[Curve], order: tuple[str, ...], limits: Array, margin: float = 1.0
+) -> Chart:
+    """Shares of limits, of what has one; ``order`` is that of columns and limits, ``margin`` what stances may use."""
+    places = [(curve, order.index(curve.name)) for curve in curves]
+    limited = [(curve, index) for curve, index in places if np.isfinite(limits[index])]
+    shares = [replace(curve, key=f"{name}.{index}", limit=None, proved=np.inf) for curve, index in limited]
+    ends = {"limit": (INK, 1.0)} | ({"margin of stances": (ALARM, margin)} if margin < 1.0 else {})
+    signed = [(name, colour, side * end) for name, (colour, end) in ends.items() for side in (1.0, -1.0)]
+    lines = [ReferenceLine(name, colour, np.array(value)) for name, colour, value in signed]
+    return Chart(name, title, "%", [Panel("share", shares, fixed=lines)], factor=100)
+
+
+def largest(values: Array) -> float:
+    """Largest magnitude of a sampled quantity (N,), of what is known of it."""
+    return float(np.fmax.reduce(np.abs(values)))
+
+
+def is_crowded(plan: Shown) -> bool:
     """Whether a robot has more parts than there are hues that everyone can tell apart."""
     return len(plan.robot.joints) + 1 > len(OKABE_ITO)
 
 
-def _of_parts(plan: Plan, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
+def _of_parts(plan: Shown, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
     """Curves of the last of base and joints, with what more they have."""
     first = len(plan.robot.joints) + 1 - len(keys)
     names, colours = ("orientation", *plan.robot.joints), palette(len(plan.robot.joints) + 1)
@@ -197,7 +246,7 @@ def _of_parts(plan: Plan, keys: Sequence[str], **more: Sequence[Any]) -> list[Cu
     ]
 
 
-def _limited(plan: Plan, row: LimitRow) -> Chart:
+def _limited(plan: Shown, row: LimitRow) -> Chart:
     """What a row of the table limits: that of the joints, and of the base where it has one."""
     keys = [f"{row.quantity}.{index}" for index in range(len(plan.robot.joints))]
     peaks = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
@@ -272,8 +321,9 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     ]
     plans = [sampled] if other is None else [sampled, other]
     values = np.array([each.columns[curve.key] for each in plans for curve in curves])
-    margins = sorted({obstacle.margin for obstacle in plan.problem.obstacles})
-    largest = values.max(where=np.isfinite(values), initial=0.0)
-    top = min(1.05 * largest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0
-    panel = Panel("clearance", curves, range=(min(1.1 * values.min(), -0.06 * top), top), margins=margins)
+    margins = np.unique([obstacle.margin for obstacle in plan.problem.obstacles])
+    fixed = [ReferenceLine("margin", ALARM, margin) for margin in margins]
+    farthest = values.max(where=np.isfinite(values), initial=0.0)
+    top = min(1.05 * farthest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0
+    panel = Panel("clearance", curves, range=(min(1.1 * values.min(), -0.06 * top), top), fixed=fixed)
     return Chart("clearance", "Clearance", "m", [panel], of_each=False)

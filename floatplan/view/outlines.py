@@ -1,4 +1,4 @@
-"""Where a flight's robot, ground and obstacles are, as outlines that pictures and pages draw.
+"""Where the robot, ground and obstacles of a flight or a jump are, as outlines that pictures and pages draw.
 
 Places in the plane are complex, horizontal + i vertical, m.
 """
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.view.jumps import JumpView, Shown
 
 ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of a circle
 LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
@@ -78,15 +78,21 @@ class Postures:
         return [stadium(start, end, radius) for start, end, radius in ends]
 
 
-def postures(plan: Plan, times: Array) -> Postures:
-    """Return the robot in flight at times (K,), s."""
-    return placed_robot(
-        plan.problem, times, com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
-    )
+def postures(plan: Shown, times: Array) -> Postures:
+    """Return the robot at times (K,), s."""
+    return placed_robot(plan.problem, times, *coordinates(plan, times))
 
 
-def posture_at(plan: Plan, state: JointState, time: float) -> Postures:
-    """Return the robot in a given posture, its centre of mass where the flight has it at ``time``."""
+def coordinates(plan: Shown, times: Array) -> tuple[ComplexArray, Array, Array]:
+    """Return centre of mass (K,) m, orientation (K,) and positions (K, n) rad at times (K,), s."""
+    if isinstance(plan, JumpView):
+        state = plan.at(times)
+        return np.asarray(state.com_position @ [1, 1j]), state.orientation, state.positions
+    return com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
+
+
+def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
+    """Return the robot in a given posture, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
     return placed_robot(
         plan.problem, times, com_path(plan, times), np.array([state.orientation]), state.positions[None]
@@ -141,26 +147,30 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
     return Poses(places=com[:, None] + rotations @ origins.T, angles=angles, rotations=rotations)
 
 
-def com_path(plan: Plan, times: Array) -> ComplexArray:
+def com_path(plan: Shown, times: Array) -> ComplexArray:
     """Places (K,) of the centre of mass at times (K,), m."""
-    return np.asarray(plan.ballistics.positions(times) @ [1, 1j])
+    places = plan.at(times).com_position if isinstance(plan, JumpView) else plan.ballistics.positions(times)
+    return np.asarray(places @ [1, 1j])
 
 
-def robot_size(plan: Plan) -> float:
-    """Largest extent of the robot during the flight, horizontal or vertical, m."""
+def robot_size(plan: Shown) -> float:
+    """Largest extent of the robot during the motion, horizontal or vertical, m."""
     placed = postures(plan, np.linspace(0, plan.duration, 33))
     return float(np.abs(pairs(placed.high - placed.low)).max())
 
 
-def snapshot_times(plan: Plan) -> Array:
-    """Instants (K,) evenly spaced in time, so many that neighbours stand apart."""
+def snapshot_times(plan: Shown) -> Array:
+    """Instants (K,): of a jump its moments; else evenly spaced in time, so many that neighbours stand apart."""
+    if isinstance(plan, JumpView):
+        return plan.moments()
     path = float(np.abs(np.diff(com_path(plan, np.linspace(0, plan.duration, 65)))).sum())
     count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST_SNAPSHOTS, MOST_SNAPSHOTS))
     return np.linspace(0, plan.duration, count)
 
 
-def pairs(places: ComplexArray) -> Array:
+def pairs(places: ComplexArray | complex) -> Array:
     """Complex numbers (...) as pairs (..., 2) of their parts."""
+    places = np.asarray(places)
     return np.stack((places.real, places.imag), axis=-1)
 
 
@@ -255,7 +265,7 @@ OUTLINES: dict[str, Callable[[Any, float], ComplexArray]] = {
 }
 
 
-def picture_box(plan: Plan, placed: Postures) -> tuple[complex, complex]:
+def picture_box(plan: Shown, placed: Postures) -> tuple[complex, complex]:
     """Corners of what a picture must hold, m: postures, goal, and obstacles with bounds wherever they are drawn."""
     goal = posture_at(plan, plan.problem.final, plan.duration)
     outlines = [

@@ -29,7 +29,8 @@ PALE = "#c9c9c9"
 ALARM = "#b00020"
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of curves, one per obstacle
-TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
+CONTACTS = ("#8b5e00", "#6a3d9a", "#00787a", "#a4243b")  # of the points that a robot stands on
+TRAILS = (GREY, *CONTACTS[:2])  # of the centre of mass, and of the frames that take off and land
 SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
 BASE_GREY = "#555555"  # of the base beside it
 SEQUENCE_END = 0.9  # [-] its last tenth is too light for white paper
@@ -106,10 +107,10 @@ def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
     return stream.getvalue()
 
 
-def picture(form: str, draw: Callable[..., Figure], *about: Any, dpi: float = DPI) -> bytes:
+def picture(form: str, draw: Callable[..., Figure], *about: Any) -> bytes:
     """Return the content of a file with the figure that a function draws, in this style."""
     with styled():
-        return rendered(draw(*about), form, dpi)
+        return rendered(draw(*about), form)
 
 
 def palette(count: int) -> list[Array]:

@@ -9,9 +9,10 @@ import numpy as np
 import proof_reference as reference
 import pytest
 from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan, unlimited
+from proof_records import certify_record
 
 from floatplan.arrays import read_only
-from floatplan.certificate.certificate import certify_record, shapes_of
+from floatplan.certificate.certificate import shapes_of
 from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot

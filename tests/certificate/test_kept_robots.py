@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 from proof_plans import URDF, example_a
+from proof_records import certify_record
 
-from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.planar import inertia
 from floatplan.certificate.planar.inertia import kept_robot, planar_robot
 from floatplan.certificate.planar.urdf import read_urdf, recorded_content

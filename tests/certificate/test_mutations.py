@@ -3,8 +3,7 @@
 import numpy as np
 from proof_judge import Judge
 from proof_mutations import base_plans, mutate
-
-from floatplan.certificate.certificate import certify_record
+from proof_records import certify_record
 
 MUTATIONS = 60  # scripts/mutations.py makes 10 000
 INSTANTS = 3001

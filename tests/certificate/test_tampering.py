@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from proof_plans import URDF, draw_coefficients, example_b, make_plan
+from proof_records import certify_record
 
 from floatplan.arrays import read_only
-from floatplan.certificate.certificate import certify_record
 from floatplan.errors import InputError
 from floatplan.robot.robot import Coupling, Robot
 

@@ -65,7 +65,7 @@ def test_found_checked_and_proved(floatplan: Command, go2: Path, found: list[fp.
     again = fp.load_jump("results/jump.json")
     assert again.ok
     assert again.verdict.startswith("flight proved, stances checked")
-    assert sorted(path.name for path in Path("results").iterdir()) == ["jump.json", "plan.json"]
+    assert sorted(path.name for path in Path("results").iterdir()) == ["jump.json", "plan.json", "report.html"]
 
 
 def test_json(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
@@ -75,14 +75,36 @@ def test_json(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
     assert facts["verdict"].startswith("flight proved, stances checked")
     assert [phase["kind"] for phase in facts["phases"]] == ["stance", "stance", "flight", "stance", "stance"]
     assert facts["figures"]["torque"] <= 0.85
-    assert Path("runs/go2_backflip/jump.json").is_file()
+    assert [path.name for path in sorted(Path("runs/go2_backflip").iterdir())] == ["jump.json", "plan.json"]
 
 
 def test_an_older_plan_goes_with_what_was_made_of_it(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
     floatplan("jump", go2, "-o", "results", "--quiet")
-    Path("results/report.html").touch()
-    assert "report.html" in floatplan("jump", go2, "-o", "results").stderr
+    Path("results/report.html").write_text("of another jump")
+    assert "report.html" in floatplan("jump", go2, "-o", "results", "--no-report").stderr
     assert not Path("results/report.html").exists()
+
+
+def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
+    path = backflip().save(tmp_path / "jump.json")
+    run = floatplan("show", path)
+    assert (run.code, run.stdout.strip()) == (0, str(tmp_path / "report.html"))
+    assert floatplan("show", path, "--png", "--gif", "--speed", "9", "-o", "there").code == 0
+    assert {each.name for each in Path("there").iterdir()} == {"figures", "flight.gif"}
+    assert (Path("there") / "figures" / "moments.png").is_file()
+    problem = backflip().problem
+    nothing = Jump(problem, fp.JumpRequest(), explanation="Friction stands in the way.").save(tmp_path / "none.json")
+    plan = fp.load_jump(path).flight
+    assert plan is not None
+    for arguments, said in (
+        ((nothing,), "none.json: no jump found, so there is nothing to show"),
+        ((path, "--compare", plan.save(tmp_path / "plan.json")), "compare: a jump is not compared"),
+    ):
+        run = floatplan("show", *arguments, "-o", "nowhere")
+        assert run.code == 2
+        assert said in words(run.stderr)
+    path.write_text(path.read_text().replace("floatplan.jump/1", "floatplan.jump/9"))
+    assert floatplan("show", path).code == 2
 
 
 def test_not_found(floatplan: Command, go2: Path, found: list[fp.Problem], monkeypatch: pytest.MonkeyPatch) -> None:

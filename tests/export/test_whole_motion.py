@@ -232,7 +232,9 @@ def test_so_many_transforms_are_refused(coupled: fp.Plan, tmp_path: Path, monkey
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("form", "module"), [("mcap", "mcap.writer"), ("parquet", "pyarrow")])
+@pytest.mark.parametrize(
+    ("form", "module"), [("mcap", "mcap.writer"), ("mcap", "mcap_ros2._dynamic"), ("parquet", "pyarrow")]
+)
 def test_what_is_missing_is_named(
     coupled: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, module: str
 ) -> None:

@@ -22,7 +22,7 @@ PROBLEMS = (
 )
 GALLERY = tuple(sorted(path.stem for path in (ROOT / "problems" / "gallery").glob("*.toml")))
 FLYING = ("double_pendulum", "go2", "solo")  # robots of the gallery with plans and meshes, planned at once
-FORMATS = ("csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree")
+FORMATS = ("csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree", "unitree-sdk")
 PREFIX = "example-robot-data:"
 
 

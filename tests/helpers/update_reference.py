@@ -13,13 +13,14 @@ from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.prediction import LimitRows, Views
-from floatplan.kernel.constraints import ObstacleRows, PairRows, ShareRows
+from floatplan.kernel.constraints import ObstacleRows, PairRows
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
+from floatplan.problem.limits import Shares
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:
@@ -174,7 +175,7 @@ class Reference:
 
     def _values(self, rows: LimitRows) -> Array:
         block, times = rows.block, self.watched
-        if isinstance(block, ShareRows):
+        if isinstance(block, Shares):
             return np.asarray(1 - np.abs(self._sum(block.used)) - np.abs(self._sum(block.also)))
         if isinstance(block, ObstacleRows):
             pieces = [obstacle_distances(self.shapes, piece, times) for piece in block.obstacle.pieces]

@@ -12,6 +12,7 @@ import pytest
 from flown_plans import Drifting, forward_plan
 
 import floatplan as fp
+from floatplan.inflight.estimate import Measurement, Recovery
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -279,3 +280,21 @@ def test_hostile_calls_of_every_family(name: str) -> None:
             assert (positions <= high + 1e-9).all()
             robot.fly(replanner, following, 2)
         assert taken >= 3
+
+
+def lagging(time: float, rng: np.random.Generator) -> Measurement:
+    """A joint that is dragged 1.5 rad from its reference and back within 0.2 s; measured with a noise of 0.1 degree."""
+    w = 10 * np.pi
+    angles = np.array([0.0, 0.75 * (1 - np.cos(w * time))]) + math.radians(0.1) * rng.standard_normal(2)
+    rates = np.array([0.0, 0.75 * w * np.sin(w * time)]) + math.radians(1.0) * rng.standard_normal(2)
+    return Measurement(time, angles[0], rates[0], angles[1:], rates[1:])
+
+
+def test_a_joint_that_lags_behind_is_believed_and_outliers_are_not() -> None:
+    recovery, rng = Recovery(), np.random.default_rng(5)
+    recovery.believe(lagging(0.0, rng))
+    for number in range(1, 50):
+        measured = lagging(0.004 * number, rng)
+        outlier = number % 7 == 3
+        measured.positions = measured.positions + 0.3 * outlier
+        assert recovery.again(measured) != outlier

@@ -58,7 +58,7 @@ def test_an_address_is_numpy_s():
         ("Grid", {"nods": 8}, "'Grid' object has no attribute 'nods'"),
         ("Settings", {"spreads_of_starts": (0.1, 0.2)}, "Settings.spreads_of_starts has 2 entries of 6"),
         ("Grid", {"nodes": 41}, "Grid.nodes is 41: it must be a multiple of 8"),
-        ("Interpolation", {"nodes": 72}, "Interpolation.nodes is 72: it must be a multiple of 32"),
+        ("Interpolation", {"nodes": 76}, "Interpolation.nodes is 76: it must be a multiple of 8"),
     ],
 )
 def test_what_a_structure_does_not_hold_is_refused(name, values, message):

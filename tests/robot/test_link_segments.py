@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from proof_plans import draw_coefficients, make_plan
+from proof_records import certify_record
 from robot_samples import joint, robot_text
 
-from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.planar.clearance import shape_weights
 from floatplan.certificate.planar.inertia import kept_robot
 from floatplan.plans.plan import rebuild

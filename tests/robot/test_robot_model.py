@@ -27,6 +27,7 @@ from straight_axes import axes_turned_in_file
 import floatplan as fp
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.robot import Coupling, Robot
+from floatplan.robot import robot as robot_module
 
 NORMALS = {"xz": "y", "zx": "y", "yz": "x", "zy": "x", "xy": "z", "yx": "z"}
 
@@ -218,7 +219,7 @@ def test_file_is_recorded_as_read():
 
 
 def test_loading_builds_one_model_and_imports_no_geometry():
-    with patch.object(pin, "buildModelFromXML", wraps=pin.buildModelFromXML) as build:
+    with patch.object(robot_module, "build_model", wraps=robot_module.build_model) as build:
         Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
     assert build.call_count == 1
     code = (

@@ -94,7 +94,12 @@ SPOILED: dict[str, tuple[Spoil, str]] = {  # what is changed; the figure that sh
     ),
     "a flight that is none": (lambda content: content["flight"].update(ok=False), "the flight's plan does not hold"),
     "nothing that stands": (lambda content: content["stances"][1].update(contacts=[]), "must name what stands"),
-    "endless rates": (arrays(lambda v: 1e200 * v, "v", 1), "holds numbers beyond"),
+    "endless rates": (arrays(lambda v: 1e200 * v, "v", 1), "is larger than anything in a flight"),
+    "endless depths": (
+        contacts(lambda each: each.update(depth=1e200), *STANCES),
+        "is larger than anything in a flight",
+    ),
+    "a foot without a name": (contacts(lambda each: each.update(frames=[], places=[]), 1), "must name what stands"),
     "no number": (arrays(lambda y: np.nan * y, "y", 0), "is not finite"),
     "another side": (lambda content: content["stances"][1].update(side="flight"), "is damaged"),
 }

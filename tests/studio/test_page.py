@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from needed import skip_or_fail
+from studio_insides import logged_errors
 from studio_page import grip_places
 
 import floatplan as fp
@@ -20,7 +21,6 @@ from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio import edits
 from floatplan.studio.page import Studio, is_own_page
-from floatplan.studio.planning import Actions
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
@@ -32,9 +32,9 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
     pytest.importorskip("viser")
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     folder = str(tmp_path_factory.mktemp("saved"))
-    with closing(Studio(problem, folder=folder, port=0, with_map=False)) as made:
+    with logged_errors() as errors, closing(Studio(problem, folder=folder, port=0, with_map=False)) as made:
         yield made
-    assert made.errors == []
+    assert errors == []
 
 
 @pytest.fixture
@@ -162,7 +162,6 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
     assert fresh.session.view.problem.obstacles == ()
     fresh.stage.carry(0, 1 + 1j, begins=True)
     fresh.stage.carry(0, 2 + 1j, begins=False)
-    assert fresh.errors == []
 
 
 def test_sliders_follow_the_session(fresh: Studio) -> None:
@@ -219,7 +218,7 @@ def client(fresh: Studio) -> Iterator[Client]:
 @pytest.mark.parametrize("value", [math.nan, 1e300, -1e300, math.inf])
 def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, value: float) -> None:
     """As a page may send it, to every slider: a message, and nothing changes."""
-    before, errors = fresh.session.view.problem, len(fresh.errors)
+    before = fresh.session.view.problem
     for slider in [fresh.panel.time, *fresh.panel.inputs.sliders.values()]:
         fresh.session.refuse("")
         client.set(slider, value)
@@ -228,10 +227,11 @@ def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, v
         assert "np.float64" not in fresh.session.view.refusal
     assert fresh.session.view.problem is before
     frames = fresh.player.frames
-    fresh.player.play(True)
-    while fresh.player.frames < frames + 3:
-        assert len(fresh.errors) == errors
-    fresh.player.play(False)
+    with logged_errors() as errors:
+        fresh.player.play(True)
+        while fresh.player.frames < frames + 3:
+            assert errors == []
+        fresh.player.play(False)
     fresh.session.refuse("")
 
 
@@ -286,10 +286,11 @@ def test_the_player_goes_on_stops_and_seeks(fresh: Studio) -> None:
     fresh.player.seek(0.5 * plan.duration)
     fresh.painter.wait(PATIENCE)
     sent = fresh.player.frames
-    fresh.player.play(True)
-    while fresh.player.frames < sent + 10:
-        assert not fresh.player.errors
-    fresh.player.play(False)
+    with logged_errors() as errors:
+        fresh.player.play(True)
+        while fresh.player.frames < sent + 10:
+            assert errors == []
+        fresh.player.play(False)
 
 
 def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
@@ -300,24 +301,6 @@ def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
         met = in_plane(plane, eye, eye + 0.37 * (point - eye))
         assert met == pytest.approx(place)
     assert in_plane(plane, eye, eye + plane.horizontal) is None
-
-
-def test_of_many_moves_the_newest_is_made_and_errors_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    actions, seen = Actions("test"), []
-    try:
-        gate = [True]
-        actions.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
-        for step in range(100):
-            actions.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
-        actions.do("wrong", lambda: 1 / 0)
-        actions.do("after", lambda: seen.append(-1))
-        gate[0] = False
-        assert actions.wait(PATIENCE)
-    finally:
-        actions.close()
-    assert seen == [99, -1]
-    assert [type(error) for error in actions.errors] == [ZeroDivisionError]
-    assert "test: wrong" in caplog.text
 
 
 class Recorded:

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from studio_insides import process_ids
 
 import floatplan as fp
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
-from floatplan.studio.planning import LAST, StoppedError, Worker, packed, unpacked
+from floatplan.studio.planning import LAST, Actions, StoppedError, Worker, packed, unpacked
 from floatplan.studio.session import FILE_NAMES, Part, Saving, Session, View
 from floatplan.view.outlines import body_poses
 
@@ -113,7 +114,7 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session: Session) 
 
 def test_a_process_that_is_lost_is_told_and_begun_anew(session: Session) -> None:
     assert session.wait(settled, PATIENCE)
-    for number in session.process_ids:
+    for number in process_ids(session):
         os.kill(number, signal.SIGKILL)
     for change in range(3):
         session.set("goal.orientation", 0.4 + 0.1 * change)
@@ -129,7 +130,7 @@ def test_a_process_that_cannot_be_started_is_told(session: Session, monkeypatch:
 
     with monkeypatch.context() as patched:
         patched.setattr(Worker, "_started", refused)
-        os.kill(session.process_ids[0], signal.SIGKILL)
+        os.kill(process_ids(session)[0], signal.SIGKILL)
         for change in range(3):
             session.set("goal.orientation", 0.4 + 0.1 * change)
             session.wait(settled, PATIENCE)
@@ -256,7 +257,7 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
 
 def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
     assert session.wait(lambda view: view.answer is not None and view.answer.settled, PATIENCE)
-    quick, thorough = (os.getpriority(os.PRIO_PROCESS, number) for number in session.process_ids)
+    quick, thorough = (os.getpriority(os.PRIO_PROCESS, number) for number in process_ids(session))
     assert quick == os.getpriority(os.PRIO_PROCESS, 0)
     assert thorough == min(quick + LAST, 19)
 
@@ -343,3 +344,23 @@ def test_bodies_are_where_the_plan_has_them(problem: fp.Problem) -> None:
     assert np.allclose(poses.places[:, 0], base, atol=1e-12)
     centers = poses.places + tree.rotations(poses.angles) * tree.center
     assert np.allclose(centers @ tree.mass / tree.mass.sum(), com, atol=1e-12)
+
+
+def test_of_many_moves_the_newest_is_made_and_errors_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    actions, seen = Actions("test"), []
+    try:
+        gate = [True]
+        actions.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
+        for step in range(100):
+            actions.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
+        actions.do("wrong", lambda: 1 / 0)
+        actions.do("after", lambda: seen.append(-1))
+        gate[0] = False
+        assert actions.wait(PATIENCE)
+    finally:
+        actions.close()
+    assert seen == [99, -1]
+    (record,) = caplog.records
+    assert record.getMessage() == "test: wrong"
+    assert record.exc_info is not None
+    assert record.exc_info[0] is ZeroDivisionError

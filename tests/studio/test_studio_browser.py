@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from browser import Browser
 from needed import skip_or_fail
+from studio_insides import logged_errors
 from studio_page import Page
 
 import floatplan as fp
@@ -24,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
     folder = tmp_path / "made"
     problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
-    with closing(Studio(problem, folder=str(folder), port=0, with_map=False)) as studio:
+    with logged_errors() as errors, closing(Studio(problem, folder=str(folder), port=0, with_map=False)) as studio:
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
         assert studio.session.view.problem is problem, "showing a problem does not change it"
@@ -61,7 +62,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
             page.click(button)
             page.wait(lambda file=file: file in page.text("floatplan-saved"))
         assert page.complaints() == []
-        assert studio.errors == []
+        assert errors == []
     assert floatplan("plan", folder / "problem.toml", "-o", "again", "--no-figures", "--quiet").code == 0
     made = json.loads((folder / "plan.json").read_text())
     again = json.loads(Path("again/plan.json").read_text())
@@ -74,7 +75,7 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     problem = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml")
-    with closing(Studio(problem, port=0, with_map=False)) as studio:
+    with logged_errors() as errors, closing(Studio(problem, port=0, with_map=False)) as studio:
         studio.player.play(False)  # software draws it slowly
         page = Page(browser, studio)
         print(page.figures("FL_calf_joint, °", 4))
@@ -83,4 +84,4 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
         assert view.answer is not None
         assert view.answer.plan.ok
         assert page.complaints() == []
-        assert studio.errors == []
+        assert errors == []

@@ -68,13 +68,7 @@ class Dynamics:
         self._weigh(tree.coupling, np.array(tree.inertia), self._distinct)
 
     def _weigh(self, coupling: ComplexArray, inertia: Array, distinct: TurningBodies) -> None:
-        self._coupling, self._coupling_transposed, self._inertia = coupling, coupling.T.copy(), inertia
-        self._distinct = distinct
-
-    @property
-    def masses(self) -> tuple[ComplexArray, Array]:
-        """C (m, m) and inertias (m,), kg m^2, of the bodies."""
-        return self._coupling, self._inertia
+        self._coupling_transposed, self._inertia, self._distinct = coupling.T.copy(), inertia, distinct
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> Dynamics:
         """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""

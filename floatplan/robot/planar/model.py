@@ -1,4 +1,4 @@
-"""The Pinocchio model: the URDF's links and joints on a planar free-flyer root, written anew from what was checked.
+"""The Pinocchio model: the URDF's links and joints on a planar free-flyer root, built from what was checked.
 
 The root is three joints of one coordinate each (along the plane's horizontal, along its vertical, about its normal), so
 that nq = nv and every angle is one unbounded number. ``JointModelPlanar`` carries (cos, sin), and
@@ -7,10 +7,9 @@ that nq = nv and every angle is one unbounded number. ``JointModelPlanar`` carri
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from random import Random  # NumPy's takes longer to import than all postures to draw
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -18,77 +17,63 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import Choice
-from floatplan.robot.urdf.tree import Origin, UrdfTree
+from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] stands in Pinocchio for a limit that is not given
+UNLIMITED = (UNBOUNDED, UNBOUNDED, -UNBOUNDED, UNBOUNDED)  # of effort, of velocity, lower, upper
 POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
 LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
 
 
 def build_model(tree: UrdfTree, choice: Choice) -> Any:
-    """Return the ``pinocchio.Model`` of the robot, free to fly in the plane, without gravity."""
-    robot = Element("robot", name="robot")
-    chain = [*(_unused(f"base_{place}", tree) for place in ("world", "column", "carriage")), tree.root]
-    for name in chain[:-1]:
-        SubElement(robot, "link", name=name)
-    plane = choice.plane
-    steps = (("prismatic", plane.horizontal), ("prismatic", plane.vertical), ("revolute", plane.normal))
-    names = ("base_horizontal", "base_vertical", "base_orientation")
-    for number, (name, (kind, axis)) in enumerate(zip(names, steps, strict=True)):
-        _add_joint(robot, _unused(name, tree), kind, (chain[number], chain[number + 1]), axis)
-    for link in tree.links.values():
-        element = SubElement(robot, "link", name=link.name)
-        if link.inertial is not None:
-            inertial = SubElement(element, "inertial")
-            _add_origin(inertial, link.inertial.origin)
-            SubElement(inertial, "mass", value=repr(link.inertial.mass))
-            (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertial.inertia.tolist()
-            moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
-            SubElement(inertial, "inertia", {key: repr(moment) for key, moment in moments.items()})
-    for joint in tree.joints:
-        limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
-        kind = "revolute" if joint.type == "continuous" else joint.type
-        _add_origin(_add_joint(robot, joint.name, kind, (joint.parent, joint.child), joint.axis, limits), joint.origin)
-    model = pin.buildModelFromXML(tostring(robot, encoding="unicode"))
-    model.gravity = pin.Motion.Zero()
-    model.name = tree.name
-    for joint in tree.joints:
-        if joint.armature:  # Pinocchio adds it to the diagonal of the mass matrix: in RNEA, ABA and CRBA
-            model.armature[model.joints[model.getJointId(joint.name)].idx_v] = joint.armature
+    """Return the ``pinocchio.Model`` of the robot, free to fly in the plane, without gravity.
+
+    It has the frames of the file's links and joints.
+    """
+    model, plane, joint = pin.Model(), choice.plane, 0
+    model.name, model.gravity = tree.name, pin.Motion.Zero()
+    for name, turns, axis in (
+        ("base_horizontal", False, plane.horizontal),
+        ("base_vertical", False, plane.vertical),
+        ("base_orientation", True, plane.normal),
+    ):
+        while name in tree.links or name in tree.joint:
+            name += "_"
+        joint = model.addJoint(joint, _joint(turns, axis), pin.SE3.Identity(), name, *np.array(UNLIMITED)[:, None])
+        model.addJointFrame(joint)
+    links = {tree.root: _add_link(model, tree.links[tree.root], joint, model.nframes - 1, pin.SE3.Identity())}
+    for each in tree.joints:
+        parent = model.frames[links[each.parent]]
+        joint, placement = parent.parentJoint, parent.placement * each.origin.placement
+        if each.moves:
+            limits = np.clip([[each.effort], [each.velocity], [each.lower], [each.upper]], -UNBOUNDED, UNBOUNDED)
+            joint = model.addJoint(joint, _joint(each.turns, each.axis), placement, each.name, *limits)
+            frame, placement = model.addJointFrame(joint, links[each.parent]), pin.SE3.Identity()
+            model.armature[model.idx_vs[joint]] = each.armature or 0.0  # on the mass matrix: in RNEA, ABA and CRBA
+        else:
+            fixed = pin.Frame(each.name, joint, links[each.parent], placement, pin.FrameType.FIXED_JOINT)
+            frame = model.addFrame(fixed)
+        links[each.child] = _add_link(model, tree.links[each.child], joint, frame, placement)
     return model
 
 
-def _unused(name: str, tree: UrdfTree) -> str:
-    while name in tree.links or name in tree.joint:
-        name += "_"
-    return name
+def _joint(turns: bool, axis: Array) -> Any:
+    """Pinocchio's joint about or along an axis (3,): those along a letter are quicker."""
+    letter = next((letter for letter, unit in zip("XYZ", np.eye(3), strict=True) if (axis == unit).all()), None)
+    if letter is not None:
+        return getattr(pin, f"JointModel{'R' if turns else 'P'}{letter}")()
+    return (pin.JointModelRevoluteUnaligned if turns else pin.JointModelPrismaticUnaligned)(np.array(axis))
 
 
-def _add_joint(
-    robot: Element,
-    name: str,
-    kind: str,
-    ends: tuple[str, str],
-    axis: Array,
-    limits: Sequence[float] = (-np.inf, np.inf, np.inf, np.inf),
-) -> Element:
-    """Add a joint between two links; ``limits`` are lower and upper, of velocity and of effort."""
-    joint = SubElement(robot, "joint", name=name, type=kind)
-    for tag, link in zip(("parent", "child"), ends, strict=True):
-        SubElement(joint, tag, link=link)
-    SubElement(joint, "axis", xyz=_numbers(axis))
-    finite = (repr(min(max(limit, -UNBOUNDED), UNBOUNDED)) for limit in limits)
-    SubElement(joint, "limit", dict(zip(("lower", "upper", "velocity", "effort"), finite, strict=True)))
-    return joint
-
-
-def _add_origin(element: Element, origin: Origin) -> None:
-    SubElement(element, "origin", xyz=_numbers(origin.xyz), rpy=_numbers(origin.rpy))
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
+def _add_link(model: Any, link: UrdfLink, joint: int, above: int, placement: Any) -> int:
+    """Add a link with its inertia below a frame, placed in a joint's; return its own frame."""
+    inertia = pin.Inertia.Zero()
+    if link.inertial is not None:
+        origin = link.inertial.origin.placement
+        inertia.mass, inertia.lever = link.inertial.mass, origin.translation
+        inertia.inertia = origin.rotation @ link.inertial.inertia @ origin.rotation.T
+    return int(model.addFrame(pin.Frame(link.name, joint, above, placement, pin.FrameType.BODY, inertia)))
 
 
 def coordinates(model: Any, choice: Choice) -> tuple[Array, Array, Array]:

@@ -23,6 +23,8 @@ from floatplan.robot.planar.plane import Plane
 from floatplan.robot.urdf.tree import UrdfTree
 
 _Number = TypeVar("_Number", bound=np.generic)
+DRAWN = 3  # [-] postures, in which bodies that are in one place always are
+SAME = 1e-9  # [m] points that are nowhere farther apart are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +117,17 @@ class PlanarTree:
         known: dict[tuple[float, ...], int] = {}
         group = [known.setdefault(row, len(known)) for row in map(tuple, (self.turns + 0.0).tolist())]
         return np.array(list(known)).reshape(len(known), -1), np.array(group)
+
+    @cached_property
+    def coincident(self) -> IntArray:
+        """Of each body the first (m,) that always is where it is, turned as it is: of legs coupled left to right."""
+        count, rng = len(self.mass), np.random.default_rng(0)
+        postures = rng.uniform(-1.0, 1.0, (DRAWN, self.turns.shape[1]))
+        rotations = self.rotations(self.absolute_angles(np.zeros(DRAWN), postures))
+        weights = self.point_weights(np.repeat(np.arange(count), 2), np.tile(np.array([0j, 1 + 0j]), count))
+        where = (rotations @ weights.T).reshape(DRAWN, count, 2)
+        apart = abs(where[:, :, None] - where[:, None, :]).max(axis=(0, 3))
+        return np.asarray(np.argmax(apart <= SAME, axis=1))
 
     def _weights_from_base(self, body: IntArray, local: ComplexArray) -> ComplexArray:
         origins = np.zeros((len(self.mass), len(self.mass)), dtype=np.complex128)

@@ -22,15 +22,13 @@ import numpy as np
 from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
 from floatplan.files import read_text, write_atomically
-from floatplan.robot.planar.tree import PlanarTree, TreeLayout
+from floatplan.robot.planar.tree import SAME, PlanarTree, TreeLayout
 from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, capsules_of, fit, is_fit, with_fewer_corners
 from floatplan.robot.shapes.meshes import Mesh, find_mesh, load_mesh, mesh_digest
 from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_collision
 from floatplan.robot.urdf.tree import UrdfTree
 
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
-POSTURES = 3  # [-] in which bodies that are in one place always are
-SAME = 1e-9  # [m] points that are nowhere farther apart are one
 CACHE_VERSION = 4  # [-] of the fit: raised with a change of its results, so that older entries are not used
 LARGEST_ENTRY = 10_000  # [bytes] of a file of the cache
 
@@ -146,7 +144,7 @@ def moving_hulls(
     apart : links that keep all of these
     bodies : those taken exactly; others reach up to a millimetre farther
     """
-    place = _first_of_place(tree)
+    place = tree.coincident.tolist()
     exact = {place[body] for body in bodies}
     own = [each for link in apart for each in hulls[link]]
     kept: dict[tuple[int, float], list[LinkCapsule]] = {}
@@ -256,14 +254,3 @@ def _segments(layout: TreeLayout, link: str) -> list[LinkCapsule]:
     if not segments and layout.tree.links[link].inertial is not None:
         return [LinkCapsule(link, body, start, start, 0.0)]
     return segments
-
-
-def _first_of_place(tree: PlanarTree) -> list[int]:
-    """Of each body the first that always is where it is, turned as it is: legs that are coupled left to right."""
-    count = len(tree.mass)
-    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, tree.turns.shape[1]))
-    rotations = tree.rotations(tree.absolute_angles(np.zeros(POSTURES), postures))
-    weights = tree.point_weights(np.repeat(np.arange(count), 2), np.tile(np.array([0j, 1 + 0j]), count))
-    where = (rotations @ weights.T).reshape(POSTURES, count, 2)
-    apart = abs(where[:, :, None] - where[:, None, :]).max(axis=(0, 3))
-    return [int(first) for first in np.argmax(apart <= SAME, axis=1)]

@@ -17,8 +17,16 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
-from floatplan.plans.plan import Plan
-from floatplan.view.figures.snapshots import FLATTEST, TALLEST, draw_ground, draw_obstacle, draw_posture, frame_box
+from floatplan.view.figures.snapshots import (
+    FLATTEST,
+    TALLEST,
+    draw_forces,
+    draw_ground,
+    draw_obstacle,
+    draw_posture,
+    frame_box,
+)
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
 
@@ -32,21 +40,21 @@ COLOURS = 64  # [-] of a GIF
 
 
 def animate(
-    plan: Plan,
+    plan: Shown,
     path: str | Path = "flight.gif",
     *,
     speed: float = SPEED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a film of a flight, whole or not at all.
+    """Write a film of a flight or jump, whole or not at all.
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan or JumpView
     path : path
         Ends in ``.gif`` or ``.mp4``.
     speed : float
-        Of the film against the flight: 0.5 is slow motion.
+        Of the film against the motion: 0.5 is slow motion.
     progress : callable, optional
         Told how many pictures are drawn, and of how many.
 
@@ -68,10 +76,13 @@ def animate(
     if path.suffix == ".mp4" and ffmpeg is None:
         raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
     drawn = pictures(plan, speed, progress)
-    return write_atomically(path, _gif(drawn) if path.suffix == ".gif" else _mp4(str(ffmpeg), drawn))
+    told = 0 if isinstance(plan, JumpView) else len(drawn) // 2  # where it stands, forces are drawn
+    return write_atomically(path, _gif(drawn, told) if path.suffix == ".gif" else _mp4(str(ffmpeg), drawn))
 
 
-def pictures(plan: Plan, speed: float = SPEED, progress: Callable[[int, int], None] | None = None) -> list[Image.Image]:
+def pictures(
+    plan: Shown, speed: float = SPEED, progress: Callable[[int, int], None] | None = None
+) -> list[Image.Image]:
     """Draw the film's pictures; what stays is drawn once."""
     count = max(2, round(plan.duration / speed * FRAME_RATE) + 1)
     times = np.linspace(0.0, plan.duration, count)
@@ -88,7 +99,7 @@ def pictures(plan: Plan, speed: float = SPEED, progress: Callable[[int, int], No
         return drawn
 
 
-def _stage(plan: Plan) -> tuple[Figure, Axes]:
+def _stage(plan: Shown) -> tuple[Figure, Axes]:
     """Return a figure with ground, standing obstacles and path."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     shape = min(max((high - low).imag / (high - low).real, FLATTEST), TALLEST)
@@ -107,13 +118,15 @@ def _stage(plan: Plan) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _picture(figure: Figure, axes: Axes, plan: Plan, time: float) -> Image.Image:
+def _picture(figure: Figure, axes: Axes, plan: Shown, time: float) -> Image.Image:
     before = set(axes.get_children())
     for obstacle in plan.problem.obstacles:
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
             draw_obstacle(axes, obstacle, np.array([time]))
     draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
+    if isinstance(plan, JumpView):
+        draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
     axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
     added = [artist for artist in axes.get_children() if artist not in before]
     for artist in sorted(added, key=lambda artist: artist.get_zorder()):
@@ -122,10 +135,9 @@ def _picture(figure: Figure, axes: Axes, plan: Plan, time: float) -> Image.Image
     return Image.fromarray(np.array(figure.canvas.buffer_rgba())).convert("RGB")  # type: ignore[attr-defined]
 
 
-def _gif(frames: list[Image.Image]) -> bytes:
-    """All pictures have the palette of the middle one, so that their colours do not flicker."""
-    middle = frames[len(frames) // 2]
-    palette = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
+def _gif(frames: list[Image.Image], told: int) -> bytes:
+    """All pictures have the palette of one, so that their colours do not flicker."""
+    palette = frames[told].quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     pause = round(1000 / FRAME_RATE)
     stream = io.BytesIO()

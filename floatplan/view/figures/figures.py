@@ -6,6 +6,7 @@ A chart of few curves is one picture; of many, small ones, each with its own lim
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, is_crowded
-from floatplan.view.figures.snapshots import comparison, kinogram, plan_names, snapshots
+from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, is_crowded, largest
+from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
 
 SAMPLES = 241  # [-] of a curve
@@ -30,6 +33,8 @@ ROW_HEIGHT = 0.72  # [in] of them
 FRAME_HEIGHT = 0.62  # [in] of their time axis and legend
 SMALL = 5.6  # [pt]
 THINNER = 0.8  # [-] their lines and marks
+FLYING: dict[str, Any] = {"color": "#f0f0f0", "linewidth": 0}
+BAND = 6.0  # [pt] of what is there or not
 LONGEST_NAME = 18  # [letters] of a title
 OTHER = 0.75  # [-] strength of a second plan's colours
 DASHED: dict[str, Any] = {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0}
@@ -48,12 +53,12 @@ GOAL: dict[str, Any] = {**START, "markersize": 4.4, "markerfacecolor": "white"}
 Marks = dict[str, Any]  # a legend's entries: name -> handle
 
 
-def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
-    """Draw a plan's figures.
+def figures(plan: Shown, *, compare: Plan | None = None) -> dict[str, Figure]:
+    """Draw the figures of a plan, or of a jump.
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan or JumpView
     compare : Plan, optional
         A second plan for the same joints, such as one made without the obstacle; its curves are dashed.
 
@@ -64,7 +69,8 @@ def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
         "configuration" (degrees), "rates" (rad/s), what else of the joints' motion the problem limits, such as
         "accelerations", "torques" (N m), "momentum" (what base and joints have of h, and the interval (9), kg m^2/s),
         "inertia" (D of (4), kg m^2), with obstacles "clearance" (m); with ``compare`` "comparison" (both plans'
-        robots, m).
+        robots, m). Of a jump: "moments" (a strip of six, with forces); over time "forces" (N), "friction",
+        "torque_use", "curve_use", "held_use", "rate_use" (shares of limits, %), "com_height" (m), "configuration".
 
     Raises
     ------
@@ -76,7 +82,7 @@ def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
 
 
 def save_figures(
-    plan: Plan, directory: str | Path, *, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
+    plan: Shown, directory: str | Path, *, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
 ) -> list[Path]:
     """Write each figure of :func:`figures` into a directory as ``<name>.<format>``, each whole or not at all.
 
@@ -102,21 +108,26 @@ def save_figures(
         ]
 
 
-def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
+def _drawn(plan: Shown, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
+    if compare is not None and isinstance(plan, JumpView):
+        raise InputError("a jump is not compared", element="compare", advice="compare plans, such as its flight's")
     if compare is not None and compare.robot.joints != plan.robot.joints:
         joints = ", ".join(compare.robot.joints)
         reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
     sampled, other = sample(plan), None if compare is None else sample(compare, plan)
-    yield "snapshots", snapshots(plan)
-    yield "kinogram", kinogram(plan)
+    if isinstance(plan, JumpView):
+        yield "moments", moments(plan)
+    else:
+        yield "snapshots", snapshots(plan)
+        yield "kinogram", kinogram(plan)
     for chart in charts(sampled, other):
         yield chart.name, chart_figure(chart, sampled, other)
-    if compare is not None:
+    if isinstance(plan, Plan) and compare is not None:
         yield "comparison", comparison(plan, compare)
 
 
-def sample(plan: Plan, beside: Plan | None = None) -> SampledPlan:
+def sample(plan: Shown, beside: Shown | None = None) -> SampledPlan:
     """Sample a plan at the instants of the curves, as :meth:`SampledPlan.of`."""
     return SampledPlan.of(plan, np.linspace(0, plan.duration, SAMPLES), beside)
 
@@ -136,7 +147,7 @@ def chart_figure(chart: Chart, sampled: SampledPlan, other: SampledPlan | None =
         marks |= draw_panel(axes, chart, panel, sampled, other)
         for curve in panel.curves:
             known = [each.columns[curve.key] for each in _both(sampled, other) if curve.key in each.columns]
-            if chart.factor * min(map(np.min, known)) <= axes.get_ylim()[1]:
+            if chart.factor * min(map(np.fmin.reduce, known)) <= axes.get_ylim()[1]:
                 entries.append((Line2D([], [], color=curve.colour, linestyle=curve.linestyle), curve.name))
     figure.align_ylabels()
     legend_above(figure, [*entries, *((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)])
@@ -152,7 +163,7 @@ def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | No
     for axes, curve in zip(grid.T.ravel(), chart.curves, strict=False):
         name = curve.name if len(curve.name) <= LONGEST_NAME else f"{curve.name[: LONGEST_NAME - 1]}…"
         axes.set_title(name, fontsize=SMALL + 0.6, loc="left", pad=2, color=INK)
-        marks |= draw_panel(axes, chart, Panel("", [curve]), sampled, other, THINNER)
+        marks |= draw_panel(axes, chart, replace(chart.panels[0], label="", curves=[curve]), sampled, other, THINNER)
         axes.yaxis.set_major_locator(MaxNLocator(3))
         axes.tick_params(labelsize=SMALL)
     for axes in grid.T.ravel()[len(chart.curves) :]:
@@ -171,27 +182,26 @@ def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | No
 
 
 def draw_panel(
-    axes: Axes,
-    chart: Chart,
-    panel: Panel,
-    sampled: SampledPlan,
-    other: SampledPlan | None = None,
-    thinner: float = 1.0,
+    axes: Axes, chart: Chart, panel: Panel, sampled: SampledPlan, other: SampledPlan | None = None, thinner: float = 1.0
 ) -> Marks:
     """Draw the curves of a panel onto axes with all that belongs to them; return the legend's entries for that."""
 
     def scaled(style: dict[str, Any]) -> dict[str, Any]:
         return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
 
-    peak = 0.0
+    peak, width = 0.0, 1.3 if chart.unit else BAND
+    marks: Marks = {}
+    if isinstance(sampled.plan, JumpView):
+        axes.axvspan(*sampled.plan.flown, zorder=0.3, **FLYING)
+        marks["in flight"] = Patch(**FLYING)
     for each in _both(sampled, other):
         for curve in panel.curves:
             if curve.key in each.columns:
                 values = chart.factor * each.columns[curve.key]
-                style = DASHED if each is other else {"linestyle": curve.linestyle, "linewidth": 1.3}
+                style = DASHED if each is other else {"linestyle": curve.linestyle, "linewidth": width}
                 colour = faded(curve.colour, OTHER if each is other else 1.0)
                 axes.plot(each.times, values, color=colour, **scaled(style))
-                peak = max(peak, float(np.abs(values).max()))
+                peak = max(peak, largest(values))
     if panel.label:
         axes.set_ylabel(f"{panel.label} ({chart.unit})")
     if panel.range is not None:
@@ -199,16 +209,17 @@ def draw_panel(
         axes.axhspan(panel.range[0], 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
     elif chart.name == "configuration":
         axes.yaxis.set_major_locator(_angle_ticks(axes))
+    elif not chart.unit:
+        axes.set_yticks([])
     else:
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
-    marks: Marks = {}
-    drawn, left = panel.lines(peak)
+    drawn, left = panel.lines(peak / chart.factor)
     for line in drawn:
         style = scaled(LIMIT) | {"color": line.colour if line.part is None or len(panel.curves) > 1 else INK}
         if np.ndim(line.value):
-            axes.plot(sampled.times, np.broadcast_to(line.value, sampled.times.shape), **style)
+            axes.plot(sampled.times, chart.factor * np.broadcast_to(line.value, sampled.times.shape), **style)
         else:
-            axes.axhline(float(line.value), **style)
+            axes.axhline(chart.factor * float(line.value), **style)
         marks[line.name] = Line2D([], [], **style | {"color": line.colour if line.part is None else INK})
     if panel.interval is not None:
         low, high = panel.interval
@@ -222,9 +233,8 @@ def draw_panel(
         if curve.proved < np.inf if panel.range is None else curve.proved <= panel.range[1]:
             for side in (1, -1) if panel.range is None else (1,):
                 axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(PROVED))
-            marks["proved peak" if panel.range is None else "proved minimum"] = Line2D(
-                [], [], color=INK, **scaled(PROVED)
-            )
+            name = "proved peak" if panel.range is None else "proved minimum"
+            marks[name] = Line2D([], [], color=INK, **scaled(PROVED))
         if curve.ends is not None:  # a dot where it starts and a ring where it should end
             start, goal = chart.factor * np.array(curve.ends)
             axes.plot(0, start, color=curve.colour, **scaled(START))

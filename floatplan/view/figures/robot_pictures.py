@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Polygon
 
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
-from floatplan.motion.planar.reachable import Reachable
+from floatplan.motion.flight import Reachable
 from floatplan.robot.robot import Robot
 from floatplan.view.figures.snapshots import spatial_figure
 from floatplan.view.outlines import body_poses, box_around, pairs, stadium
@@ -67,7 +67,7 @@ def shapes_picture(robot: Robot) -> Figure:
 
 
 def reachable_picture(sets: dict[str, Reachable]) -> Figure:
-    """Draw the polygon of (h, vertical velocity) at each end, at the asked horizontal velocity; a dot is the asked.
+    """Draw the polygon of (h, vertical velocity) at each end, at the desired horizontal velocity; a dot is desired.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def reachable_picture(sets: dict[str, Reachable]) -> Figure:
         axes.plot(momentum, height, "o", color=colour, markeredgecolor=INK, markersize=5)
         patch = Patch(facecolor=colour, alpha=FILL, edgecolor=colour)
         entries.append((patch, f"{end}, at {speed:.3g} m/s horizontally"))
-    entries.append((Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=INK), "asked"))
+    entries.append((Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=INK), "desired"))
     axes.margins(REACHABLE_PAD)
     axes.set(xlabel="angular momentum (kg m²/s)", ylabel="vertical velocity (m/s)")
     legend_above(figure, entries)

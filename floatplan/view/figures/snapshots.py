@@ -1,4 +1,4 @@
-"""Pictures of the moving robot: along the path of its centre of mass, side by side, and against another plan.
+"""Pictures of the moving robot: along the path of its centre of mass, side by side, and against another plan; jumps.
 
 Side by side is the kinogram, read like text, for flights that stay in one place or turn over and over.
 """
@@ -16,11 +16,13 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, ComplexArray
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import (
     Postures,
     box_around,
@@ -35,7 +37,7 @@ from floatplan.view.outlines import (
     snapshot_times,
     stadium,
 )
-from floatplan.view.style import COLUMN, GREY, INK, faded, legend_above, new_figure, palette, round_below
+from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, round_below
 
 SOLID = "#9a9a9a"  # of obstacles
 PALEST = 0.30  # [-] strength of the first snapshot's colours
@@ -52,6 +54,13 @@ GAP = 0.07  # [in] between neighbours
 CAPTION = 0.19  # [in] for the line of text under a row
 RULE = 0.16  # [in] for the scale under the last row
 DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": INK, "markeredgecolor": "white", "mew": 0.4}
+
+WIDTH = 2 * COLUMN + 0.3  # [in] both columns of a paper
+APART, BESIDE = 0.12, 0.06  # [-] room between moments and around them, in widths of the widest
+TIMES, LEGEND = 0.22, 0.25  # [in] for times under the ground, and for names above
+SHORTEST = 0.01  # [m] of an arrow
+ARROW = {"arrowstyle": "-|>,head_width=0.13,head_length=0.28", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
+RING = withStroke(linewidth=2.8, foreground="white")
 
 
 def snapshots(plan: Plan) -> Figure:
@@ -176,7 +185,7 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
     legend_above(figure, [*entries, (Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal")])
 
 
-def plan_names(plan: Plan, compare: Plan) -> tuple[str, str]:
+def plan_names(plan: Shown, compare: Shown) -> tuple[str, str]:
     """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
     many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
     if (many > 0) != (few > 0):
@@ -279,3 +288,41 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
     for end in (left, left + length):
         axes.plot([end, end], [height - tick, height + tick], color=INK, linewidth=0.8)
     axes.text(left + length + 2 * tick, height, f"{length:g} m", ha="left", va="center", size=6.5)
+
+
+def moments(view: JumpView, flying: int = 2, title: str = "") -> Figure:
+    """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
+    placed = postures(view, view.moments(flying))
+    left, right = (np.real(corner - placed.com) for corner in (placed.low, placed.high))
+    widest, ground = float(np.max(right - left)), float(placed.low.imag.min())
+    centres = np.cumsum(np.append(BESIDE * widest - left[0], right[:-1] - left[1:] + APART * widest))
+    shifts = np.asarray(centres - placed.com.real, np.complex128)
+    width = float((centres + right).max()) + BESIDE * widest
+    low = 1j * (ground - TIMES * width / WIDTH)
+    high = complex(width, float(placed.high.imag.max()) + BESIDE * widest)
+    figure = new_figure(WIDTH, LEGEND + WIDTH * (high - low).imag / width)
+    axes = figure.add_subplot()
+    frame_box(axes, low, high)
+    axes.set_axis_off()
+    axes.set_title(title, loc="left")
+    axes.axhspan(low.imag, ground, color=PALE, alpha=0.5, linewidth=0, zorder=0)
+    axes.axhline(ground, color=INK, linewidth=0.9, zorder=1)
+    for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
+        draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(("white", 1.0),), shift=shifts[index])
+        axes.text(centre, low.imag, f"{time:.2f} s", ha="center", va="bottom", size=6.5)
+    draw_forces(axes, view, placed.times, shifts)
+    entries: list[tuple[Any, str]] = [(Patch(color=colour), f"on {name}") for name, colour in view.colours.items()]
+    legend_above(figure, [*entries, (Patch(alpha=0.0), view.scale)])
+    return figure
+
+
+def draw_forces(axes: Axes, view: JumpView, times: Array, shifts: ComplexArray) -> None:
+    """Draw the forces on what stands at times (K,), s, and their friction cones, moved by shifts (K,), m."""
+    feet, pushes = view.feet(times) + shifts[:, None], view.metres_per_newton * view.forces(times)
+    for index, colour in enumerate(view.colours.values()):
+        for foot, push in zip(feet[:, index], pushes[:, index], strict=True):
+            if np.isfinite(push):
+                axes.fill(*pairs(foot + view.cone).T, color=colour, alpha=0.2, linewidth=0, zorder=3.5)
+            if abs(push) > SHORTEST:
+                look = {**ARROW, "color": colour, "path_effects": [RING]}
+                axes.annotate("", (*pairs(foot + push),), (*pairs(foot),), arrowprops=look, zorder=6)

@@ -17,13 +17,16 @@ from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, utilisation_table
+from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.view.charts import Chart, ReferenceLine, SampledPlan
+from floatplan.stance.check import judged
+from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, largest
+from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import (
     box_around,
+    com_path,
     drawn_part,
     drawn_radius,
     ground_lines,
@@ -38,6 +41,8 @@ from floatplan.view.style import OBSTACLES, TRAILS, palette
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
 SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
+PHASES = ("phase", "s", "from", "to", "on the ground")  # titles of tables
+STANCES = ("stances", "limit")
 BOX_PAD = 0.02  # [-] room around what is drawn
 
 
@@ -45,7 +50,7 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
     plan, final = sampled.plan, sampled.plan.problem.final
     placed = postures(plan, snapshot_times(plan))
-    com = plan.ballistics.positions(np.array([plan.duration]))[0]
+    com = pairs(com_path(plan, np.array([plan.duration])))[0]
     box = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     return {
         "duration": plan.duration,
@@ -74,7 +79,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     lines: list[ReferenceLine] = []
     beyond: list[str] = []
     for panel in chart.panels:
-        drawn, left = panel.lines(max(float(np.abs(sampled.columns[curve.key]).max()) for curve in panel.curves))
+        drawn, left = panel.lines(max(largest(sampled.columns[curve.key]) for curve in panel.curves))
         lines += drawn
         if left and panel.interval is not None:
             beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
@@ -185,8 +190,6 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
     ``stances`` is what is said of those before and after the flight, if anything.
     """
     certificate = plan.certificate
-    proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
-    findings = ((), []) if certificate is None else certificate.table()
     tables: list[dict[str, Any]] = [
         {"title": "Problem", "rows": plan.problem.rows()},
         {
@@ -195,20 +198,23 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
             "tone": "good" if plan.ok else "bad",
             "note": plan.explanation,
         },
-        {
-            "title": "Proved",
-            "rows": [*proof, _replayed(plan.record.replay)],
-            "tone": "open" if certificate is None else TONES[certificate.verdict],
-            "findings": findings,
-        },
+        {"title": "Proved", **proved(plan), "findings": certificate.table() if certificate else ((), [])},
         {"title": "Use of limits", "rows": [], "motors": utilisation_table(plan.utilisation)},
     ]
-    if plan.warnings:
-        warned = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
-        tables.append({"title": "Warnings", "rows": warned, "tone": "open"})
-    for table in tables:
-        table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
-    return tables
+    return [*tables, *warned(plan)]
+
+
+def proved(plan: Plan) -> dict[str, Any]:
+    """Return the table of what was proved of a plan."""
+    proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
+    tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
+    return {"rows": [*proof, _replayed(plan.record.replay)], "tone": tone}
+
+
+def warned(plan: Plan) -> list[dict[str, Any]]:
+    """Return the table of a plan's warnings, if there are any."""
+    rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+    return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
 
 
 def _replayed(replay: Mapping[str, Any] | None) -> Row:
@@ -217,3 +223,63 @@ def _replayed(replay: Mapping[str, Any] | None) -> Row:
     landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
     error = short(replay.get("orientation_error"))
     return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
+
+
+def phase_lines(view: JumpView) -> list[list[str]]:
+    """Cells of a jump's phases, under ``PHASES``."""
+    lines, rolls = [], ", rolling" if view.jump.request.feet == "rolling" else ""
+    for phase in view.jump.phases:
+        times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
+        lines.append([phase.kind, *times, f"{', '.join(phase.contacts)}{rolls}" if phase.contacts else "nothing"])
+    return lines
+
+
+def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
+    """Cells of what a jump's check found, under ``STANCES``: what does not hold, and what does."""
+    told = {name: value for name, value in view.check.figures.items() if name != "torque_speed" or value > 0}
+    broken, held = judged(view.jump.request, told)
+    return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
+
+
+def jump_sections(view: JumpView) -> list[dict[str, Any]]:
+    """Return the tables of a jump's report, as those of a plan's."""
+    request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
+    weights = force / (view.robot.mass * view.problem.flight.gravity)
+    shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
+    asked = [Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
+    result = [
+        Row("height", f"centre of mass up to {view.height:.3g} m above the ground"),
+        Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
+    ]
+    lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
+    return [
+        {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
+        {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+        {"title": "Flight", **proved(view.flight)},
+        {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
+        *warned(view.flight),
+    ]
+
+
+def jump_data(view: JumpView) -> dict[str, Any]:
+    """Return what the picture of a jump has beside a flight's.
+
+    ``frames``, what stands, each with the columns of its ``force`` and where this ``acts``; when it has ``flown``, from
+    and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
+    """
+    frames = [
+        {
+            "name": name,
+            "role": "stands",
+            "colour": view.colours[name],
+            "body": spot.body,
+            "at": rounded(pairs(spot.place)),
+        }
+        | {
+            key: [f"{column}_x.{index}", f"{column}_z.{index}"]
+            for key, column in (("force", "force"), ("acts", "foot"))
+        }
+        for index, (name, spot) in enumerate((name, each.spots[0]) for name, each in view.contacts.items())
+    ]
+    told = {"scale": view.scale, "metres_per_newton": view.metres_per_newton}
+    return {"frames": frames, "flown": view.flown, "cone": rounded(pairs(view.cone)), **told}

@@ -20,10 +20,12 @@ from typing import Any
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import Row, plan_verdict
+from floatplan.plans.presentation import Row, plan_verdict, raised
 from floatplan.problem.file import problem_text
+from floatplan.problem.problem import Problem
 from floatplan.view.charts import SampledPlan, charts
-from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections
+from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.report.data import chart_data, jump_data, jump_sections, motion_data, sample_grid, sections
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
 SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
@@ -31,19 +33,19 @@ ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
 
-def report(plan: Plan, path: str | Path | None = None, stances: Sequence[Row] = ()) -> str:
-    """Return the page of a plan, as HTML.
+def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> str:
+    """Return the page of a plan or a jump, as HTML.
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan or JumpView
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
         What is said of the stances before and after the flight, if anything.
     """
-    title = f"{plan.problem.name}: {plan_verdict(plan)[0]}"
-    return page("report.html", title, STYLES, SCRIPTS, report_data(plan, path, stances)).decode()
+    data = report_data(plan, path, stances)
+    return page("report.html", f"{data['name']}: {data['verdict']['word']}", STYLES, SCRIPTS, data).decode()
 
 
 def page(
@@ -76,7 +78,7 @@ def _script(name: str) -> str:
     return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
 
 
-def write_report(plan: Plan, path: str | Path, stances: Sequence[Row] = ()) -> Path:
+def write_report(plan: Shown, path: str | Path, stances: Sequence[Row] = ()) -> Path:
     """Write the page of a plan, whole or not at all; arguments as of :func:`report`."""
     return write_atomically(path, report(plan, path, stances))
 
@@ -88,22 +90,31 @@ def notebook_frame(plan: Plan) -> str:
     return f'<iframe srcdoc="{content}" style="{style}" title="flight"></iframe>'
 
 
-def report_data(plan: Plan, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
+def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    word, tone = plan_verdict(plan)
-    problem = plan.problem
+    motion = motion_data(sampled)
+    if isinstance(plan, JumpView):
+        word, tone, flight, problem = plan.verdict, plan.tone, plan.flight, plan.jump.problem
+        tables = jump_sections(plan)
+        motion |= jump_data(plan)
+        question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
+    else:
+        (word, tone), flight, problem, tables = plan_verdict(plan), plan, plan.problem, sections(plan, stances)
+        question = f"{plan.duration:g} s of flight"
+    for table in tables:
+        table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     data: dict[str, Any] = plain(
         {
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},
-            "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
-            "motion": motion_data(sampled),
+            "question": f"{problem.robot.name}, {question}",
+            "motion": motion,
             "charts": [chart_data(chart, sampled) for chart in charts(sampled)],
-            "sections": sections(plan, stances),
-            "problem": _problem_file(plan, path),
+            "sections": tables,
+            "problem": _problem_file(problem, path),
             "own_problem": problem.file_text is not None,
-            "version": plan.record.floatplan,
+            "version": flight.record.floatplan,
         }
     )
     return data
@@ -131,11 +142,11 @@ def asset(name: str) -> str:
     return files("floatplan.view.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
-def _problem_file(plan: Plan, path: str | Path | None) -> str:
+def _problem_file(problem: Problem, path: str | Path | None) -> str:
     """The problem file as its user wrote it; else the problem as it was resolved."""
-    if plan.problem.file_text is not None:
-        return plan.problem.file_text
+    if problem.file_text is not None:
+        return problem.file_text
     try:
-        return problem_text(plan.problem, Path("problem.toml") if path is None else Path(path))
+        return problem_text(problem, Path("problem.toml") if path is None else Path(path))
     except InputError as error:
         return f"# {error}\n"

@@ -19,7 +19,6 @@ from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
-from floatplan.view.outlines import body_poses
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
@@ -183,7 +182,7 @@ def seen_capsules(robot: Robot, radius: Array) -> list[int]:
         As drawn.
     """
     start, end = (np.array([getattr(shape, name) for shape in robot.shapes]) for name in ("start", "end"))
-    group = _moving_alike(robot)[[shape.body for shape in robot.shapes]]
+    group = robot.tree.coincident[[shape.body for shape in robot.shapes]]
     seen: list[int] = []
     for index in np.argsort(-radius, kind="stable").tolist():
         larger = [each for each in seen if group[each] == group[index]]
@@ -194,12 +193,3 @@ def seen_capsules(robot: Robot, radius: Array) -> list[int]:
         if not (outside.max(axis=0, initial=-np.inf) <= 0.0).any():
             seen.append(index)
     return sorted(seen)
-
-
-def _moving_alike(robot: Robot) -> IntArray:
-    """For each body the first that is where it is in every posture: two drawn at random tell."""
-    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (2, len(robot.joints)))
-    poses = body_poses(robot, np.zeros(2), postures, np.zeros(2, dtype=np.complex128))
-    put = np.stack((poses.places, poses.rotations))
-    apart = np.abs(put[..., :, None] - put[..., None, :])
-    return np.asarray(np.argmax(apart.max(axis=(0, 1)) < 1e-9, axis=1))

@@ -1,4 +1,4 @@
-"""The scene: a flight in three dimensions, with the robot's own meshes, as one page that works without a network.
+"""The scene: a flight or a jump in three dimensions, with the robot's meshes, one page that works without a network.
 
 The page is viser's player. World axes are those of the root link at orientation zero; the plane of the motion is drawn
 where the base is. The robot has one node for each body of the tree, and what is drawn of it hangs from these.
@@ -20,15 +20,15 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.files import write_atomically
-from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import (
     Poses,
     Postures,
     body_poses,
-    com_path,
+    coordinates,
     ground_lines,
     obstacle_outlines,
     picture_box,
@@ -56,6 +56,7 @@ SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
 FINE_SECTIONS = (16, 16)  # [-] the same where nobody waits for it
 SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
+ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
@@ -65,8 +66,8 @@ LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
 
-def write_scene(plan: Plan, path: str | Path) -> Path:
-    """Write the scene of a plan as one HTML file, whole or not at all.
+def write_scene(plan: Shown, path: str | Path) -> Path:
+    """Write the scene of a plan or a jump as one HTML file, whole or not at all.
 
     Raises
     ------
@@ -76,12 +77,13 @@ def write_scene(plan: Plan, path: str | Path) -> Path:
     return write_atomically(path, scene(plan))
 
 
-def scene(plan: Plan) -> str:
-    """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
+def scene(plan: Shown) -> str:
+    """Return the scene of a plan or a jump as HTML; errors as :func:`write_scene`."""
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
-    poses = body_poses(plan.robot, plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times))
+    com, orientation, positions = coordinates(plan, times)
+    poses = body_poses(plan.robot, orientation, positions, com)
     placed = postures(plan, snapshot_times(plan))
     low, high = picture_box(plan, placed)
     with silence():  # a local server: viser records what is sent to it
@@ -97,11 +99,14 @@ def scene(plan: Plan) -> str:
         look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
         add_grounds(server, plan.robot.plane, low, high, ground_lines(placed))
         _add_trails(server, plan)
+        forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
         serializer = server.get_scene_serializer()
         for index, time in enumerate(times.tolist()):
-            if index:  # the page's clock is the flight's: from takeoff to landing
+            if index:  # the page's clock is the motion's
                 serializer.insert_sleep(plan.duration / (frames - 1))
             bodies.put(poses, index)
+            if forces is not None:
+                forces.put(index)
             for each in moved:
                 move_obstacle(*each, time)
         return str(serializer.as_html())
@@ -154,8 +159,8 @@ def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -
         node.visible = bool(low <= instant <= high)
 
 
-def _add_trails(server: Any, plan: Plan) -> None:
-    placed = postures(plan, np.linspace(0.0, plan.duration, 121))
+def _add_trails(server: Any, plan: Shown) -> None:
+    placed = postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
     names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
     paths = placed.com, placed.takeoff, placed.landing
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
@@ -170,7 +175,7 @@ def segments(plane: Plane, path: ComplexArray) -> Array:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
+def obstacle_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
     """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
@@ -178,7 +183,7 @@ def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -
     return joined([_piece_slab(plan, piece, low, high) for piece in obstacle.pieces])
 
 
-def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
+def _piece_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
     size = robot_size(plan)
     if not isinstance(obstacle, HalfPlane):
         return prism(plan.robot.plane, obstacle_outlines(obstacle, 0.0, 0.0)[0], WIDTH * size)
@@ -329,3 +334,26 @@ class RobotNodes:
         turns = turned(self._robot.plane, poses.angles[index])
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
             frame.position, frame.wxyz = point, turn
+
+
+class ForceNodes:
+    """An arrow in a scene for each point that stands, left and right, at instants (N,) of a jump."""
+
+    def __init__(self, server: Any, view: JumpView, times: Array) -> None:
+        plane, contacts, self._nodes = view.robot.plane, view.contacts.values(), list[tuple[Any, Array]]()
+        look = {name: size * view.height for name, size in ARROW.items()}
+        scale = view.metres_per_newton * max(len(contact.names) for contact in contacts)
+        state = view.jump.at(times)
+        for contact, colour in zip(contacts, view.colours.values(), strict=True):
+            for name in contact.names:
+                place, (across, up) = state.points[name], scale * state.forces[name].T[..., None]
+                ends = np.stack((place, place + across * plane.horizontal + up * plane.vertical), axis=1)
+                arrow = server.scene.add_arrows(f"/forces/{name}", np.zeros((1, 2, 3)), rgb_bytes(colour), **look)
+                self._nodes.append((arrow, ends))
+
+    def put(self, index: int) -> None:
+        """Show what acts at an instant; what is shorter than an arrow's head is left out."""
+        for arrow, ends in self._nodes:
+            arrow.visible = bool(np.linalg.norm(ends[index, 1] - ends[index, 0]) > arrow.head_length)
+            if arrow.visible:
+                arrow.points = ends[index : index + 1].astype(np.float32)

@@ -2,6 +2,7 @@
 /* The curves: one uPlot each, a line that follows the time, and the values at it. Dragging along a curve seeks. */
 
 const CHART_HEIGHT = 168;
+const BAND = 17; // px of the height of what is there or not
 const MANY = 6; // curves, from which on the legend beside the robot names them, and captions only the chosen one
 const ASIDE = 22; // percent: strength of curves that are not chosen
 
@@ -18,13 +19,18 @@ class Chart {
     if (this.many) title.append(make("span", "beyond choose", "choose a joint in the legend"));
     this.explainLines(title);
     const body = figure.appendChild(make("div", "plot"));
+    this.bands = spec.unit === "";
+    this.height = this.bands ? BAND * (spec.series.length + 1) : CHART_HEIGHT;
+    body.style.height = `${this.height}px`;
     this.plot = new uPlot(this.options(body.clientWidth), this.table(), body);
+    this.plot.root.setAttribute("role", "img");
+    this.plot.root.setAttribute("aria-label", `${spec.title} over time, ${spec.unit}`);
     this.head = this.plot.over.appendChild(make("div", "playhead"));
     this.follow(onSeek);
     this.choose(null);
     paint(() => this.plot.redraw());
     new ResizeObserver(() => {
-      this.plot.setSize({ width: body.clientWidth, height: CHART_HEIGHT });
+      this.plot.setSize({ width: body.clientWidth, height: this.height });
       this.draw(this.time);
     }).observe(body);
     this.draw(0);
@@ -54,7 +60,7 @@ class Chart {
   choose(part) {
     this.part = part;
     const { lines, series } = this.spec;
-    const own = series.some((one) => one.part === part);
+    const own = part !== null && series.some((one) => one.part === part);
     lines.forEach((line, index) => {
       const seen = line.part === null || (own ? line.part === part : !this.many);
       this.plot.setSeries(index + 1, { show: seen });
@@ -84,7 +90,10 @@ class Chart {
   }
 
   options(width) {
+    const { bands } = this;
     const { series, lines, unit, range, starts } = this.spec;
+    const curve = bands ? { width: 11, cap: "butt" } : { width: 2 };
+    const rows = [0.6 - series.length, 0.6];
     const grid = { stroke: () => tone("grid"), width: 1 };
     const axis = { font: "11px system-ui, sans-serif", stroke: () => tone("soft"), grid, ticks: grid };
     const drawn = ({ part, colour }) => ({ stroke: () => this.stroke(part, colour), points: { show: false } });
@@ -93,19 +102,20 @@ class Chart {
     const rings = series.map(dot(() => tone("paper")));
     return {
       width,
-      height: CHART_HEIGHT,
+      height: this.height,
       legend: { show: false },
       cursor: { show: false },
       padding: [8, 22, 0, 0],
-      scales: { x: { time: false, range: [0, this.motion.duration] }, y: range ? { range } : {} },
+      hooks: { drawClear: [(plot) => this.shadeFlight(plot)] },
+      scales: { x: { time: false, range: [0, this.motion.duration] }, y: bands ? { range: rows } : range ? { range } : {} },
       axes: [
-        { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
-        { ...axis, size: 48, space: 24, ...(unit === "deg" ? { incrs: [1, 5, 15, 30, 45, 90, 180, 360, 720, 1440] } : {}) },
+        { ...axis, show: !bands, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
+        { ...axis, size: 48, space: 24, ...(bands ? { values: () => [], grid: { show: false } } : {}), ...(unit === "deg" ? { incrs: [1, 5, 15, 30, 45, 90, 180, 360, 720, 1440] } : {}) },
       ],
       series: [
         {},
         ...lines.map((line) => ({ ...drawn(line), width: 1, dash: [7, 4] })),
-        ...series.map((one) => ({ ...drawn(one), width: 2 })),
+        ...series.map((one) => ({ ...drawn(one), ...curve })),
         ...(starts ? [...full, ...rings] : []),
       ],
     };
@@ -126,6 +136,14 @@ class Chart {
     });
   }
 
+  /* The flight of a jump, behind its curves. */
+  shadeFlight(plot) {
+    if (!this.motion.data.flown) return;
+    const [left, right] = this.motion.data.flown.map((time) => plot.valToPos(time, "x", true));
+    plot.ctx.fillStyle = tone("air");
+    plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
+  }
+
   draw(time) {
     this.time = time;
     const left = this.plot.valToPos(time, "x");
@@ -134,7 +152,7 @@ class Chart {
       const value = this.motion.value(key, time);
       const readout = this.readouts[index];
       readout.dataset.value = value === null ? "" : String(value);
-      readout.textContent = value === null ? "–" : shown(this.spec.factor * value);
+      readout.textContent = value === null ? "–" : this.bands ? "stands" : shown(this.spec.factor * value);
     });
   }
 }

@@ -95,8 +95,14 @@ function fillTable(part, [titles, rows], onSeek) {
   badge.classList.add(data.verdict.tone);
   fillFacts(data, seek);
   const holder = document.getElementById("charts");
+  const key = fillKey(data.motion);
+  if (data.motion.flown) {
+    addKey(key, swatch("bar", INK), data.motion.scale);
+    document.getElementById("forces").parentElement.hidden = false;
+    document.getElementById("ghosts").checked = false; // they stand where the robot does
+  }
   const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
   const player = new Player(motion.duration, (time) => [stage, ...charts].forEach((one) => one.draw(time)));
-  offerParts(fillKey(data.motion), (part) => [stage, ...charts].forEach((one) => one.choose(part)));
+  offerParts(key, (part) => [stage, ...charts].forEach((one) => one.choose(part)));
   window.floatplan = { motion, stage, player, charts };
 })();

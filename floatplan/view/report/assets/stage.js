@@ -4,6 +4,7 @@
 
 const PALEST = 0.2; // strength of the first snapshot
 const STRONGEST = 0.42; // and of the last
+const HEAD = 11; // px of an arrow's head
 const FAR = 1e3; // m, beyond every picture
 
 class Stage {
@@ -53,11 +54,17 @@ class Stage {
       points,
       tinted(front, "polyline", colour, { class: "trail flown" }),
     ]);
+    const pushed = data.frames.filter(({ force }) => force);
+    const drawn = (name, attributes) => pushed.map(({ colour }) => tinted(front, name, colour, attributes));
+    const cones = drawn("polygon", { class: "push cone", points: data.cone });
     this.robot = this.drawRobot(front, "flying", ["ring", "link"]);
     data.robot.origins.slice(1).forEach((_, body) => add(this.robot, "circle", { class: "pivot", "data-body": body + 1 }));
     for (const { body, at: [cx, cy], colour } of data.frames) {
       tinted(this.robot, "circle", colour, { class: "frame", "data-body": body, cx, cy });
     }
+    const rings = drawn("path", { class: "push ring" });
+    const arrows = drawn("path", { class: "push" });
+    this.pushes = pushed.map((point, index) => [point, cones[index], [rings[index], arrows[index]]]);
     this.com = add(front, "circle", { class: "com" });
     this.choose(this.part);
     this.resize();
@@ -74,7 +81,8 @@ class Stage {
 
   resize() {
     const { clientWidth: width, clientHeight: height } = this.holder;
-    this.holder.style.setProperty("--px", Math.max(this.size[0] / width, this.size[1] / height));
+    this.pixel = Math.max(this.size[0] / width, this.size[1] / height);
+    this.holder.style.setProperty("--px", this.pixel);
   }
 
   /* Lines a round number of metres apart, and a rule of that length. */
@@ -121,6 +129,23 @@ class Stage {
     const posture = this.motion.posture(time);
     put(this.robot, posture);
     this.com.setAttribute("transform", `translate(${posture.com})`);
+    for (const [point, cone, arrow] of this.pushes) {
+      const [force, acts] = [point.force, point.acts].map((keys) => keys.map((key) => this.motion.value(key, time)));
+      const stands = ![...force, ...acts].includes(null);
+      for (const element of [cone, ...arrow]) {
+        element.classList.toggle("absent", !stands);
+        if (stands) element.setAttribute("transform", `translate(${acts})`);
+      }
+      if (stands) for (const element of arrow) element.setAttribute("d", this.arrow(force));
+    }
+  }
+
+  /* A force, N, as a line with a head, m. */
+  arrow(force) {
+    const [x, y] = force.map((part) => this.motion.data.metres_per_newton * part);
+    const head = Math.min(HEAD * this.pixel, 0.4 * Math.hypot(x, y)) / (Math.hypot(x, y) || 1);
+    const barb = (side) => `${x - head * (x - side * 0.5 * y)} ${y - head * (y + side * 0.5 * x)}`;
+    return `M0 0L${x} ${y}M${barb(1)}L${x} ${y}L${barb(-1)}`;
   }
 }
 

@@ -93,13 +93,13 @@ class TestVerdicts:
 
     def test_no_free_momentum_for_both_ends(self, load):
         problem = load("gallery/go2")
-        sentence = fp.plans.contact.no_common_momentum(problem)
+        sentence = fp.motion.planar.contact.no_common_momentum(problem)
         ends = [float(number) for number in re.findall(r"(-?[\d.]+) (?:to|kg)", sentence)]
         for end, (low, high) in ((fp.takeoff, ends[:2]), (fp.landing, ends[2:])):
             assert end(problem, low).ratio == pytest.approx(1.0, abs=0.01)
             assert end(problem, high).ratio == pytest.approx(1.0, abs=0.01)
         assert ends[1] < ends[2]
-        assert fp.plans.contact.no_common_momentum(load("high_jump")) is None
+        assert fp.motion.planar.contact.no_common_momentum(load("high_jump")) is None
 
     def test_stretched_out(self, load):
         found = fp.landing(load("handstand"))
@@ -137,7 +137,7 @@ class TestAdvice:
     def test_is_not_given_unasked(self, load, monkeypatch):
         """Neither a verdict nor a plan's warnings make trials."""
         calls = []
-        monkeypatch.setattr("floatplan.plans.contact.advice", lambda *_: calls.append(1) or iter(()))
+        monkeypatch.setattr("floatplan.motion.planar.contact.advice", lambda *_: calls.append(1) or iter(()))
         problem = load("high_jump")
         found = fp.takeoff(problem)
         assert found.ratio > 1
@@ -212,7 +212,7 @@ class TestPlans:
 
         problem = load("high_jump")
         with monkeypatch.context() as patched:
-            patched.setattr("floatplan.plans.contact.contact_rates", refuse)
+            patched.setattr("floatplan.motion.planar.contact.contact_rates", refuse)
             plan = fp.plan(problem)
         assert {"takeoff", "landing"} <= {warning.kind for warning in plan.warnings}
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.planar.contact_advice import FAST, Momentum, advice, in_words
 from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact, shared_momentum
-from floatplan.motion.planar.reachable import reachable
-from floatplan.plans.contact_advice import FAST, Momentum, advice, in_words
+from floatplan.motion.planar.reachable import Reachable, reachable
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
@@ -204,6 +204,15 @@ def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) ->
         shared = shared_momentum(problem)
         asked = "midpoint" if shared is None else shared
     return asked, sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
+
+
+def reachable_sets(problem: Problem) -> dict[str, Reachable]:
+    """Return what joint rates reach at the ends where a frame stands on the ground, about what the problem asks.
+
+    Where h is free it is the one that lets the joints be slowest at both together.
+    """
+    _, momentum = momentum_of_ends(problem)
+    return {end: reachable(problem, end, momentum) for end in get_args(End) if has_contact(problem, end)}
 
 
 def no_common_momentum(problem: Problem) -> str | None:

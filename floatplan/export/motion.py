@@ -1,0 +1,225 @@
+"""What exporters read: a plan or a whole jump, at the instants of a file, and the gains of who follows it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from floatplan.arguments import by_name, number
+from floatplan.arrays import Array, BoolArray, IntArray, read_only
+from floatplan.errors import InputError
+from floatplan.motion.flight import FullMotion, free_flyer
+from floatplan.plans.plan import Plan
+from floatplan.problem.problem import Problem
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
+from floatplan.robot.robot import Robot
+from floatplan.simulation.forward import BANDWIDTH, joint_inertia
+from floatplan.tables import Range
+
+GAIN = number(Range(0.0, 1e12, ""))
+Gain: TypeAlias = float | Mapping[str, float]  # of all joints, or of some by name
+
+
+class Exportable(Protocol):
+    """A motion that can be exported, as :class:`floatplan.Plan` and :class:`floatplan.Jump` are."""
+
+    @property
+    def problem(self) -> Problem:
+        """What was asked, with the robot."""
+
+    @property
+    def duration(self) -> float:
+        """From its begin at time 0, s."""
+
+    @property
+    def phases(self) -> Sequence[Any]:
+        """Phases in order of time, as :class:`floatplan.JumpPhase`; none where nothing is said of contacts."""
+
+    def q(self, times: npt.ArrayLike) -> Array:
+        """Configurations (N, nq) of Pinocchio's free-flyer model of the file at times (N,), s; m and rad."""
+
+    def v(self, times: npt.ArrayLike) -> Array:
+        """Velocities (N, nv) of that model, m/s and rad/s."""
+
+    def a(self, times: npt.ArrayLike) -> Array:
+        """Accelerations (N, nv), m/s^2 and rad/s^2."""
+
+    def tau(self, times: npt.ArrayLike) -> Array:
+        """Torques (N, nv), N m, each joint's own."""
+
+    def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Forces (N, 3), N, in the world's axes, on every point that stands in one of the phases."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeMotion:
+    """Base and all J joints at N instants, as :class:`floatplan.motion.flight.FullMotion` has them."""
+
+    joints: tuple[str, ...]
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    motor_torques: Array
+    base_position: Array
+    base_quaternion: Array
+    base_velocity: Array
+    base_angular_velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts at N instants; at a change of them those of the phase before.
+
+    Attributes
+    ----------
+    begin : (P,) s, of each phase
+    phase : (N,) number of the phase, from 0
+    names : (C,) of all points that stand at some time
+    stand : (N, C) whether each does
+    forces : (N, C, 3) N, on the robot, in the world's axes
+    """
+
+    begin: Array
+    phase: IntArray
+    names: tuple[str, ...]
+    stand: BoolArray
+    forces: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Exported:
+    """A motion as exporters read it, whatever kind it is.
+
+    Attributes
+    ----------
+    motion : Exportable
+    gains : (2, J), optional
+        Stiffness and damping, N m/rad and N m s/rad, of all joints that move.
+    """
+
+    motion: Exportable
+    gains: Array | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that moves."""
+        return self.motion.problem.robot
+
+    @property
+    def duration(self) -> float:
+        """Of the motion, s."""
+        return self.motion.duration
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the J joints that move, in Pinocchio's order."""
+        return tuple(self.robot.model.names)[BASE + 1 :]
+
+    @cached_property
+    def gravity(self) -> Array:
+        """The acceleration of gravity (3,), m/s^2, in the world."""
+        return np.asarray(-self.motion.problem.flight.gravity * self.robot.plane.vertical)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What does not change in time, by name; ``phases`` as JSON, if there are any."""
+        motion = self.motion
+        about = {"problem": motion.problem.name, "robot": self.robot.name, "duration": repr(motion.duration)}
+        if isinstance(motion, Plan):
+            about["angular_momentum"] = repr(motion.angular_momentum)
+        about["gravity"] = " ".join(repr(float(value) + 0.0) for value in self.gravity)
+        if motion.phases:
+            about["phases"] = json.dumps([vars(phase) for phase in motion.phases])
+        return about
+
+    def at(self, times: Array) -> FullMotion | WholeMotion:
+        """Return base and all joints at times (N,), s."""
+        motion = self.motion
+        if isinstance(motion, Plan):  # which knows them to the last bit
+            return motion.full_motion(times)
+        times, robot, order = np.minimum(times, motion.duration), self.robot, free_flyer(self.robot)
+        q, v, a, tau = (quantity(times) for quantity in (motion.q, motion.v, motion.a, motion.tau))
+        positions, continuous = q[:, order.in_q], order.in_q[order.continuous]
+        positions[:, order.continuous] = np.unwrap(np.arctan2(q[:, continuous + 1], q[:, continuous]), axis=0)
+        torques = tau[:, order.in_v]
+        motors, made = [self.joints.index(name) for name in robot.motors], torques @ robot.transmission[BASE:]
+        torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
+        torques[:, motors] = made
+        return WholeMotion(
+            joints=self.joints,
+            positions=positions,
+            velocities=v[:, order.in_v],
+            accelerations=a[:, order.in_v],
+            motor_torques=torques,
+            base_position=q[:, :3],
+            base_quaternion=q[:, 3:7],
+            base_velocity=np.asarray(Rotation.from_quat(q[:, 3:7]).apply(v[:, :3])),
+            base_angular_velocity=v[:, 3:6],
+        )
+
+    def contacts(self, times: Array) -> Contacts | None:
+        """Return the contacts at times (N,), s; None of a motion without phases."""
+        motion, phases = self.motion, self.motion.phases
+        if not phases:
+            return None
+        times = np.minimum(times, motion.duration)  # of which the last may be later by rounding
+        phase = np.searchsorted([each.end for each in phases[:-1]], times)
+        forces = motion.forces(times)
+        stand = np.array([[name in each.contacts for name in forces] for each in phases])[phase]
+        begin = np.array([each.begin for each in phases])
+        return Contacts(begin, phase, tuple(forces), stand, np.stack(list(forces.values()), axis=1))
+
+
+def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:
+    """Return a motion as exporters read it.
+
+    Gains are there where one is given, or where the motion has contacts, which no motor follows without. Left out,
+    the stiffness of a joint is ``BANDWIDTH**2`` times the inertia that it turns at the start while the robot floats,
+    as that of :func:`floatplan.closed_loop`, and its damping the critical one, ``2 sqrt(kp inertia)``.
+
+    Parameters
+    ----------
+    motion : Plan or Jump
+    kp, kd : float or mapping, optional
+        Stiffness, N m/rad, and damping, N m s/rad (N/m and N s/m of a joint that slides), of all joints or of some by
+        name; what is left out is as said above.
+
+    Raises
+    ------
+    InputError
+        There is no motion, or a gain is wrong.
+    """
+    if not motion.duration > 0:
+        raise InputError(
+            "no jump was found, so there is nothing to export", source=motion.problem.name, element="status"
+        )
+    found = Exported(motion)
+    if kp is None and kd is None and not motion.phases:
+        return found
+    posture = np.zeros(motion.problem.robot.model.nv)
+    posture[BASE:] = found.at(np.zeros(1)).positions[0]
+    inertia = joint_inertia(found.robot.model, posture)
+    stiffness = _given(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
+    damping = _given(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
+    return Exported(motion, read_only([stiffness, damping]))
+
+
+def _given(joints: Sequence[str], given: Gain | None, element: str, otherwise: Array) -> Array:
+    """Gains (J,) as given, else as they are otherwise."""
+    if given is None:
+        return otherwise
+    if not isinstance(given, Mapping):
+        return np.full(len(joints), GAIN(given, element))
+    gains = otherwise.copy()
+    for joint, gain in by_name(GAIN)(given, element).items():
+        if joint not in joints:
+            raise InputError(f"the robot has no such joint that moves: {joint}", element=element)
+        gains[joints.index(joint)] = gain
+    return gains

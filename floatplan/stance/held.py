@@ -1,0 +1,114 @@
+"""Torques of joints that are held, in CasADi: what parts beyond a joint, and forces on them, exert about its axis.
+
+Most of these joints turn about an axis in the plane: forces of the plane have levers out of it there. All parts beyond
+such a joint move in the plane, and take about its origin p the moment
+
+``M = sum_k (c_k - p) x m_k (c_k'' + g) + phi_k'' I_k n + phi_k'^2 n x I_k n - sum_f (f - p) x F_f``
+
+with centres c_k, inertias I_k, and the plane's normal n; the joint's torque is the part of M along its axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.stance.contacts import Contact
+from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+
+
+@dataclass(frozen=True, eq=False)
+class HeldJoints:
+    """Joints of a robot that are held, and turn about an axis with an effort in the file.
+
+    Attributes
+    ----------
+    model : PlanarModel
+    """
+
+    model: PlanarModel
+
+    @cached_property
+    def _axes(self) -> Array:
+        """Horizontal, vertical and their cross product (3, 3)."""
+        plane = self.model.robot.plane
+        return np.stack((plane.horizontal, plane.vertical, np.cross(plane.horizontal, plane.vertical)))
+
+    @cached_property
+    def _data(self) -> Any:
+        """Pinocchio's, in the reference posture."""
+        robot = self.model.robot
+        data = robot.model.createData()
+        pin.computeJointJacobians(robot.model, data, np.array(robot.reference))
+        return data
+
+    @cached_property
+    def efforts(self) -> dict[str, float]:
+        """N m, by joint."""
+        robot, found = self.model.robot, {}
+        for name in robot.locked:
+            column = robot.model.joints[robot.model.getJointId(name)].idx_v
+            effort = float(robot.model.effortLimit[column])
+            if 0 < effort < np.inf and self._data.J[3:, column].any():
+                found[name] = effort
+        return found
+
+    def shares(self, names: Sequence[str], contacts: Sequence[Contact], forces: Sequence[Pair]) -> Any:
+        """Torques over efforts, an expression (joints,) of y, v, a and forces.
+
+        Parameters
+        ----------
+        names : of joints in ``efforts``
+        contacts : that stand, the anchor first; none in flight
+        forces : of each, all its points together, N
+        """
+        return casadi().vertcat(*[self._torque(name, contacts, forces) / self.efforts[name] for name in names])
+
+    def _turned(self, body: int, vector: Array) -> tuple[Any, Any, float]:
+        """Horizontal, vertical and third part of a vector (3,) of the reference posture that turns with a body."""
+        tree, ((c, s), *_) = self.model.robot.tree, self.model.rotations
+        x, z, out = self._axes @ vector
+        local = complex(x, z) * complex(np.exp(-1j * tree.turn * tree.offsets[body]))
+        return c[body] * local.real - s[body] * local.imag, c[body] * local.imag + s[body] * local.real, float(out)
+
+    def _torque(self, name: str, contacts: Sequence[Contact], forces: Sequence[Pair]) -> Any:
+        """Torque about a joint's axis, N m."""
+        model, robot, data = self.model, self.model.robot, self._data
+        joint, home = robot.model.getJointId(name), robot.frames[name]
+        beyond, origin, turn = list(robot.model.subtrees[joint]), data.oMi[joint].translation, robot.tree.turn
+        x, z, out = self._turned(home.body, data.J[3:, robot.model.joints[joint].idx_v])
+        anchor, gravity = (contacts[0].spots[0], model.gravity) if contacts else (None, 0.0)
+
+        def moment(spot: Spot, point: Array, force: Pair) -> Any:
+            """Of a force at a spot's lowest part, as far out of the plane as a point (3,) of the reference posture."""
+            own = model.places(model.weights([Spot(spot.body, spot.place)], Spot(home.body, home.local)))
+            lever = float(self._axes[2] @ (point - origin))
+            along = own[0] * force[1] - (own[1] - spot.radius) * force[0]
+            return out * along + lever * (z * force[0] - x * force[1])
+
+        torque: Any = 0.0
+        for each in beyond:
+            inertia, placement = robot.model.inertias[each], data.oMi[each]
+            frame, point = robot.frames[robot.model.names[each]], placement.act(inertia.lever)
+            way = self._axes[:2] @ (point - placement.translation)
+            back = complex(np.exp(-1j * turn * robot.tree.offsets[frame.body]))
+            spot = Spot(frame.body, frame.local + complex(*way) * back)
+            pushed = model.places(model.weights([spot], anchor), 2)
+            torque += moment(spot, point, (inertia.mass * pushed[0], inertia.mass * (pushed[1] + gravity)))
+            turned = placement.rotation @ inertia.inertia @ placement.rotation.T @ robot.plane.normal
+            spin_x, spin_z, spin_out = self._turned(frame.body, turned)
+            _, rate, change = (angles[frame.body] for angles in model.angles)
+            torque += change * (out * spin_out + x * spin_x + z * spin_z) + turn * rate**2 * (z * spin_x - x * spin_z)
+        for contact, force in zip(contacts, forces, strict=True):
+            part = force[0] / len(contact.spots), force[1] / len(contact.spots)
+            for foot, spot in zip(contact.frames, contact.spots, strict=True):
+                at = robot.model.frames[robot.model.getFrameId(foot)]
+                if at.parentJoint in beyond:
+                    torque -= moment(spot, data.oMi[at.parentJoint].act(at.placement.translation), part)
+        return torque

@@ -1,0 +1,26 @@
+"""Records proved by the certificate alone, with capsules that are given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from floatplan.certificate.certificate import BUDGET, prove
+from floatplan.certificate.planar.clearance import LinkShape
+from floatplan.plans.reading import checked
+from floatplan.plans.record import PlanRecord
+from floatplan.plans.verdicts import Certificate
+from floatplan.robot.urdf.example_robots import urdf_path
+
+
+def certify_record(
+    record: PlanRecord,
+    urdf: str | Path | None = None,
+    *,
+    shapes: Sequence[LinkShape] | None = None,
+    hulls: Sequence[LinkShape] | None = None,
+    budget: int = BUDGET,
+) -> Certificate:
+    """Prove a record for the URDF that it names, or another; left out, links have no shapes but their segments."""
+    path = urdf_path(record.robot.urdf if urdf is None else urdf)
+    return prove(checked(record), path, (shapes, hulls), (), budget)

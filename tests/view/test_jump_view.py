@@ -1,0 +1,222 @@
+"""A jump as pages and pictures show it: the jump's own numbers, in its own clock, beside what its check found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browser import Browser
+from jumps import INSTALLED, backflip
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.motion.planar.full_model import free_flyer
+from floatplan.stance.check import JumpCheck
+from floatplan.stance.jump import Jump
+from floatplan.view.figures.figures import figures
+from floatplan.view.jumps import JumpView
+from floatplan.view.outlines import postures
+from floatplan.view.report.data import sample_grid
+from floatplan.view.report.report import report_data, write_report
+from floatplan.view.scene.scene import scene
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
+
+
+def shown(jump: Jump) -> JumpView:
+    return JumpView(jump, jump.check, jump.verdict)
+
+
+@pytest.fixture(scope="module")
+def view() -> JumpView:
+    return shown(backflip())
+
+
+@pytest.fixture(scope="module")
+def data(view: JumpView) -> Any:
+    return report_data(view)
+
+
+def column(data: Any, key: str) -> Any:
+    return np.array(data["motion"]["columns"][key], dtype=np.float64)
+
+
+def test_the_page_has_the_jump_s_numbers(view: JumpView, data: Any) -> None:
+    """Places, rates, torques and forces, in the coordinates of the file's own model."""
+    jump, robot = backflip(), backflip().problem.robot
+    times, order = sample_grid(jump.duration), free_flyer(robot)
+    q, v, tau, forces = jump.q(times), jump.v(times), jump.tau(times), jump.forces(times)
+    model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
+    joints = {name: model.joints[model.getJointId(name)] for name in (*robot.motors, *robot.locked)}
+    limits = dict(zip(robot.motors, jump.problem.motor_torque_limits, strict=True))
+    com = np.array([pin.centerOfMass(model, model.createData(), each) for each in q])
+    close: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-8}
+    np.testing.assert_allclose(column(data, "com_x"), com @ robot.plane.horizontal, **close)
+    np.testing.assert_allclose(column(data, "com_height") + view.ground, com @ robot.plane.vertical, **close)
+    for index, name in enumerate(robot.joints):
+        np.testing.assert_allclose(column(data, f"positions.{index}"), q[:, joints[name].idx_q], **close)
+        share = v[:, joints[name].idx_v] / jump.problem.velocity_limits[index]
+        np.testing.assert_allclose(column(data, f"rate_use.{index}"), share, **close)
+    for index, name in enumerate(robot.motors):
+        np.testing.assert_allclose(
+            column(data, f"torque_use.{index}"), tau[:, joints[name].idx_v] / limits[name], **close
+        )
+    for index, name in enumerate(robot.locked):
+        share = tau[:, joints[name].idx_v] / model.effortLimit[joints[name].idx_v]
+        np.testing.assert_allclose(column(data, f"held_use.{index}"), share, **close)
+    assert order.nv == model.nv
+    for index, (name, contact) in enumerate(view.contacts.items()):
+        whole = sum(forces[each] for each in contact.names)
+        across, up = column(data, f"force_x.{index}"), column(data, f"force_z.{index}")
+        stands = np.isfinite(up)
+        phases = [phase for phase in jump.phases if contact.names[0] in phase.contacts]
+        inside = np.any([(times > each.begin) & (times <= each.end) for each in phases], axis=0)
+        assert (stands[1:] == inside[1:]).all(), name
+        np.testing.assert_allclose(up[stands], (whole @ robot.plane.vertical)[stands], **close)
+        np.testing.assert_allclose(across[stands], (whole @ robot.plane.horizontal)[stands], **close)
+        assert np.abs(whole[~stands]).max() == 0
+
+
+def test_shares_are_those_of_the_check(view: JumpView) -> None:
+    """What is used of friction and limits while it stands is at most what the check found, and nearly that."""
+    times = np.linspace(0.0, view.duration, 8001)
+    columns, figures = view.columns(times), view.check.figures
+    begin, end = view.flown
+    stands = (times < begin) | (times > end)
+    for key, wanted in (
+        ("torque_use", figures["torque"]),
+        ("rate_use", figures["velocity"]),
+        ("held_use", figures["held_torque"]),
+        ("friction", figures["friction"] / view.jump.request.friction),
+    ):
+        found = max(np.nanmax(np.abs(values[stands])) for name, values in columns.items() if name.startswith(f"{key}."))
+        assert found == pytest.approx(wanted, rel=2e-3), key
+
+
+def test_the_page_says_what_was_checked_and_proved(view: JumpView, data: Any) -> None:
+    jump = backflip()
+    assert jump.flight is not None
+    tables = {table["title"]: table for table in data["sections"]}
+    assert [*tables][:4] == ["Problem", "Result", "Flight", "Stances"]
+    assert data["verdict"] == {"word": jump.verdict, "tone": "open"}  # not proved yet
+    said = tables["Stances"]["motors"][1]
+    assert all(any(sentence in words for words, _ in said) for sentence in ("friction is", "torques take"))
+    assert [line[0] for line in tables["Result"]["motors"][1]] == [phase.kind for phase in jump.phases]
+    certificate = fp.certify(jump.flight)
+    proved = report_data(shown(jump.with_certificate(certificate)))
+    assert proved["verdict"]["word"].startswith("flight proved, stances checked")
+    flight = next(table for table in proved["sections"] if table["title"] == "Flight")
+    assert flight["tone"] == "good"
+    assert flight["rows"][0][1].startswith("proved: ")
+
+
+def test_stances_that_do_not_hold_are_red() -> None:
+    broken = replace(backflip())
+    vars(broken)["check"] = JumpCheck(False, {**backflip().check.figures, "torque": 1.2}, ("torques take 120%",))
+    data = report_data(shown(broken))
+    assert data["verdict"] == {"word": broken.verdict, "tone": "bad"}
+    stances = next(table for table in data["sections"] if table["title"] == "Stances")
+    assert stances["tone"] == "bad"
+    assert stances["motors"][1][0] == ["not within limits: torques take 120% of their limits", "0.85 at most"]
+
+
+def test_what_was_not_found_is_not_shown() -> None:
+    with pytest.raises(InputError, match="no jump found, so there is nothing to show"):
+        shown(Jump(backflip().problem, fp.JumpRequest()))
+
+
+def test_obstacles_are_in_the_jump_s_clock(view: JumpView) -> None:
+    """An obstacle that moves and exists for a while, both since takeoff, is where the flight's own plan has it."""
+    passing = fp.Circle(center=(0.6, 0.3), radius=0.05, velocity=(-2.0, 0.5), window=(0.05, 0.2))
+    jump = backflip()
+    assert jump.flight is not None
+    moved = shown(replace(jump, problem=replace(jump.problem, obstacles=(passing,))))
+    since = np.linspace(0.0, jump.flight.duration, 41)
+    found = moved.clearances(jump.takeoff_time + since, moved.problem.obstacles)
+    np.testing.assert_allclose(found, jump.flight.clearances(since, [passing]), atol=1e-9)
+    assert np.isfinite(found).sum() not in (0, len(found))
+    assert [chart["title"] for chart in report_data(moved)["charts"]][-1] == "Clearance"
+
+
+def test_figures_of_a_jump(view: JumpView) -> None:
+    drawn = figures(view)
+    assert [*drawn] == [
+        *("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height"),
+        *("configuration", "rates", "torques"),
+    ]
+    times = view.moments()
+    texts = [text.get_text() for text in drawn["moments"].axes[0].texts]
+    assert [text for text in texts if text] == [f"{time:.2f} s" for time in times]
+    assert len(times) == 6
+    begin, end = view.flown
+    assert (np.diff(times) > 0).all()
+    assert [begin < time < end for time in times] == [False, False, True, True, False, False]
+    arrows = sum(text == "" for text in texts)
+    assert arrows == sum(len(stance.contacts) for stance in (view.jump.stances[0], view.jump.stances[-1])) + 2
+
+
+def test_the_scene_s_clock_is_the_jump_s(view: JumpView, monkeypatch: pytest.MonkeyPatch) -> None:
+    infra = pytest.importorskip("viser.infra")
+    waited: list[float] = []
+    monkeypatch.setattr(infra.StateSerializer, "insert_sleep", lambda _, seconds: waited.append(seconds))
+    assert "RL_foot" not in scene(view)  # all of it is packed
+    assert sum(waited) == pytest.approx(view.duration, rel=1e-12)
+
+
+SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_page_plays_in_a_browser(
+    browser: Browser, view: JumpView, tmp_path: Path, size: str, request: pytest.FixtureRequest
+) -> None:
+    """No complaint, no network, no sideways scrolling; arrows, bands and names are those of the jump."""
+    width, height = SIZES[size]
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size == "phone"}
+    request.addfinalizer(browser.reset)
+    browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    hostile = replace(backflip(), problem=replace(backflip().problem, name=HOSTILE))
+    page = write_report(shown(hostile), tmp_path / "report.html")
+    browser.open(page)
+    assert browser.run("return document.getElementById('name').textContent") == HOSTILE
+    push = float(view.moments()[1])
+    browser.run("floatplan.player.seek(arguments[0])", push)
+    seen = "return [...document.querySelectorAll(arguments[0])].map(e => getComputedStyle(e).display !== 'none')"
+    assert browser.run(seen, ".push.cone") == [True, False]
+    found = browser.run(
+        "const [, cone, [, arrow]] = floatplan.stage.pushes[0], texts = [[cone, 'transform'], [arrow, 'd']];"
+        "return texts.map(([e, name]) => e.getAttribute(name).match(/-?\\d[\\d.e-]*/g).map(Number))"
+    )
+    foot, force = (values(np.array([push]))[0, 0] for values in (view.feet, view.forces))
+    np.testing.assert_allclose(found[0], [foot.real, foot.imag], atol=1e-6)
+    tip = view.metres_per_newton * force
+    np.testing.assert_allclose(found[1][2:4], [tip.real, tip.imag], rtol=5e-3)
+    browser.run("document.getElementById('forces').click()")
+    assert browser.run(seen, ".push") == [False] * 6
+    told = browser.run("return [...document.querySelectorAll('.chart')].map(e => e.innerText)[0]")
+    stands = [name in contact for contact in view.contacts for name in view.jump.phases[1].contacts[:1]]
+    words = [f"{name} {'stands' if each else '–'}" for name, each in zip(view.contacts, stands, strict=True)]
+    assert all(each in " ".join(told.split()) for each in words)
+    graphics = "return [...document.querySelectorAll('[role=img]')].map(e => e.getAttribute('aria-label') || '')"
+    assert all(browser.run(graphics))
+    assert len(browser.run(graphics)) == 1 + len(report_data(view)["charts"])
+    assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.run("return window.broken") is None
+    assert browser.complaints() == []
+    assert browser.requests() == [page.as_uri()]
+
+
+def test_places_on_the_page_are_those_of_the_pictures(view: JumpView, data: Any) -> None:
+    placed, times = postures(view, view.moments()), sample_grid(view.duration)
+    np.testing.assert_allclose(np.interp(placed.times, times, column(data, "com_y")), placed.com.imag, atol=1e-4)
+    (level, _, _), *others = data["motion"]["ground"]
+    assert level == pytest.approx(view.ground, abs=5e-3)
+    assert others == []
