@@ -248,7 +248,8 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
         "Authority.until": Call(authority.until, {"error": 0.1}),
         "Replanner.reference": Call(replanner.reference, {"t": 0.1}),
         **{
-            f"Plan.{name}": Call(getattr(plan, name), {"times": 0.5}) for name in ("at", "q", "v", "a", "tau", "forces")
+            f"Plan.{name}": Call(getattr(plan, name), {"times": 0.5})
+            for name in ("at", "q", "v", "a", "tau", "forces", "contact_points")
         },
         "Plan.save": Call(plan.save, {"path": file}),
         "Plan.export": Call(plan.export, {"form": "csv", "path": folder / "trajectory.csv", "rate": 10.0}),

@@ -125,10 +125,10 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
     ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out; and
     what :func:`_controlled` adds.
     """
-    times, moves = sample_times(motion.duration, rate), motion.motion
+    times = sample_times(motion.duration, rate)
     arrays = {
         "time": times,
-        **{name: getattr(moves, name)(times) for name in ("q", "v", "a", "tau")},
+        **motion.coordinates(times),
         "gravity": motion.gravity,
         "joint_names": np.array(motion.joints),
     }
@@ -139,13 +139,14 @@ def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
     """Return what a controller needs beside the motion at times (N,), as far as there is any.
 
     ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,); ``contacts`` (N, C), whether each
-    stands; ``forces`` (N, C, 3), N, in the world; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
+    stands; ``forces`` (N, C, 3), N, in the world, and ``contact_points``, m, where they act, NaN of what does not
+    stand; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
     """
     arrays: dict[str, Any] = {}
     found = motion.contacts(times)
     if found is not None:
         arrays |= {"phase": found.phase, "phase_begin": found.begin, "contact_names": np.array(found.names)}
-        arrays |= {"contacts": found.stand, "forces": found.forces}
+        arrays |= {"contacts": found.stand, "forces": found.forces, "contact_points": found.points}
     if motion.gains is not None:
         arrays |= dict(zip(("kp", "kd"), motion.gains, strict=True))
     return arrays
@@ -158,7 +159,7 @@ def ros_content(motion: Exported, rate: float) -> str:
     """
     nanoseconds = whole_nanoseconds(motion.duration, rate)
     whole = motion.at(nanoseconds / 1e9)
-    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in whole.joints)
+    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
     rows = zip(whole.positions, whole.velocities, whole.accelerations, whole.motor_torques, strict=True)
     for instant, (positions, velocities, accelerations, effort) in zip(nanoseconds.tolist(), rows, strict=True):
@@ -187,7 +188,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
         "qpos": np.concatenate((whole.base_position, quaternion, whole.positions), axis=1),
         "qvel": np.concatenate((whole.base_velocity, whole.base_angular_velocity, whole.velocities), axis=1),
         "ctrl": whole.motor_torques,
-        "joint_names": np.array(whole.joints),
+        "joint_names": np.array(motion.joints),
         "gravity": motion.gravity,
     }
     return _archive(arrays | _controlled(motion, times))
@@ -200,7 +201,7 @@ def unitree_content(motion: Exported, rate: float) -> str:
     flight is not a whole number of steps, the last row is the landing, less than a step early.
     """
     whole = motion.at(sample_times(motion.duration, rate))
-    names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *whole.joints]
+    names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((whole.base_position, whole.base_quaternion, whole.positions), axis=1)
     lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]

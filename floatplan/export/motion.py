@@ -57,12 +57,14 @@ class Exportable(Protocol):
     def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
         """Forces (N, 3), N, in the world's axes, on every point that stands in one of the phases."""
 
+    def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Where they act (N, 3), m, in the world; NaN where the point does not stand."""
+
 
 @dataclass(frozen=True, eq=False)
 class WholeMotion:
     """Base and all J joints at N instants, as :class:`floatplan.motion.flight.FullMotion` has them."""
 
-    joints: tuple[str, ...]
     positions: Array
     velocities: Array
     accelerations: Array
@@ -84,6 +86,7 @@ class Contacts:
     names : (C,) of all points that stand at some time
     stand : (N, C) whether each does
     forces : (N, C, 3) N, on the robot, in the world's axes
+    points : (N, C, 3) m, where they act, in the world; NaN where the point does not stand
     """
 
     begin: Array
@@ -91,6 +94,7 @@ class Contacts:
     names: tuple[str, ...]
     stand: BoolArray
     forces: Array
+    points: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,13 +143,21 @@ class Exported:
             about["phases"] = json.dumps([vars(phase) for phase in motion.phases])
         return about
 
+    def coordinates(self, times: Array) -> dict[str, Array]:
+        """Return ``q``, ``v``, ``a``, ``tau`` (N, ..) at times (N,), s; InputError where they are no numbers."""
+        motion, times = self.motion, np.minimum(times, self.duration)  # the last may be later by rounding
+        found = {"q": motion.q(times), "v": motion.v(times), "a": motion.a(times), "tau": motion.tau(times)}
+        if not all(np.isfinite(values).all() for values in found.values()):
+            raise InputError("is not a motion at all times: it holds what is no number", source=motion.problem.name)
+        return found
+
     def at(self, times: Array) -> FullMotion | WholeMotion:
         """Return base and all joints at times (N,), s."""
         motion = self.motion
         if isinstance(motion, Plan):  # which knows them to the last bit
             return motion.full_motion(times)
-        times, robot, order = np.minimum(times, motion.duration), self.robot, free_flyer(self.robot)
-        q, v, a, tau = (quantity(times) for quantity in (motion.q, motion.v, motion.a, motion.tau))
+        robot, order = self.robot, free_flyer(self.robot)
+        q, v, a, tau = self.coordinates(times).values()
         positions, continuous = q[:, order.in_q], order.in_q[order.continuous]
         positions[:, order.continuous] = np.unwrap(np.arctan2(q[:, continuous + 1], q[:, continuous]), axis=0)
         torques = tau[:, order.in_v]
@@ -153,7 +165,6 @@ class Exported:
         torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
         torques[:, motors] = made
         return WholeMotion(
-            joints=self.joints,
             positions=positions,
             velocities=v[:, order.in_v],
             accelerations=a[:, order.in_v],
@@ -169,12 +180,13 @@ class Exported:
         motion, phases = self.motion, self.motion.phases
         if not phases:
             return None
-        times = np.minimum(times, motion.duration)  # of which the last may be later by rounding
+        times = np.minimum(times, motion.duration)
         phase = np.searchsorted([each.end for each in phases[:-1]], times)
-        forces = motion.forces(times)
+        forces, points = motion.forces(times), motion.contact_points(times)
+        arrays = (np.stack([each[name] for name in forces], axis=1) for each in (forces, points))
         stand = np.array([[name in each.contacts for name in forces] for each in phases])[phase]
         begin = np.array([each.begin for each in phases])
-        return Contacts(begin, phase, tuple(forces), stand, np.stack(list(forces.values()), axis=1))
+        return Contacts(begin, phase, tuple(forces), stand, *arrays)
 
 
 def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:

@@ -98,7 +98,7 @@ def mcap_content(exported: Exported, rate: float) -> bytes:
     places = (_transform(0, joint.parent, joint.child, pin.SE3ToXYZQUAT(joint.origin.placement)) for joint in fixed)
     write["/tf_static"](0, {"transforms": list(places)})
     bases = np.concatenate((motion.base_position, motion.base_quaternion), axis=1)
-    columns = [motion.joints.index(joint.name) for joint in moving]
+    columns = [exported.joints.index(joint.name) for joint in moving]
     for index, instant in enumerate(nanoseconds.tolist()):
         transforms = [_transform(instant, world, tree.root, bases[index])]
         for joint, position in zip(moving, motion.positions[index, columns].tolist(), strict=True):
@@ -107,12 +107,12 @@ def mcap_content(exported: Exported, rate: float) -> bytes:
         write["/tf"](instant, {"transforms": transforms})
         quantities = {"position": motion.positions, "velocity": motion.velocities, "effort": motion.motor_torques}
         state = {name: values[index].tolist() for name, values in quantities.items()}
-        write["/joint_states"](instant, {"header": _header(instant, ""), "name": list(motion.joints), **state})
+        write["/joint_states"](instant, {"header": _header(instant, ""), "name": list(exported.joints), **state})
     contacts = exported.contacts(times)
     if contacts is not None:
         _write_contacts(writer, contacts, nanoseconds.tolist(), world)
     if exported.gains is not None:
-        sizes = zip(("kp, kd", "joint"), exported.gains.shape, (exported.gains.size, len(motion.joints)), strict=True)
+        sizes = zip(("kp, kd", "joint"), exported.gains.shape, (exported.gains.size, len(exported.joints)), strict=True)
         rows = [{"label": label, "size": count, "stride": stride} for label, count, stride in sizes]
         content = {"layout": {"dim": rows, "data_offset": 0}, "data": exported.gains.ravel().tolist()}
         _topic(writer, "/gains", ("std_msgs/msg/Float64MultiArray", *NUMBERS, True))(0, content)

@@ -17,7 +17,6 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.plans.plan import Plan
-from floatplan.robot.robot import Robot
 
 if TYPE_CHECKING:
     from floatplan.export.motion import Exported
@@ -92,7 +91,7 @@ class Column:
 
 
 def full_columns(motion: Exported, rate: float) -> list[Column]:
-    """Return the columns: time, base, joints in Pinocchio's order, contacts and gains where there are any.
+    """Return the columns: time, base, joints in Pinocchio's order, their gains and contacts where there are any.
 
     The world's axes are the root link's at orientation 0. ``base_x`` to ``base_qw`` are place and orientation of the
     root link, ``base_vx`` to ``base_wz`` its velocities, all in the world. A joint's torque is its motor's own.
@@ -100,7 +99,7 @@ def full_columns(motion: Exported, rate: float) -> list[Column]:
     force on it, in the world; at a change of contacts all are those before it.
     """
     times = sample_times(motion.duration, rate)
-    whole, robot = motion.at(times), motion.robot
+    whole, tree = motion.at(times), motion.robot.layout.tree
     columns = [Column("time", "s", times)]
     for prefix, unit, letters, values in (
         ("base_", "m", SPACE, whole.base_position),
@@ -109,20 +108,19 @@ def full_columns(motion: Exported, rate: float) -> list[Column]:
         ("base_w", "rad/s", SPACE, whole.base_angular_velocity),
     ):
         columns += [Column(prefix + letter, unit, column) for letter, column in zip(letters, values.T, strict=True)]
-    for index, joint in enumerate(whole.joints):
-        angle, torque = units(robot, joint)
+    for index, joint in enumerate(motion.joints):
+        angle, torque = ("rad", "N m") if tree.joint[joint].turns else ("m", "N")
         columns += [
             Column(f"{joint}_position", angle, whole.positions[:, index]),
             Column(f"{joint}_velocity", f"{angle}/s", whole.velocities[:, index]),
             Column(f"{joint}_acceleration", f"{angle}/s^2", whole.accelerations[:, index]),
             Column(f"{joint}_torque", torque, whole.motor_torques[:, index]),
         ]
-    return columns + contact_columns(motion, times) + gain_columns(motion, len(times))
-
-
-def units(robot: Robot, joint: str) -> tuple[str, str]:
-    """Units of a joint's position and torque."""
-    return ("rad", "N m") if robot.layout.tree.joint[joint].turns else ("m", "N")
+        if motion.gains is not None:
+            units = f"{torque}/{angle}", f"{torque} s/{angle}"
+            for name, unit, gain in zip(("kp", "kd"), units, motion.gains[:, index], strict=True):
+                columns.append(Column(f"{joint}_{name}", unit, np.full(len(times), gain)))
+    return columns + contact_columns(motion, times)
 
 
 def contact_columns(motion: Exported, times: Array) -> list[Column]:
@@ -135,20 +133,6 @@ def contact_columns(motion: Exported, times: Array) -> list[Column]:
         columns.append(Column(f"{point}_contact", "1", found.stand[:, index].astype(np.int64)))
         forces = found.forces[:, index].T
         columns += [Column(f"{point}_f{letter}", "N", force) for letter, force in zip(SPACE, forces, strict=True)]
-    return columns
-
-
-def gain_columns(motion: Exported, count: int) -> list[Column]:
-    """Return the columns of gains, the same in all of so many rows."""
-    if motion.gains is None:
-        return []
-    columns = []
-    for joint, stiffness, damping in zip(motion.joints, *motion.gains, strict=True):
-        angle, torque = units(motion.robot, joint)
-        columns += [
-            Column(f"{joint}_kp", f"{torque}/{angle}", np.full(count, stiffness)),
-            Column(f"{joint}_kd", f"{torque} s/{angle}", np.full(count, damping)),
-        ]
     return columns
 
 

@@ -175,6 +175,10 @@ class PlannedMotion:
         self._within(times)
         return {}
 
+    def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Return no places where forces act; as :meth:`forces`."""
+        return self.forces(times)
+
     @one_thread
     def _in_file(self, times: npt.ArrayLike, quantity: Callable[[flight.FullMotion], Array]) -> Array:
         """A quantity (N, size) at times of any shape, in that shape."""

@@ -36,7 +36,8 @@ from floatplan.simulation.forward import (
     State,
     accelerations_of,
     check_engine,
-    feedback_gains,
+    critical_gains,
+    joint_inertia,
     runge_kutta_step,
 )
 from floatplan.simulation.perturbation import Drawn, Perturbation, given_perturbation
@@ -298,7 +299,7 @@ class _Loop:
         self.every = max(1, round(1 / (rate * PERIOD)))
         self.reduced = reduced_model(robot, plan.ballistics.gravity)
         start = RecordedMotion(plan.record, self.reduced).joints(0.0)
-        self.gains = feedback_gains(self.reduced, start.positions, feedback)
+        self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         self.selection, self.resting = self.reduced.selection[BASE:], self.reduced.reference[BASE:]
         self.to_planned = np.linalg.pinv(self.selection)
         names = self.reduced.joints

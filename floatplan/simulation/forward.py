@@ -64,11 +64,6 @@ def joint_inertia(model: Any, posture: Array) -> Array:
     return np.asarray(1.0 / np.diagonal(inverse)[JOINTS])
 
 
-def feedback_gains(reduced: ReducedModel, posture: Array, bandwidth: float) -> Array:
-    """Return critical gains (2, m) for a bandwidth, rad/s, from the inertia that each joint turns at a posture."""
-    return critical_gains(bandwidth, joint_inertia(reduced.model, posture))
-
-
 class JointTorques:
     """Torques (m,) by time, s, and the joints' positions and velocities (m,): the plan's, and feedback's.
 

@@ -35,9 +35,10 @@ from floatplan.simulation.forward import (
     JointTorques,
     accelerations_of,
     check_engine,
-    feedback_gains,
+    critical_gains,
     fly_finely,
     fly_in_steps,
+    joint_inertia,
     whole_step,
 )
 from floatplan.simulation.perturbation import MEASURED, Perturbation, given_perturbation
@@ -207,7 +208,7 @@ def replay(
     drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
     motion = RecordedMotion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
-    control = None if feedback is None else feedback_gains(reduced, takeoff[0], feedback)
+    control = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
     dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations_of(engine, robot, reduced, drawn))
     times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
     if engine == "pinocchio":

@@ -24,6 +24,7 @@ COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
 UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
+BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
 NAMED = (".heel", ".toe")
 
 
@@ -215,6 +216,29 @@ def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float 
         if above > most:
             return f"{contact.name!r} is in the air: {lowest!r} is {1e3 * above:.0f} mm lower"
     return ""
+
+
+def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limits: Array) -> Array:
+    """Return the part of joint ranges ``limits`` (n, 2) rad in which motions between ``postures`` (P, n+1) are sought.
+
+    No joint is more than half a turn from all of them; and a leg on a point that stands bent stays bent to that side,
+    since next to straight, or folded, what it does between two instants says little of what it does in them.
+    """
+    tree, joints = robot.tree, postures[:, 1:]
+    ranges = np.stack((joints.min(axis=0) - np.pi, joints.max(axis=0) + np.pi), axis=1)
+    for contact in contacts:
+        shank, thigh = contact.spots[0].body, int(tree.parent[contact.spots[0].body])
+        ways = tree.turns[shank] - tree.turns[thigh]
+        if contact.suffix or thigh <= 0 or np.count_nonzero(ways) != 1:
+            continue
+        spots, knee = [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], int(np.flatnonzero(ways)[0])
+        hip, middle, foot = np.array([heights_over_com(robot, spots, y) for y in postures]).T
+        bends = np.angle((foot - middle) / (middle - hip))
+        if (np.abs(np.sin(bends)) > BENT).all():
+            ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends
+            reached = joints[:, knee] + ends / (tree.turn * ways[knee])
+            ranges[knee] = reached.min(), reached.max()
+    return np.stack((np.maximum(limits[:, 0], ranges[:, 0]), np.minimum(limits[:, 1], ranges[:, 1])), axis=1)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, hermite, refined, values
 from floatplan.stance.phases import Phase
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.rows import axes_of, balanced, closures, dependent, spread
+from floatplan.stance.rows import axes_of, balanced, closures, spread
 
 REFINED = 4  # [-] steps of the grid in an interval of the program
 SUBSTEPS = 4  # [-] of the differential equation in a step of the grid
@@ -67,9 +67,17 @@ class StanceDynamics:
 
     @cached_property
     def dependent(self) -> list[int]:
-        """Entries of y that follow from the closure."""
-        anchor, *others = self.phase.contacts
-        return [entry for contact in others for entry in dependent(self.model.robot, anchor, contact)]
+        """Entries of y that follow from the closure: joints nearest to the other contacts, of their own legs first."""
+        tree, found = self.model.robot.tree, []
+        for contact in self.phase.others:
+            body, own = contact.spots[0][0], []
+            held = tree.turns[self.phase.anchor.spots[0][0]] if not contact.vertical else np.zeros(tree.turns.shape[1])
+            while body > 0:
+                joint = np.flatnonzero(tree.turns[body] - tree.turns[tree.parent[body]])
+                own += [1 + int(each) for each in joint if not held[each] and 1 + int(each) not in own]
+                body = int(tree.parent[body])
+            found += own[: 1 if contact.vertical else 2]
+        return found
 
     def turned(self, y: Array, v: Array, a: Array) -> Array:
         """Orientation's acceleration (N,) rad/s^2 by the balance of moments, on the anchor alone."""

@@ -27,7 +27,7 @@ from floatplan.tables import Range
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
 MOST_STARTS = Range(1, 1000, "")
-ROOM = Room(1.0, 1.0, 0.9, 1.4, smooth=10.0, clear=3e-3, range=0.02)  # of the nodes: limits are those of the factor
+ROOM = Room(1.0, 1.0, 0.9, 1.1, clear=3e-3, range=0.02)  # of the nodes: limits are those of the factor
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
 

@@ -18,7 +18,7 @@ from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
 FLIGHT = (2.57, 16)  # [sqrt(height / g), -] guessed duration, and intervals
 HOP = (1.2, 16)  # [sqrt(height / g), -] the same of a flight without a turn
 SHORTEST_HOP = 0.3  # [-] of that
-STANCES = {"takeoff": ((1.7, 14), (1.03, 14)), "landing": ((0.86, 14), (2.3, 14))}  # the same of each phase
+STANCES = {"takeoff": ((1.7, 18), (1.03, 18)), "landing": ((0.86, 18), (2.3, 18))}  # the same of each phase
 SINGLE = {"takeoff": (2.73, 28), "landing": (3.16, 28)}  # where there is but one
 WIDEST = {
     "takeoff": (0.5, 1.6),
@@ -26,7 +26,7 @@ WIDEST = {
     "landing": (0.5, 1.6),
 }  # [-] of a phase's guessed duration, unless bounds are given
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
-DENSER = 1.3  # [-] power by which nodes are denser near the flight
+SLOWEST = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
 ATTEMPTS = 10  # [-] random postures from which a standing one is looked for
 STILL = 1e-6  # [m] what counts as level
 
@@ -63,7 +63,9 @@ class Phase:
         even = np.linspace(0.0, 1.0, self.intervals + 1)
         if self.side == "flight":
             return even
-        return 1 - (1 - even) ** DENSER if self.side == "takeoff" else even**DENSER
+        away = 1 - even if self.side == "takeoff" else even
+        apart = away * (SLOWEST + (1 - SLOWEST) * away)
+        return 1 - apart if self.side == "takeoff" else apart
 
     @property
     def others(self) -> tuple[Contact, ...]:

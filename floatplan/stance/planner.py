@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -21,13 +20,10 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
+from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
-ROOMS = (
-    Room(0.9, 0.97, 0.7),
-    Room(0.86, 0.97, 0.8, smooth=50.0),
-)  # of the first program; the next depends on what its jump breaks
+ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
 SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
@@ -81,8 +77,7 @@ def jump(
     say = progress or (lambda _: None)
     with naming(file):
         setup = jump_setup(problem, asked)
-        programs = {room: setup.program(room) for room in ROOMS}
-        first = programs[ROOMS[0]]
+        first = setup.program(ROOM)
         first.separation.check_standing(first.node, first.motion(first.guess()))
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
@@ -92,20 +87,19 @@ def jump(
         found = completed(setup, program, solution, seed)
         return found, None if found.ok else found.check.figures
 
-    for start, (room, program) in itertools.product(range(starts), programs.items()):
+    for start in range(starts):
         if spent >= WORK * starts:
             break
         tried = start + 1
         say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
-        found = program.solved(program.guess(rng))
+        found = first.solved(first.guess(rng))
         solution = found[1]
         spent += solution.iterations
         if not solution.converged:
             best = min(best, solution.worst)
             continue
-        most = 0 if room is ROOMS[0] else CORRECTIONS
-        answer = corrected(room, asked, found, setup.program, complete, most)
+        answer = corrected(ROOM, asked, found, setup.program, complete)
         if answer.ok:
             return answer
     if answer is not None:

@@ -35,23 +35,24 @@ from floatplan.stance.rows import (
     MEETS,
     PRESSED,
     RELEASE,
+    STANDS,
     NodeRows,
     Rows,
-    closures,
+    drifting,
     hermite_step,
     roughness,
 )
 from floatplan.stance.separation import Separation
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
-CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node away from the flight, where they vanish
+CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
-ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
+ROUGHNESS = 1e-4  # [-] of steps of accelerations, beside the squared torques
 SMOOTH = 0.1  # [-] of squared torques beside the factor
 MOST = 20.0  # [-] the largest factor that is looked for
-TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
+IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
 EXCHANGES = 8  # [-] programs at most in which more is kept apart
@@ -118,7 +119,7 @@ class JumpProgram:
     def _shapes(self) -> list[tuple[int, int]]:
         """Sizes of y, v, a; then of each phase's forces and drifts; of durations, h, and the factor."""
         forces = [(2 * len(phase.others), phase.intervals + 1) for phase in self.phases]
-        drifts = [(closures(phase), 2) for phase in self.phases]
+        drifts = [(drifting(phase), 2) for phase in self.phases]
         return [*[(self.size, self.nodes)] * 3, *forces, *drifts, (len(self.phases), 1), (1, 1), (int(self._limits), 1)]
 
     @cached_property
@@ -216,10 +217,8 @@ class JumpProgram:
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
         self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
-        goal = ROUGHNESS * self.node.smooth * rough
-        goal += factor + SMOOTH * total / unit if self._limits else total / unit
-        settings = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "max_iter": self._iterations}
-        settings |= {"tol": TOLERANCE, "constr_viol_tol": HELD}
+        goal = ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
+        settings = IPOPT | {"max_iter": self._iterations}
         return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), settings), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
@@ -278,9 +277,11 @@ class JumpProgram:
                 low[row], high[row] = -np.inf, np.inf
                 if flies or kind == MEETS:
                     low[row, seam] = high[row, seam] = 0.0
+            if label.endswith(STANDS) and phase.others[0].vertical:
+                low[row, -1 - seam] = -np.inf if phase in (self.phases[0], self.phases[-1]) else 0.0
+                high[row, -1 - seam] = -low[row, -1 - seam]
             if label.startswith("friction"):
-                if flies:
-                    low[row, seam + (-1 if takeoff else 1)] = CONE_ROOM
+                low[row, 1:-1] = CONE_ROOM
                 if label not in kept:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
             if kind in settled or (flies and kind == PRESSED):
@@ -295,9 +296,8 @@ class JumpProgram:
     @property
     def _settled(self) -> set[str]:
         """What holds by itself where the stances meet a flight that is known."""
-        rated = [each for each in self._fixed if each.v is not None]
-        falls = [each for each in rated if each.a is not None]
-        return {*[MEETS] * len(rated), *[BALANCE, RELEASE] * len(falls)}
+        kinds = [[MEETS] if each.a is None else [MEETS, BALANCE, RELEASE] for each in self._fixed if each.v is not None]
+        return {kind for each in kinds for kind in each}
 
     def _add_flight(self, rows: Rows, parts: Sequence[Any], duration: Any, momentum: Any) -> Any:
         """Rows of the flight: orientation, momentum, parabola, limits and heights."""

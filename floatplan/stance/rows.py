@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact, Watched, heights_over_com
 from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
@@ -20,10 +19,9 @@ Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
 BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
 PRESSED = "pressed on the ground"
-LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
+LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
 EFFORT = "effort of"
-BENDS, BENT = "bends its leg", 0.1  # [-] how well it does, of what it does where the robot stands
 ROUNDING = 1e-9  # [m]
 
 
@@ -160,11 +158,9 @@ class NodeRows:
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
     known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
-    smooth : weight of steps of accelerations, times the usual one
     held : joints that are held, whose torques are rows
     """
 
-    smooth = 1.0
     held: tuple[str, ...] = ()
 
     def __init__(
@@ -198,7 +194,7 @@ class NodeRows:
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
-        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", closures(phase))
+        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", drifting(phase))
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
@@ -227,35 +223,25 @@ class NodeRows:
         return function, [row[1:] for row in rows]
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
-        """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones.
-
-        And how far each leg is from where its joints cannot move its foot, as it is where it is straight.
-        """
-        ca, anchor, model, unit = casadi(), phase.anchor.spots[0], self.model, self.unit
+        """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
+        anchor, model, unit = phase.anchor.spots[0], self.model, self.unit
         stand: list[Row] = []
         meet: list[Row] = []
-        bent: list[Row] = []
         for contact in phase.others:
             weights = model.weights(contact.spots[:1], anchor)
             place, rate, acceleration = (model.places(weights, order) for order in range(3))
             home = self._span(phase, contact)
             for k in axes_of(contact):
-                still = acceleration[k] * unit**2 - drifts[len(stand)]
-                stand.append((still, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
+                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                if contact.vertical:  # a level sole stays so where it does not accelerate
+                    continue
                 meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
-            ways = ca.jacobian(ca.vertcat(*[place[k] for k in axes_of(contact)]), model.y)
-            moves = ca.det(ways[:, dependent(model.robot, phase.anchor, contact)])
-            end = self._end(phase)
-            usual = float(model.function("moves", [moves])(end, 0 * end, 0 * end))
-            bent.append((moves / usual, BENT, np.inf, f"{contact.name} {BENDS}"))
-        return [*stand, *meet, *bent]
-
-    def _end(self, phase: Phase) -> Array:
-        return np.asarray(self.ends[0 if phase.side == "takeoff" else 1])
+        return [*stand, *meet]
 
     def _span(self, phase: Phase, contact: Contact) -> tuple[float, float]:
         """Where a contact is from the anchor where the robot stands, m."""
-        model, end = self.model, self._end(phase)
+        model, end = self.model, self.ends[0 if phase.side == "takeoff" else 1]
         place = model.function("span", model.places(model.weights(contact.spots[:1], phase.anchor.spots[0])))
         x, z = place(end, 0 * end, 0 * end)
         return float(x), float(z)
@@ -366,21 +352,14 @@ def axes_of(contact: Contact) -> tuple[int, ...]:
     return (1,) if contact.vertical else (0, 1)
 
 
-def dependent(robot: Robot, anchor: Contact, contact: Contact) -> list[int]:
-    """Entries of y that keep a contact where it stands: the joints nearest to it, of its own leg first."""
-    tree, found = robot.tree, list[int]()
-    body = contact.spots[0][0]
-    held = tree.turns[anchor.spots[0][0]] if not contact.vertical else np.zeros(tree.turns.shape[1])
-    while body > 0:
-        joint = np.flatnonzero(tree.turns[body] - tree.turns[tree.parent[body]])
-        found += [1 + int(each) for each in joint if not held[each] and 1 + int(each) not in found]
-        body = int(tree.parent[body])
-    return found[: 1 if contact.vertical else 2]
-
-
 def closures(phase: Phase) -> int:
     """How many conditions the contacts beside the anchor add."""
     return sum(len(axes_of(contact)) for contact in phase.others)
+
+
+def drifting(phase: Phase) -> int:
+    """How many of them drift: not those of heels, which are linear in y."""
+    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:

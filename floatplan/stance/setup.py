@@ -18,6 +18,7 @@ from floatplan.robot import Robot
 from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
+    bent_ranges,
     contact_at,
     ground_below,
     in_the_air,
@@ -49,7 +50,6 @@ class Room:
     ----------
     torque, velocity, friction : shares of what is allowed
     finer : by which factor nodes are more than usual
-    smooth : by which factor steps of accelerations weigh more
     clear : height that what does not stand keeps from the ground, m, or half of that where the robot stands
     range : from the ends of joint ranges, rad
     apart : beyond margins of obstacles and links, m
@@ -59,7 +59,6 @@ class Room:
     velocity: float
     friction: float
     finer: float = 1.0
-    smooth: float = 1.0
     clear: float = 0.01
     range: float = 0.1
     apart: float = ROOM
@@ -93,7 +92,6 @@ def corrected(
     found: tuple[JumpProgram, Solution],
     program: Callable[[Room], JumpProgram],
     complete: Callable[[JumpProgram, Solution], tuple[Answer, Mapping[str, float] | None]],
-    most: int = CORRECTIONS,
 ) -> Answer:
     """Return what a solution comes to between its nodes; where that fails, of one with more nodes, and stricter.
 
@@ -104,10 +102,9 @@ def corrected(
     found : that program, and its solution
     program : the same with other room
     complete : what a solution comes to, and the figures of its check where they fail
-    most : programs after the first
     """
     answer, figures = complete(*found)
-    for _ in range(most):
+    for _ in range(CORRECTIONS):
         if figures is None:
             break
         room = room.stricter(request, figures)
@@ -146,34 +143,33 @@ class Setup:
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
-        share = request.margin["torque"] * room.torque
+        share, feet = request.margin["torque"] * room.torque, [each for phase in self.phases for each in phase.contacts]
+        postures = np.stack([*self.standing, *(each.y for each in self.fixed)])
+        bent = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=inside(np.asarray(problem.position_limits), room.range),
+            position=inside(
+                bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits)), room.range
+            ),
             friction=room.friction * request.friction,
             held=room.torque,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
-        feet = [contact for phase in self.phases for contact in phase.contacts]
         watched = watched_points(problem.robot, feet, self.ground, rest, room.clear)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
         flight = next(index for index, phase in enumerate(phases) if phase.side == "flight")
         known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
-        node = NodeRows(model, phases, watched, bounds, self.standing, known)
-        node.smooth = room.smooth
-        return node
+        return NodeRows(model, phases, watched, bounds, self.standing, known)
 
     def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
-        apart = Separation(
-            problem.robot, problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
-        )
-        limits = self.request.objective == "limits"
+        parts = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
         return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
 

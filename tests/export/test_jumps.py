@@ -149,6 +149,7 @@ def check_controlled(jump: fp.Jump, content: dict[str, np.ndarray]) -> None:
     for index, name in enumerate(content["contact_names"].tolist()):
         assert (content["contacts"][:, index] == stands[name]).all()
         near(content["forces"][:, index], forces[name])
+        assert (np.isnan(content["contact_points"][:, index]).all(axis=1) == ~stands[name]).all()
     assert (np.diff(content["phase"]) >= 0).all()
     assert content["phase_begin"].tolist() == [phase.begin for phase in jump.phases]
     for number, phase in enumerate(jump.phases):
@@ -170,7 +171,7 @@ def test_numpy(jump: fp.Jump, tmp_path: Path, form: str) -> None:
 
 
 def test_inverse_dynamics_of_the_file_give_its_torques(jump: fp.Jump, tmp_path: Path) -> None:
-    """Pinocchio's model, the file's q, v, a and forces at the feet: what is left are the file's torques."""
+    """Pinocchio's model, the file's q, v, a and forces where they act: what is left are the file's torques."""
     content, model = read_archive(export(jump, "npz", tmp_path / "file.npz", RATE)), model_of(jump)
     data, plane, left = model.createData(), jump.problem.robot.plane, jump.at(content["time"]).torques
     for row in range(3, len(content["time"]), 40):
@@ -178,9 +179,13 @@ def test_inverse_dynamics_of_the_file_give_its_torques(jump: fp.Jump, tmp_path: 
         wrench = pin.rnea(model, data, q, v, a)
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
-        for name, force in zip(content["contact_names"].tolist(), content["forces"][row], strict=True):
-            frame = model.getFrameId(name)
-            wrench -= pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3].T @ force
+        for index, name in enumerate(content["contact_names"].tolist()):
+            force, point = content["forces"][row, index], content["contact_points"][row, index]
+            if content["contacts"][row, index]:
+                frame = model.getFrameId(name)
+                moment = np.cross(point - data.oMf[frame].translation, force)
+                jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+                wrench -= jacobian.T @ np.concatenate((force, moment))
         near(wrench[6:], content["tau"][row, 6:], 1e-9)
         near([wrench[:3] @ plane.horizontal, wrench[:3] @ plane.vertical], [0.0, 0.0], 1e-9)
         near(wrench[3:6] @ plane.normal, left[row, 2], 1e-9)
@@ -326,10 +331,21 @@ def test_no_jump_no_file(floatplan: Callable[..., Any], jump: fp.Jump, tmp_path:
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["half.json", "jump.json"]
 
 
+@pytest.mark.parametrize("form", ["csv", "npz", "mcap"])
+def test_what_is_no_number_is_no_motion(jump: fp.Jump, tmp_path: Path, form: str) -> None:
+    (first, *others), grid = jump.before, jump.before[0].grid
+    broken = replace(
+        jump, before=(replace(first, grid=replace(grid, v=np.where(grid.times > 0.1, np.nan, grid.v))), *others)
+    )
+    with pytest.raises(fp.InputError, match="holds what is no number"):
+        export(broken, form, tmp_path / "file")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_plan_has_gains_where_they_are_asked_for(jump: fp.Jump, tmp_path: Path) -> None:
     plan = jump.flight
     assert plan is not None
-    assert (plan.phases, plan.forces(0.1)) == ((), {})
+    assert (plan.phases, plan.forces(0.1), plan.contact_points(0.1)) == ((), {}, {})
     assert exported(plan).gains is None
     plain, stiff = (read_archive(export(plan, "pinocchio", tmp_path / "file.npz", kp=kp)) for kp in (None, 40))
     assert set(stiff) - set(plain) == {"kp", "kd"}
@@ -368,6 +384,5 @@ def test_any_motion_is_read_as_a_plan_is(tmp_path: Path) -> None:
     found, wanted = exported(Bare(plan)).at(times), plan.full_motion(times)
     assert np.ptp(found.positions[:, 0]) > 6
     for field in fields(found):
-        if field.name != "joints":
-            near(getattr(found, field.name), getattr(wanted, field.name), 1e-11)
-    assert found.joints == wanted.joints
+        near(getattr(found, field.name), getattr(wanted, field.name), 1e-11)
+    assert exported(Bare(plan)).joints == wanted.joints

@@ -13,7 +13,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.planner import ROOMS
+from floatplan.stance.planner import ROOM
 from floatplan.stance.separation import INSTANTS, _around
 from floatplan.stance.setup import jump_setup
 
@@ -71,7 +71,7 @@ def test_rows_are_what_is_measured(name: str) -> None:
     posture = fp.Posture(0.0, np.array(robot.resting))
     apart = (fp.SelfClearance(links),)
     problem = fp.Problem(robot, posture, posture, flight, obstacles=(circle, bar), self_clearances=apart)
-    program = jump_setup(problem, fp.JumpRequest()).program(ROOMS[0])
+    program = jump_setup(problem, fp.JumpRequest()).program(ROOM)
     guess = program.guess(np.random.default_rng(3))
     chosen = {line.name: line for line in program.separation._candidates if links[0] in line.name}
     program = program.separated(
