@@ -151,9 +151,7 @@ class Setup:
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=inside(
-                bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits)), room.range
-            ),
+            position=inside(bent, room.range),
             friction=room.friction * request.friction,
             held=room.torque,
         )
