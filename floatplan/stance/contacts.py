@@ -168,22 +168,31 @@ def _contact(robot: Robot, frame: str, suffix: str, spot: Spot, depth: float, ve
 
 
 def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
-    """Links on other bodies that move as the frame does, and the point of each that is where ``spot`` is."""
+    """Links on other bodies that move as the frame does, and the point of each that is where ``spot`` is.
+
+    Of several on a body that is whose own shape has a corner nearest to the point.
+    """
     tree, home = robot.tree, robot.frames[frame]
     alike = [
         (name, each)
         for name, each in robot.frames.items()
         if name == each.link and each.body != home.body and (tree.turns[each.body] == tree.turns[home.body]).all()
     ]
-    found: dict[int, tuple[str, Spot]] = {}
+    found: dict[int, list[tuple[str, Spot]]] = {}
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 1 + len(robot.joints)))
     for name, each in alike:
         both = [Spot(frame.body, frame.local) for frame in (home, each)]
         pair = [heights_over_com(robot, both, q) for q in postures]
         turned = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[each.body]))
         if max(abs(first - second) for first, second in pair) < SAME:
-            found.setdefault(each.body, (name, Spot(each.body, each.local + (spot.place - home.local) * turned)))
-    return list(found.values())
+            twin = name, Spot(each.body, each.local + (spot.place - home.local) * turned)
+            found.setdefault(each.body, []).append(twin)
+
+    def away(twin: tuple[str, Spot]) -> float:
+        own = robot.link_hulls.get(robot.contact_link(twin[0]) or "", ())
+        return min([abs(corner.place - twin[1].place) for corner in corners(own)], default=np.inf)
+
+    return [min(twins, key=away) for twins in found.values()]
 
 
 def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
