@@ -230,7 +230,7 @@ def _hop(drawing: Drawing, rng: np.random.Generator) -> fp.Problem | None:
     feet, lasts = [tuple(foot.frame for foot in drawing.feet)], stance.span[1]
     spans = [(lasts / WIDER, lasts * WIDER)]
     sides = fp.JumpTakeoff(feet, spans), fp.JumpLanding(feet, spans)
-    request = fp.JumpRequest(known.request.friction, clearance=0.0, takeoff=sides[0], landing=sides[1])
+    request = fp.JumpRequest(known.request.friction, clearance=0.01, takeoff=sides[0], landing=sides[1])
     robot, flight = drawing.robot, fp.Flight(plan.duration, "free", fp.Takeoff(feet[0][0]), gravity=GRAVITY)
     home = fp.Posture(0.0, drawing.home[1:])
     bounds = fp.Limits(torque=dict(zip(robot.motors, torque, strict=True)), velocity=velocity.tolist())

@@ -13,26 +13,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from make_images import (
-    SHEET_DPI,
-    WIDTH,
-    draw_jump,
-    draw_scene,
-    jump_moments,
-    jump_postures,
-    rendered,
-    save,
-    strip_height,
-)
+from make_images import SHEET_DPI, draw_scene, rendered, save, sheet
 from matplotlib.figure import Figure
+from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.planar.contact_rates import End
+from floatplan.view.figures.snapshots import moments
+from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled
 
 ROOT = Path(__file__).resolve().parents[1]
+WIDTH = 7.6  # [in]
 PROBLEMS, JUMPS = ROOT / "problems" / "gallery", ROOT / "problems" / "jumps"
 PICTURE, STRIPS = (ROOT / "docs" / "images" / f"{name}.png" for name in ("gallery", "jumps"))
 TITLES = {
@@ -160,7 +154,7 @@ def main() -> None:
         print(table(JUMP_COLUMNS, [entry.row() for entry in jumps]))
         if not arguments.no_picture:
             with styled():
-                save(rendered(strips([jump for jump in jumps if jump.turn]), SHEET_DPI), STRIPS)
+                save(strips([jump for jump in jumps if jump.turn]), STRIPS)
     if arguments.kind in ("all", "flights"):
         entries = [planned(name, arguments.launch) for name in arguments.names or TITLES]
         print(table(COLUMNS, [entry.row() for entry in entries]))
@@ -203,17 +197,13 @@ def launch_of(plan: fp.Plan) -> str:
     return f"{found.ratio:.2f}" if found.ok else "not found"
 
 
-def strips(entries: Sequence[JumpEntry]) -> Figure:
+def strips(entries: Sequence[JumpEntry]) -> Image.Image:
     """Moments of jumps, a strip for each."""
-    placed = [jump_postures(entry.jump, jump_moments(entry.jump, between=1, flying=3)) for entry in entries]
-    heights = [strip_height(each) for each in placed]
-    figure = new_figure(WIDTH, sum(heights))
-    grid = figure.add_gridspec(len(entries), 1, height_ratios=heights, hspace=0.0)
-    for row, (entry, each) in enumerate(zip(entries, placed, strict=True)):
-        axes = figure.add_subplot(grid[row, 0])
-        draw_jump(axes, entry.jump, each)
-        axes.text(0.0, 1.0, title_of(entry.name), transform=axes.transAxes, va="top", fontsize=8)
-    return figure
+    drawn = []
+    for entry in entries:
+        view = JumpView(entry.jump, entry.jump.check, entry.jump.verdict)
+        drawn.append(rendered(moments(view, flying=3, title=title_of(entry.name)), SHEET_DPI))
+    return sheet([drawn])
 
 
 def table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:

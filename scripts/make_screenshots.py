@@ -18,6 +18,7 @@ import floatplan as fp
 from floatplan.certificate.certificate import certify
 from floatplan.files import write_atomically
 from floatplan.studio.page import Studio
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -49,6 +50,7 @@ def main() -> None:
             for plan in (example, backflip):
                 name = f"report_{plan.problem.name}.png"
                 photograph_report(browser, plan, Path(folder) / "report.html", IMAGES / name)
+            photograph_report(browser, jumped("go2"), Path(folder) / "report.html", IMAGES / "report_jump.png", 0.31)
             for plan in (backflip, example):
                 photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
             photograph_studio(browser, backflip.problem, IMAGES / "studio_go2.png")
@@ -63,10 +65,19 @@ def checked(name: str) -> fp.Plan:
     return plan.with_record(record)
 
 
-def photograph_report(browser: Any, plan: fp.Plan, page: Path, path: Path) -> None:
+def jumped(name: str) -> JumpView:
+    """Plan a jump, and prove its flight."""
+    jump = fp.jump(ROOT / "problems" / "jumps" / f"{name}.toml")
+    if not jump.ok or jump.flight is None:
+        raise SystemExit(f"{name}: {jump.explanation}")
+    jump = jump.with_certificate(certify(jump.flight))
+    return JumpView(jump, jump.check, jump.verdict)
+
+
+def photograph_report(browser: Any, plan: Shown, page: Path, path: Path, share: float = 0.55) -> None:
     browser.driver.set_window_size(1400, 1240)
     browser.open(write_report(plan, page))
-    browser.run("floatplan.player.seek(0.55 * floatplan.motion.duration)")
+    browser.run("floatplan.player.seek(arguments[0] * floatplan.motion.duration)", share)
     browser.run("document.documentElement.style.overflow = 'hidden'")  # no scroll bar
     time.sleep(0.5)
     save(browser.driver.get_screenshot_as_png(), path)

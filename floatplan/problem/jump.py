@@ -124,6 +124,9 @@ class JumpRequest(Keyed):
     feet : str
         "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
         these, which the outlines of the feet have to be, roll on the ground without slipping.
+    objective : "torque", the integral of squared torques, or "limits"
+        What is least; "limits" is the largest share of what the margins leave of any limit on torque, torque-speed
+        curve or rate, over the whole jump.
     clearance : float, m
         What does not stand keeps it from the ground, or half of its height where the robot stands if that is less: room
         for a landing that is not as planned. The check asks for none.
@@ -140,6 +143,7 @@ class JumpRequest(Keyed):
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
     feet: Annotated[Literal["point", "rolling"], Key()] = "point"
+    objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.03
 
 

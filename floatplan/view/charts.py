@@ -223,7 +223,7 @@ def _shares(
     ends = {"limit": (INK, 1.0)} | ({"margin of stances": (ALARM, margin)} if margin < 1.0 else {})
     signed = [(name, colour, side * end) for name, (colour, end) in ends.items() for side in (1.0, -1.0)]
     lines = [ReferenceLine(name, colour, np.array(value)) for name, colour, value in signed]
-    return Chart(name, title, "%", [Panel("share", shares, fixed=lines)], factor=100)
+    return Chart(name, title, "%", [Panel(title.lower(), shares, fixed=lines)], factor=100)
 
 
 def largest(values: Array) -> float:

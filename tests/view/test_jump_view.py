@@ -220,3 +220,31 @@ def test_places_on_the_page_are_those_of_the_pictures(view: JumpView, data: Any)
     (level, _, _), *others = data["motion"]["ground"]
     assert level == pytest.approx(view.ground, abs=5e-3)
     assert others == []
+
+
+def test_forces_act_where_the_jump_has_them(view: JumpView) -> None:
+    """Between left and right, in the plane; nowhere while nothing stands."""
+    jump, plane, times = backflip(), view.robot.plane, np.linspace(0.0, view.duration, 33)
+    points = jump.contact_points(times)
+    for contact, feet in zip(view.contacts.values(), view.feet(times).T, strict=True):
+        middle = np.mean([points[name] for name in contact.names], axis=0)
+        np.testing.assert_allclose(feet, middle @ (plane.horizontal + 1j * plane.vertical), atol=1e-12)
+        assert 0 < np.isnan(feet).sum() < len(times)
+
+
+def test_what_has_no_limit_has_no_share(view: JumpView) -> None:
+    jump = backflip()
+    free = shown(replace(jump, problem=replace(jump.problem, limits=fp.Limits())))
+    titles = [chart["title"] for chart in report_data(free)["charts"]]
+    assert not {"Torque over limit", "Rate over limit"} & set(titles)
+    assert {"Torque of held joints over effort", "Torques", "Rates"} <= set(titles)
+    assert set(figures(free)) == set(figures(view)) - {"torque_use", "rate_use"}
+
+
+def test_figures_of_many_parts_are_small_ones(view: JumpView, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where there is one curve only."""
+    monkeypatch.setattr("floatplan.view.figures.figures.is_crowded", lambda _: True)
+    drawn = figures(view)
+    assert len(drawn["com_height"].axes) == 2
+    assert [axes.axison for axes in drawn["com_height"].axes] == [True, False]
+    assert sum(axes.axison for axes in drawn["torque_use"].axes) == len(view.robot.joints)

@@ -168,8 +168,8 @@ def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | No
         axes.tick_params(labelsize=SMALL)
     for axes in grid.T.ravel()[len(chart.curves) :]:
         axes.set_axis_off()
-    for column in grid.T:
-        last = [axes for axes in column if axes.axison][-1]
+    lasts = [axes for column in grid.T for axes in [each for each in column if each.axison][-1:]]
+    for last in lasts:
         last.tick_params(labelbottom=True)
         last.set(xlim=(0, sampled.plan.duration))
         last.xaxis.set_major_locator(MaxNLocator(4))

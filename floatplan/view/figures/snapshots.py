@@ -300,7 +300,7 @@ def moments(view: JumpView, flying: int = 2, title: str = "") -> Figure:
     width = float((centres + right).max()) + BESIDE * widest
     low = 1j * (ground - TIMES * width / WIDTH)
     high = complex(width, float(placed.high.imag.max()) + BESIDE * widest)
-    figure = new_figure(WIDTH, LEGEND + WIDTH * (high - low).imag / width)
+    figure = new_figure(WIDTH, LEGEND * (2 if title else 1) + WIDTH * (high - low).imag / width)
     axes = figure.add_subplot()
     frame_box(axes, low, high)
     axes.set_axis_off()
@@ -322,7 +322,7 @@ def draw_forces(axes: Axes, view: JumpView, times: Array, shifts: ComplexArray) 
     for index, colour in enumerate(view.colours.values()):
         for foot, push in zip(feet[:, index], pushes[:, index], strict=True):
             if np.isfinite(push):
-                axes.fill(*pairs(foot + view.cone).T, color=colour, alpha=0.2, linewidth=0, zorder=3.5)
+                axes.fill(*pairs(foot + view.cone).T, color=colour, alpha=0.2, linewidth=0, zorder=3.5, clip_on=False)
             if abs(push) > SHORTEST:
                 look = {**ARROW, "color": colour, "path_effects": [RING]}
                 axes.annotate("", (*pairs(foot + push),), (*pairs(foot),), arrowprops=look, zorder=6)

@@ -57,6 +57,7 @@ FINE_SECTIONS = (16, 16)  # [-] the same where nobody waits for it
 SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
+RIM = 33  # [-] corners of a friction cone
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
@@ -337,23 +338,28 @@ class RobotNodes:
 
 
 class ForceNodes:
-    """An arrow in a scene for each point that stands, left and right, at instants (N,) of a jump."""
+    """An arrow in a friction cone for each point that stands, left and right, at instants (N,) of a jump."""
 
     def __init__(self, server: Any, view: JumpView, times: Array) -> None:
-        plane, contacts, self._nodes = view.robot.plane, view.contacts.values(), list[tuple[Any, Array]]()
+        plane, contacts, self._nodes = view.robot.plane, view.contacts.values(), list[tuple[Any, Any, Array]]()
         look = {name: size * view.height for name, size in ARROW.items()}
         scale = view.metres_per_newton * max(len(contact.names) for contact in contacts)
-        state = view.jump.at(times)
+        state, side, here = view.jump.at(times), view.cone[1], np.arange(RIM - 1)
+        around = side.real * np.exp(2j * np.pi * np.arange(RIM) / (RIM - 1))[:, None]
+        rim = around.real * plane.horizontal + around.imag * plane.normal + side.imag * plane.vertical
+        cone = np.append(rim, np.zeros((1, 3)), axis=0), np.stack((here, here + 1, 0 * here + RIM), axis=1)
         for contact, colour in zip(contacts, view.colours.values(), strict=True):
             for name in contact.names:
                 place, (across, up) = state.points[name], scale * state.forces[name].T[..., None]
                 ends = np.stack((place, place + across * plane.horizontal + up * plane.vertical), axis=1)
-                arrow = server.scene.add_arrows(f"/forces/{name}", np.zeros((1, 2, 3)), rgb_bytes(colour), **look)
-                self._nodes.append((arrow, ends))
+                rgb, node, add = rgb_bytes(colour), f"/forces/{name}", server.scene
+                solid = add.add_mesh_simple(f"{node}/cone", *cone, color=rgb, opacity=0.3, side="double")
+                self._nodes.append((add.add_arrows(f"{node}/arrow", np.zeros((1, 2, 3)), rgb, **look), solid, ends))
 
     def put(self, index: int) -> None:
         """Show what acts at an instant; what is shorter than an arrow's head is left out."""
-        for arrow, ends in self._nodes:
-            arrow.visible = bool(np.linalg.norm(ends[index, 1] - ends[index, 0]) > arrow.head_length)
-            if arrow.visible:
-                arrow.points = ends[index : index + 1].astype(np.float32)
+        for arrow, cone, ends in self._nodes:
+            length = float(np.linalg.norm(ends[index, 1] - ends[index, 0]))
+            arrow.visible, cone.visible = length > arrow.head_length, bool(np.isfinite(length))
+            if cone.visible:
+                cone.position, arrow.points = ends[index, 0], ends[index : index + 1].astype(np.float32)
