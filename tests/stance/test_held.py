@@ -16,7 +16,7 @@ from floatplan.stance.contacts import contact_at, rolling
 from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import PlanarModel, Spot
 from floatplan.stance.motion import Stance
-from floatplan.stance.planner import ROOMS
+from floatplan.stance.planner import ROOM
 from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
@@ -65,7 +65,7 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
 
 
 def test_twins_are_rows_once_and_only_where_they_bind() -> None:
-    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOMS[0])
+    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
     y, v, a, _ = program.motion(program.guess(np.random.default_rng(1)))
     forces = [np.full((2 * len(phase.others), phase.intervals + 1), 30.0) for phase in program.phases]
     program.node.bounds = replace(program.node.bounds, held=1e-3)
