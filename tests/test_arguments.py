@@ -151,7 +151,15 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
         ),
         "JumpRequest": Call(
             fp.JumpRequest,
-            {"friction": 0.6, "margin": {}, "fixed": (), "takeoff": fp.JumpTakeoff(), "landing": fp.JumpLanding()},
+            {
+                "friction": 0.6,
+                "margin": {},
+                "fixed": (),
+                "takeoff": fp.JumpTakeoff(),
+                "landing": fp.JumpLanding(),
+                "feet": "point",
+                "objective": "limits",
+            },
             into("jump"),
         ),
         "JumpTakeoff": Call(

@@ -55,6 +55,7 @@ def show(
     motion = _motion(motion_file, urdf)
     with naming(motion_file):
         plan: Shown = motion if isinstance(motion, Plan) else JumpView(motion, motion.check, motion.verdict)
+        _ = plan.problem  # a jump's is made now, or refused with the name of its file
     other = None if compare is None else load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)

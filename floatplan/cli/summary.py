@@ -223,6 +223,7 @@ def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str
     return Group(
         Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[view.tone]}"),
         _table(PHASES, phase_lines(view)),
+        *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(", ".join(words), "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
         _table(STANCES, held),

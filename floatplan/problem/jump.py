@@ -117,13 +117,16 @@ class JumpRequest(Keyed):
         Shares of the limits that stances may use: of ``torque``, curves of torque and speed too, and ``velocity``.
     fixed : sequence of str
         What the flight keeps of what the problem says, of duration, angular_momentum, start, goal; the rest is a guess.
-    feet : str
-        "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
-        these, which the outlines of the feet have to be, roll on the ground without slipping.
     takeoff : JumpTakeoff
         What stands before the flight.
     landing : JumpLanding
         What stands after it.
+    feet : str
+        "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
+        these, which the outlines of the feet have to be, roll on the ground without slipping.
+    objective : "torque", the integral of squared torques, or "limits"
+        What is least; "limits" is the largest share of what the margins leave of any limit on torque, torque-speed
+        curve or rate, over the whole jump.
 
     Raises
     ------
@@ -134,9 +137,10 @@ class JumpRequest(Keyed):
     friction: Annotated[float, Key(numbers=Range(LEAST, STEEPEST, ""))] = 0.6
     margin: Annotated[Mapping[str, float], Key(check=_margin)] = field(default_factory=lambda: dict(MARGIN))
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
-    feet: Annotated[Literal["point", "rolling"], Key()] = "point"
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
+    feet: Annotated[Literal["point", "rolling"], Key()] = "point"
+    objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:

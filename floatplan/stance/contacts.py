@@ -19,7 +19,8 @@ SOLE = 0.05  # [m] a foot that is shorter is a point
 HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
-ROOM = 0.01  # [m] that what does not stand keeps from the ground, or half its height where the robot stands
+WAYS = 64  # [-] directions in which the hull is looked at
+COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
 UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
@@ -167,22 +168,31 @@ def _contact(robot: Robot, frame: str, suffix: str, spot: Spot, depth: float, ve
 
 
 def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
-    """Links on other bodies that move as the frame does, and the point of each that is where ``spot`` is."""
+    """Links on other bodies that move as the frame does, and the point of each that is where ``spot`` is.
+
+    Of several on a body that is whose own shape has a corner nearest to the point.
+    """
     tree, home = robot.tree, robot.frames[frame]
     alike = [
         (name, each)
         for name, each in robot.frames.items()
         if name == each.link and each.body != home.body and (tree.turns[each.body] == tree.turns[home.body]).all()
     ]
-    found: dict[int, tuple[str, Spot]] = {}
+    found: dict[int, list[tuple[str, Spot]]] = {}
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 1 + len(robot.joints)))
     for name, each in alike:
         both = [Spot(frame.body, frame.local) for frame in (home, each)]
         pair = [heights_over_com(robot, both, q) for q in postures]
         turned = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[each.body]))
         if max(abs(first - second) for first, second in pair) < SAME:
-            found.setdefault(each.body, (name, Spot(each.body, each.local + (spot.place - home.local) * turned)))
-    return list(found.values())
+            twin = name, Spot(each.body, each.local + (spot.place - home.local) * turned)
+            found.setdefault(each.body, []).append(twin)
+
+    def away(twin: tuple[str, Spot]) -> float:
+        own = robot.link_hulls.get(robot.contact_link(twin[0]) or "", ())
+        return min([abs(corner.place - twin[1].place) for corner in corners(own)], default=np.inf)
+
+    return [min(twins, key=away) for twins in found.values()]
 
 
 def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
@@ -248,33 +258,41 @@ class Watched:
     least: Array
 
 
-def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, directions: int) -> Watched:
-    """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
+def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, room: float) -> Watched:
+    """Return corners of the robot's hull, body by body but for its feet, as few as leave no other far outside.
 
     Parameters
     ----------
     contacts : on which it stands before the flight or after it; what is inside circles about them is not watched
     ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
-    directions : how many; of four the first is between the axes, so that boxes have all their corners
+    room : kept from the ground, m, or half the height where the robot stands; of feet nothing is
     """
     feet = [spot for each in contacts for spot in each.spots]
+    feet_links = {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
     circles = [(spot, each.depth + FITS) for each in contacts for spot in each.spots]
-    kept: dict[tuple[float, ...], list[Spot]] = {}
-    for corner in corners(robot.hulls(dict.fromkeys(frame for each in contacts for frame in each.frames))):
-        group = kept.setdefault(tuple(robot.tree.turns[corner.body].tolist()), [])
-        own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
-        if all(apart + corner.radius > most for apart, most in own):
-            group.append(corner)
+    hulls = robot.hulls(dict.fromkeys(frame for each in contacts for frame in each.frames))
+    kept: dict[tuple[float, ...], list[tuple[Spot, bool]]] = {}
+    for shape in hulls:
+        for corner in corners([shape]):
+            group = kept.setdefault(tuple(robot.tree.turns[corner.body].tolist()), [])
+            own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
+            if all(apart + corner.radius > most for apart, most in own):
+                group.append((corner, shape.link in feet_links))
     spots, least = [], []
-    ways = np.exp(2j * np.pi * (np.arange(directions) + 0.5) / directions)
+    ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
     for members in filter(None, kept.values()):
-        places, radii = np.array([each.place for each in members]), np.array([each.radius for each in members])
-        farthest = {int(((places * way.conj()).real + radii).argmax()) for way in ways}
-        heights = undersides(robot, members, y) - ground
+        places = np.array([corner.place for corner, _ in members])
+        radii = np.array([corner.radius for corner, _ in members])
+        reach = np.outer(ways.real, places.real) + np.outer(ways.imag, places.imag) + radii
+        farthest, missing = set[int](), reach.max(axis=1)
+        while missing.max() > COARSE:
+            farthest.add(int(reach[missing.argmax()].argmax()))
+            missing = reach.max(axis=1) - reach[:, sorted(farthest)].max(axis=1)
+        heights = undersides(robot, [corner for corner, _ in members], y) - ground
         for index in sorted(farthest):
-            above, spot = heights[index], members[index]
+            above, (spot, is_foot) = heights[index], members[index]
             stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME for foot in feet)
             if above > STANDING and not stands:
                 spots.append(spot._replace(radius=0.0))
-                least.append(spot.radius + min(ROOM, above / 2))
+                least.append(spot.radius + (-POINT_FEET / 2 if is_foot else min(room, above / 2)))
     return Watched(tuple(spots), np.array(least))

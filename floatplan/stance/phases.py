@@ -73,6 +73,25 @@ class Phase:
         return self.contacts[1:]
 
 
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """What is known of one end of the flight.
+
+    Attributes
+    ----------
+    node : 0, its first, or -1, its last
+    y : (n+1,) rad
+    v, a : (n+1,) rad/s, rad/s^2; None where nothing is asked of them
+    com : horizontal and vertical velocity of the centre of mass, m/s; None where that follows
+    """
+
+    node: int
+    y: Array
+    v: Array | None = None
+    a: Array | None = None
+    com: tuple[float, float] | None = None
+
+
 def phases_of(
     takeoff: Sequence[tuple[Contact, ...]],
     landing: Sequence[tuple[Contact, ...]],

@@ -23,7 +23,8 @@ from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
-ROOM = Room(0.9, 0.96, 0.7, 4)  # of the first program; the next depends on what its jump breaks
+ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
+SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 MOST_STARTS = Range(1, 1000, "")
@@ -41,7 +42,7 @@ def jump(
     """Plan a whole jump: from standing through a flight to standing again.
 
     The goal's orientation fixes the whole turns; postures, durations and momentum of the flight are optimised unless
-    the request fixes them. The sum of the motors' squared torques is least.
+    the request fixes them. The sum of the motors' squared torques is least, or the largest share of a limit.
 
     Parameters
     ----------
@@ -133,7 +134,9 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
     )
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
-    held = "The stances hold at 2 kHz." if check.ok else f"Between the program's nodes, {check.sentences[0]}."
+    shares = [check.figures[name] / request.margin[of] for name, of in SHARES]
+    told = f" Of what the margins leave they take {max(shares):.0%}." if request.objective == "limits" else ""
+    held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     answer = replace(found, explanation=held)
     vars(answer)["check"] = check  # the motion is the same
     return answer

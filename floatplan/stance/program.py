@@ -9,7 +9,9 @@ In stance the base hangs on the anchor, whose force is ``m (c'' + g)`` less the 
 at every node. On one point the momentum about it and the orientation follow by Hermite's rule instead. Where more
 stand, the others do not accelerate, but for a drift, linear in time, that closes the chain at both ends. In flight h is
 constant, ``D y' = h``, the centre of mass is on its parabola, and the orientation follows by Hermite's rule. Both seams
-are exact: there forces vanish, and h and the parabola are those of either side.
+are exact: there forces vanish, and h and the parabola are those of either side. Least are the squared torques; or a
+factor, one more variable, that is no less than any share of a limit on torques, torque-speed curves and rates. One side
+alone is a jump whose flight, of no intervals, is known.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, values
-from floatplan.stance.phases import Phase, instants
+from floatplan.stance.phases import Meeting, Phase, instants
 from floatplan.stance.rows import (
     BALANCE,
     CLEAR,
@@ -38,17 +40,19 @@ from floatplan.stance.rows import (
     Rows,
     drifting,
     hermite_step,
+    roughness,
 )
 from floatplan.stance.separation import Separation
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
 CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
-RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 1e-4  # [-] of steps of accelerations, beside the squared torques
-TOLERANCE = 1e-6  # [-] IPOPT's
+SMOOTH = 0.1  # [-] of squared torques beside the factor
+MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
+IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
 EXCHANGES = 8  # [-] programs at most in which more is kept apart
@@ -64,6 +68,7 @@ class Solution:
     forces : for each phase (2 (contacts - 1), nodes of the phase) N, of its contacts but the anchor
     durations : (phases,) s
     momentum : h, kg m^2/s
+    factor : largest share of a limit, where that was least; else 1
     worst : largest violation of a constraint, scaled; and which it is
     converged : whether every constraint holds, though the cost may not be least where IPOPT ended early
     iterations : int
@@ -75,6 +80,7 @@ class Solution:
     forces: tuple[Array, ...]
     durations: Array
     momentum: float
+    factor: float
     worst: tuple[float, str]
     converged: bool
     iterations: int
@@ -87,34 +93,39 @@ class JumpProgram:
     ----------
     node : NodeRows of the jump's phases
     separation : what it keeps apart
-    fixed : (node of the flight, y) pairs: 0 for its first, -1 for its last, and what y (n+1,) is there
+    fixed : what is known of the flight's ends
     momentum : kg m^2/s, where it is given
+    limits : whether the factor on limits is least, instead of squared torques
+    iterations : of IPOPT at most
     """
 
     def __init__(
         self,
         node: NodeRows,
         separation: Separation,
-        fixed: Sequence[tuple[int, Array]] = (),
+        fixed: Sequence[Meeting] = (),
         momentum: float | None = None,
+        limits: bool = False,
+        iterations: int = ITERATIONS,
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
+        self._limits, self._iterations = limits, iterations
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
-        """Sizes of y, v, a; then of each phase's forces and drifts; of durations, and h."""
+        """Sizes of y, v, a; then of each phase's forces and drifts; of durations, h, and the factor."""
         forces = [(2 * len(phase.others), phase.intervals + 1) for phase in self.phases]
         drifts = [(drifting(phase), 2) for phase in self.phases]
-        return [*[(self.size, self.nodes)] * 3, *forces, *drifts, (len(self.phases), 1), (1, 1)]
+        return [*[(self.size, self.nodes)] * 3, *forces, *drifts, (len(self.phases), 1), (1, 1), (int(self._limits), 1)]
 
     @cached_property
     def _scales(self) -> list[float]:
         node, count = self.node, len(self.phases)
-        return [1.0, 1 / node.unit, 1 / node.unit**2, *[node.weight] * count, *[1.0] * (count + 1), node.momentum]
+        return [1.0, 1 / node.unit, 1 / node.unit**2, *[node.weight] * count, *[1.0] * (count + 1), node.momentum, 1.0]
 
     def split(self, raw: Any) -> list[Any]:
         """Variables (size,), scaled, as matrices of their own units: an expression, or numbers."""
@@ -137,25 +148,31 @@ class JumpProgram:
     def _box(self) -> tuple[Array, Array]:
         """Bounds of the variables, scaled."""
         bounds, ends = self.node.bounds, self.ends
-        turns = np.array([ends[:, 0].min() - TURN_ROOM, ends[:, 0].max() + TURN_ROOM])
-        edges = inside(bounds.position)
-        fastest = np.append(FASTEST_TURN, bounds.velocity)
+        known = np.vstack([ends, *(each.y for each in self._fixed)])
+        least, most = known.min(axis=0), known.max(axis=0)
+        low = np.append(least[0] - TURN_ROOM, np.minimum(bounds.position[:, 0], least[1:]))
+        high = np.append(most[0] + TURN_ROOM, np.maximum(bounds.position[:, 1], most[1:]))
+        fastest = np.append(FASTEST_TURN, (MOST if self._limits else 1.0) * bounds.velocity)
         y, v, a = (np.empty((2, self.size, self.nodes)) for _ in range(3))
-        y[:] = np.column_stack((turns, edges.T))[:, :, None]
+        y[:] = np.stack((low, high))[:, :, None]
         v[:] = np.stack((-fastest, fastest))[:, :, None]
         a[0], a[1] = -np.inf, np.inf
-        for node, end in ((0, ends[0]), (-1, ends[1])):
-            y[:, :, node], v[:, :, node], a[:, :, node] = end, 0.0, 0.0
-        for end, held in self._fixed:
-            y[:, :, self.starts[self.flight + (1 if end else 0)]] = held
+        for node in (0, -1):
+            if self.phases[node].contacts:
+                y[:, :, node], v[:, :, node], a[:, :, node] = ends[node], 0.0, 0.0
+        for each in self._fixed:
+            node = self.starts[self.flight + (1 if each.node else 0)]
+            for part, held in ((y, each.y), (v, each.v), (a, each.a)):
+                part[:, :, node] = part[:, :, node] if held is None else held
         parts = [y, v, a, *(self._force_box(phase) for phase in self.phases)]
         parts += [
             np.stack([np.full(shape, -np.inf), np.full(shape, np.inf)])
-            for shape in self._shapes[-2 - len(self.phases) : -2]
+            for shape in self._shapes[-3 - len(self.phases) : -3]
         ]
         parts.append(np.array([phase.bounds for phase in self.phases]).T[:, :, None])
         given = self._momentum
         parts.append(np.array([[[-np.inf]], [[np.inf]]]) if given is None else np.full((2, 1, 1), given))
+        parts.append(np.array([[[0.0]], [[MOST]]])[:, : int(self._limits)])
         return self.join([part[0] for part in parts]), self.join([part[1] for part in parts])
 
     def _force_box(self, phase: Phase) -> Array:
@@ -182,11 +199,14 @@ class JumpProgram:
         raw = ca.MX.sym("w", size + len(self.separation.angles))
         y, v, a, *rest = self.split(raw)
         count = len(self.phases)
-        forces, drifts, durations, momentum = rest[:count], rest[count:-2], rest[-2], rest[-1]
-        rows, total, rough = Rows(), 0.0, 0.0
+        forces, drifts, (durations, momentum, factor) = rest[:count], rest[count:-3], rest[-3:]
+        rows, total, rough = Rows(factor if self._limits else None), 0.0, 0.0
         for index, phase in enumerate(self.phases):
             nodes = slice(int(self.starts[index]), int(self.starts[index + 1]) + 1)
             parts = [each[:, nodes] for each in (y, v, a)]
+            if not phase.intervals:
+                self._add_seam(rows, parts, momentum)
+                continue
             step = durations[index] * ca.DM(np.diff(phase.shares)).T
             if phase.side == "flight":
                 self._add_links(rows, [each[1:, :] for each in parts], step, phase.side)
@@ -197,7 +217,9 @@ class JumpProgram:
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
         self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
-        return *ipopt(raw, total / unit + ROUGHNESS * rough, rows), rows
+        goal = ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
+        settings = IPOPT | {"max_iter": self._iterations}
+        return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), settings), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
@@ -218,13 +240,16 @@ class JumpProgram:
         rows.add(y[:, 1:] - ahead, 0.0, 0.0, f"motion ({label})")
 
     def _add_rates(self, rows: Rows, joints: Sequence[Any], step: Any, label: str) -> None:
-        """Rates in the middle between nodes."""
-        ca, fastest = casadi(), self.node.bounds.velocity
+        """Rates in the middle between nodes; at nodes they are bounds, unless a factor is least."""
+        ca, fastest, names = casadi(), self.node.bounds.velocity, self.model.robot.joints
         limited = np.flatnonzero(np.isfinite(fastest)).tolist()
         if limited:
             _, v, a = (each[limited, :] for each in joints)
             middle = (v[:, 1:] + v[:, :-1]) / 2 + ca.repmat(step, len(limited), 1) / 8 * (a[:, :-1] - a[:, 1:])
-            rows.add(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), middle), -1.0, 1.0, f"rates ({label})")
+            bounds = [(-1.0, 1.0, f"rate of {names[joint]}") for joint in limited]
+            for rates in (middle, v) if self._limits else (middle,):
+                most = np.ones(rates.shape)
+                rows.add_nodes(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), rates), bounds, -most, most, label)
 
     def _add_turn(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any) -> None:
         """Angular momentum about the one point on the ground, as of ``model``, and orientation, by Hermite's rule."""
@@ -243,25 +268,36 @@ class JumpProgram:
         values, cost = rows.calls(function, *parts, forces / self.node.weight, linear)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         takeoff = phase.side == "takeoff"
-        seam, flies = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
+        seam, inner = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
+        flies, kept = inner.side == "flight", {f"friction of {contact.name}" for contact in inner.contacts}
+        settled = self._settled if flies else set()
         for row, (_, _, label) in enumerate(bounds):
-            if label == RELEASE or label.endswith(MEETS):
+            kind = MEETS if label.endswith(MEETS) else label
+            if kind in (RELEASE, MEETS):
                 low[row], high[row] = -np.inf, np.inf
-                if flies.side == "flight" or label != RELEASE:
+                if flies or kind == MEETS:
                     low[row, seam] = high[row, seam] = 0.0
             if label.endswith(STANDS) and phase.others[0].vertical:
                 low[row, -1 - seam] = -np.inf if phase in (self.phases[0], self.phases[-1]) else 0.0
                 high[row, -1 - seam] = -low[row, -1 - seam]
-            if label == PRESSED and flies.side == "flight":
-                low[row, seam] = -np.inf
             if label.startswith("friction"):
                 low[row, 1:-1] = CONE_ROOM
+                if label not in kept:  # where there is no force, nothing is inside the cone
+                    low[row, seam] = -np.inf
+            if kind in settled or (flies and kind == PRESSED):
+                low[row, seam], high[row, seam] = -np.inf, np.inf
         if takeoff and index > 0:
             low[:, 0], high[:, 0] = -np.inf, np.inf
         if not takeoff and index + 1 < len(self.phases):
             low[:, -1], high[:, -1] = -np.inf, np.inf
         rows.add_nodes(values, bounds, low, high, phase.side)
         return cost
+
+    @property
+    def _settled(self) -> set[str]:
+        """What holds by itself where the stances meet a flight that is known."""
+        kinds = [[MEETS] if each.a is None else [MEETS, BALANCE, RELEASE] for each in self._fixed if each.v is not None]
+        return {kind for each in kinds for kind in each}
 
     def _add_flight(self, rows: Rows, parts: Sequence[Any], duration: Any, momentum: Any) -> Any:
         """Rows of the flight: orientation, momentum, parabola, limits and heights."""
@@ -290,6 +326,17 @@ class JumpProgram:
         rows.add_nodes(values, bounds, low, high, "flight")
         return cost
 
+    def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
+        """Where a flight is known, its momentum and the velocity of its centre of mass, if the rates do not say so."""
+        model, unit = self.model, self.node.unit
+        for each in self._fixed:
+            if each.com is not None:
+                spot = self.phases[self.flight + (1 if each.node else -1)].anchor.spots[0]
+                found = rows.calls(model.function("seam", [model.momentum(), *model.com_from(spot, 1)]), *state)
+                scales = (self.node.momentum, model.gravity * unit, model.gravity * unit)
+                for value, given, scale in zip(found, (momentum, *each.com), scales, strict=True):
+                    rows.add((value - given) / scale, 0.0, 0.0, "velocity and momentum of the flight")
+
     def _com(self, rows: Rows, index: int, state: Sequence[Any]) -> tuple[Any, Any, Any]:
         """Height of the centre of mass over the ground, and its velocity, where a stance's anchor stands."""
         model, anchor = self.model, self.phases[index].anchor
@@ -314,8 +361,9 @@ class JumpProgram:
             v=v,
             a=a,
             forces=tuple(rest[: len(self.phases)]),
-            durations=rest[-2].ravel(),
-            momentum=float(rest[-1].item()),
+            durations=rest[-3].ravel(),
+            momentum=float(rest[-2].item()),
+            factor=float(rest[-1].sum()) if self._limits else 1.0,
             worst=(float(excess[at]), rows.labels[at]),
             converged=float(excess[at]) < (CONVERGED if stats["success"] else HELD),
             iterations=int(stats["iter_count"]),
@@ -331,7 +379,7 @@ class JumpProgram:
 
     def motion(self, guess: Array) -> list[Array]:
         """Values of y, v, a (n+1, K+1) and durations (phases, 1) of a guess (size,)."""
-        y, v, a, *_, durations, _ = self.split(guess)
+        y, v, a, *_, durations, _, _ = self.split(guess)
         return [y, v, a, durations]
 
     def solved(self, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
@@ -379,14 +427,15 @@ class JumpProgram:
             bumps = np.sin(np.pi * np.linspace(0, 1, self.nodes)[None] * rng.integers(1, 4, (self.size - 1, 1)))
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
         times = instants(self.phases, durations)
-        begin, end = times[self.starts[self.flight - 1]], times[self.starts[self.flight + 2]]
+        begin, end = (times[self.starts[np.clip(self.flight + at, 0, len(self.phases))]] for at in (-1, 2))
         share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
         turn = self.ends[1, 0] - self.ends[0, 0]
         y = np.vstack((self.ends[0, 0] + turn * share**2 * (3 - 2 * share), joints))
         v = np.zeros_like(y)
         v[0] = turn * 6 * share * (1 - share) / (end - begin)
-        rest = [np.zeros(shape) for shape in self._shapes[3:-2]]
-        return self.join([y, v, np.zeros_like(y), *rest, durations[:, None], np.zeros((1, 1))])
+        rest = [np.zeros(shape) for shape in self._shapes[3:-3]]
+        own = durations[:, None], np.zeros((1, 1)), np.ones((int(self._limits), 1))
+        return self.join([y, v, np.zeros_like(y), *rest, *own])
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
@@ -396,23 +445,6 @@ class JumpProgram:
             np.array([np.interp(own.shares, other.shares, row) for row in rows]).reshape(-1, len(own.shares))
             for own, other, rows in zip(self.phases, phases, solution.forces, strict=True)
         ]
-        drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -2]]
-        return self.join([*joined, *forces, *drifts, solution.durations[:, None], np.array([[solution.momentum]])])
-
-
-def ipopt(variables: Any, goal: Any, rows: Rows) -> tuple[Any, Any]:
-    """IPOPT's solver of a program, and a function of the variables for all rows."""
-    settings = {"print_level": 0, "sb": "yes", "tol": TOLERANCE, "constr_viol_tol": HELD, "max_iter": ITERATIONS}
-    return rows.calls.solver(variables, goal, casadi().vertcat(*rows.values), settings | {"mu_strategy": "adaptive"})
-
-
-def roughness(parts: Sequence[Any], unit: float) -> Any:
-    """Squared steps of the joints' accelerations from node to node, in units of the robot."""
-    joints = parts[2][1:, :]
-    return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
-
-
-def inside(ranges: Array) -> Array:
-    """Joint ranges (n, 2) rad, less some room at both ends."""
-    room = np.minimum(RANGE_ROOM, np.ptp(ranges, axis=1) / 4)
-    return np.asarray(ranges + np.stack((room, -room), axis=1))
+        drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -3]]
+        rest = solution.durations[:, None], np.array([[solution.momentum]])
+        return self.join([*joined, *forces, *drifts, *rest, np.full((int(self._limits), 1), solution.factor)])

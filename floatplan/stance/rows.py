@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched
+from floatplan.stance.contacts import Contact, Watched, heights_over_com
 from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
@@ -21,6 +21,8 @@ BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the gro
 PRESSED = "pressed on the ground"
 LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
+EFFORT = "effort of"
+ROUNDING = 1e-9  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +49,12 @@ class Bounds:
 
 @dataclass
 class Rows:
-    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes."""
+    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes.
 
+    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that, but for efforts.
+    """
+
+    factor: Any = None
     values: list[Any] = field(default_factory=list)
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
@@ -58,19 +64,26 @@ class Rows:
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
         size = value.numel()
-        self.values.append(casadi().vec(value))
-        self.low.append(np.broadcast_to(low, size))
-        self.high.append(np.broadcast_to(high, size))
-        self.labels += [label] * size
+        self._append(casadi().vec(value), np.full(size, low), np.full(size, high), [label] * size)
 
     def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
         """Rows (rows, nodes) of nodes, with bounds of that shape; those without bounds are left out."""
         nodes, index = np.nonzero((np.isfinite(low) | np.isfinite(high)).T)
         at = index + nodes * len(bounds)
-        self.values.append(casadi().vec(values)[at.tolist()])
-        self.low.append(low[index, nodes])
-        self.high.append(high[index, nodes])
-        self.labels += [f"{bounds[row][2]} ({side})" for row in index.tolist()]
+        labels = [f"{bounds[row][2]} ({side})" for row in index.tolist()]
+        self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
+
+    def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
+        limited = (low == -1.0) & (high == 1.0) & [not label.startswith(EFFORT) for label in labels]
+        shares = [] if self.factor is None else np.flatnonzero(limited).tolist()
+        if shares:
+            own = values[shares]
+            values[shares], low[shares], high[shares] = self.factor - own, 0.0, np.inf
+            self._append(self.factor + own, low[shares], high[shares], [labels[row] for row in shares])
+        self.values.append(values)
+        self.low.append(low)
+        self.high.append(high)
+        self.labels += labels
 
 
 class Calls:
@@ -144,13 +157,20 @@ class NodeRows:
     watched : what stays above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
+    known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
     held : joints that are held, whose torques are rows
     """
 
     held: tuple[str, ...] = ()
 
     def __init__(
-        self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
+        self,
+        model: PlanarModel,
+        phases: Sequence[Phase],
+        watched: Watched,
+        bounds: Bounds,
+        ends: Array,
+        known: Sequence[tuple[Contact, Array]] = (),
     ) -> None:
         self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
@@ -162,6 +182,11 @@ class NodeRows:
         self.height = float(com(end, 0 * end, 0 * end)[1]) + anchor.depth  # [m] of the centre of mass, standing
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
+        spots = [*watched.spots, *(contact.spots[0] for contact in self.feet)]
+        self.least = np.append(watched.least, [contact.depth for contact in self.feet])  # [m] heights of those
+        for contact, y in known:
+            heights = heights_over_com(model.robot, [contact.spots[0], *spots], y).imag
+            self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
         """Function (y, v, a, forces over weight, drifts) -> (rows, cost) of a stance's node, and the rows' bounds.
@@ -187,13 +212,12 @@ class NodeRows:
         ground = -phase.anchor.depth
         if self.watched.spots:
             heights = model.places(model.weights(self.watched.spots, anchor))[1]
-            pairs_of = enumerate(self.watched.least)
-            rows += [(heights[index] - ground, float(least), np.inf, CLEAR) for index, least in pairs_of]
+            rows += [(heights[at] - ground, float(self.least[at]), np.inf, CLEAR) for at in range(heights.numel())]
         standing = [contact.name for contact in phase.contacts]
-        for contact in self.feet:
+        for contact, least in zip(self.feet, self.least[len(self.watched.spots) :].tolist(), strict=True):
             if contact.name not in standing:
                 height = model.places(model.weights(contact.spots[:1], anchor))[1]
-                rows.append((height - ground, contact.depth, np.inf, f"{contact.name} above the ground"))
+                rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
         function = model.function("stance", [output, self._cost(moments)], forces, drifts)
         return function, [row[1:] for row in rows]
@@ -259,7 +283,7 @@ class NodeRows:
         """Torques of joints that are held over their efforts."""
         shares = self._holding.shares(self.held, contacts, forces)
         most = self.bounds.held
-        return [(shares[row], -most, most, f"effort of {name}, held") for row, name in enumerate(self.held)]
+        return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(self.held)]
 
     @cached_property
     def _holding(self) -> HeldJoints:
@@ -304,10 +328,8 @@ class NodeRows:
         ]
         spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
         _, z = model.places(model.weights(spots))
-        for index, least in enumerate(self.watched.least):
-            rows.append((z[index], float(least), np.inf, CLEAR))
-        for index, contact in enumerate(self.feet, start=len(self.watched.spots)):
-            rows.append((z[index], contact.depth, np.inf, f"{contact.name} above the ground"))
+        labels = [CLEAR] * len(self.watched.spots) + [f"{contact.name} above the ground" for contact in self.feet]
+        rows += [(z[at], float(self.least[at]), np.inf, label) for at, label in enumerate(labels)]
         output = ca.vertcat(*[row[0] for row in rows])
         function = model.function("flight", [output, self._cost(moments)])
         return function, [row[1:] for row in rows]
@@ -317,6 +339,12 @@ def hermite_step(values: Any, rates: Any, changes: Any, step: Any) -> Any:
     """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (changes[:, :-1] - changes[:, 1:])
+
+
+def roughness(parts: Sequence[Any], unit: float) -> Any:
+    """Squared steps of the joints' accelerations from node to node, in units of the robot."""
+    joints = parts[2][1:, :]
+    return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
 
 
 def axes_of(contact: Contact) -> tuple[int, ...]:

@@ -27,8 +27,8 @@ from floatplan.stance.contacts import (
     watched_points,
 )
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import JumpProgram, Solution, inside
+from floatplan.stance.phases import Meeting, Phase, not_static, phases_of, standing_posture
+from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
@@ -49,16 +49,18 @@ class Room:
     Attributes
     ----------
     torque, velocity, friction : shares of what is allowed
-    directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
+    clear : height that what does not stand keeps from the ground, m, or half of that where the robot stands
+    range : from the ends of joint ranges, rad
     apart : beyond margins of obstacles and links, m
     """
 
     torque: float
     velocity: float
     friction: float
-    directions: int
     finer: float = 1.0
+    clear: float = 0.01
+    range: float = 0.1
     apart: float = ROOM
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
@@ -75,8 +77,10 @@ class Room:
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.apart - near)
+        clear = self.clear + max(0.0, -figures.get("ground", 0.0))
+        apart = self.apart - min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
+        more = {"finer": FINER * self.finer, "clear": clear, "apart": apart}
+        return replace(self, torque=torque, velocity=velocity, friction=friction, **more)
 
 
 Answer = TypeVar("Answer")
@@ -124,6 +128,8 @@ class Setup:
     phases : of the jump
     standing : (2, n+1) orientation and joints before and after, rad
     ground : height of the ground over the centre of mass, standing, m
+    fixed : what is known of the flight's ends
+    momentum : of the flight, kg m^2/s, where it is kept
     """
 
     problem: Problem
@@ -131,49 +137,44 @@ class Setup:
     phases: tuple[Phase, ...]
     standing: Array
     ground: float
+    fixed: tuple[Meeting, ...] = ()
+    momentum: float | None = None
 
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
         share, feet = request.margin["torque"] * room.torque, [each for phase in self.phases for each in phase.contacts]
-        postures = np.stack([*self.standing, *(y for _, y in self._held)])
+        postures = np.stack([*self.standing, *(each.y for each in self.fixed)])
+        bent = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits)),
+            position=inside(bent, room.range),
             friction=room.friction * request.friction,
             held=room.torque,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
-        watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
+        watched = watched_points(problem.robot, feet, self.ground, rest, room.clear)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        return NodeRows(model, phases, watched, bounds, self.standing)
+        flight = next(index for index, phase in enumerate(phases) if phase.side == "flight")
+        known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
+        return NodeRows(model, phases, watched, bounds, self.standing, known)
 
-    def program(self, room: Room) -> JumpProgram:
-        """Return the program with some room."""
+    def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
+        """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
-        apart = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
-        return JumpProgram(self.node(room), Separation(problem.robot, *apart), self._held, self._momentum)
+        parts = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
-    @property
-    def _held(self) -> list[tuple[int, Array]]:
-        """Which nodes of the flight the request fixes, and how: y (n+1,)."""
-        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
-        fixed = [(at, state) for key, at, state in ends if key in self.request.fixed]
-        return [(at, np.append(state.orientation, state.positions)) for at, state in fixed]
 
-    @property
-    def _momentum(self) -> float | None:
-        """The flight's angular momentum, kg m^2/s, where the request keeps it."""
-        asked = self.problem.flight.angular_momentum
-        if "angular_momentum" not in self.request.fixed:
-            return None
-        if isinstance(asked, str):
-            raise InputError(f"{asked!r} is no number to keep", element="flight.angular_momentum", advice="give one")
-        return float(asked)
+def inside(ranges: Array, room: float) -> Array:
+    """Joint ranges (n, 2) rad, less some room at both ends."""
+    rooms = np.minimum(room, np.ptp(ranges, axis=1) / 4)
+    return np.asarray(ranges + np.stack((rooms, -rooms), axis=1))
 
 
 def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
@@ -201,7 +202,20 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         *_bounds(request, "landing", len(landing)),
     ]
     phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
-    return Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
+    standing = np.stack((posture, _turned(rest, TURN * turns)))
+    ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
+    fixed = [Meeting(at, np.append(each.orientation, each.positions)) for key, at, each in ends if key in request.fixed]
+    return Setup(problem, request, phases, standing, ground, tuple(fixed), _momentum(problem, request))
+
+
+def _momentum(problem: Problem, request: JumpRequest) -> float | None:
+    """The flight's angular momentum, kg m^2/s, where the request keeps it."""
+    asked = problem.flight.angular_momentum
+    if "angular_momentum" not in request.fixed:
+        return None
+    if isinstance(asked, str):
+        raise InputError(f"{asked!r} is no number to keep", element="flight.angular_momentum", advice="give one")
+    return float(asked)
 
 
 def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
@@ -271,7 +285,7 @@ def _side(
     outer = contacts[0 if takes_off else -1]
     asked = request.takeoff.from_ if takes_off else request.landing.to
     tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
-    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits))))
+    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits), Room.range)))
     own = isinstance(asked, Mapping)
     named = ("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place
     for joint, at, (low, high) in zip(robot.joints, wanted[1:], problem.position_limits, strict=True):

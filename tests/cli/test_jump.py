@@ -103,6 +103,13 @@ def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
         run = floatplan("show", *arguments, "-o", "nowhere")
         assert run.code == 2
         assert said in words(run.stderr)
+    content = json.loads(path.read_text())
+    content["stances"][-1]["y"][1][-1] = 50.0
+    wrong = tmp_path / "wrong.json"
+    wrong.write_text(json.dumps(content))
+    run = floatplan("show", wrong, "-o", "nowhere")
+    assert run.code == 2
+    assert words(run.stderr).startswith(f"error: {wrong}: goal.positions.")
     path.write_text(path.read_text().replace("floatplan.jump/1", "floatplan.jump/9"))
     assert floatplan("show", path).code == 2
 

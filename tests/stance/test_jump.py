@@ -133,3 +133,16 @@ def test_what_cannot_be_is_not_found_and_says_why() -> None:
     found = jump(weak, starts=1)
     assert (found.ok, found.status) == (False, "not_found")
     assert "stands in the way" in found.explanation
+
+
+@pytest.mark.long
+def test_the_largest_share_of_the_limits_is_less_where_that_is_asked() -> None:
+    """Than where squared torques are least; and what is said of it is what the check measured."""
+    problem = go2_problem()
+    spared = jump(problem, fp.JumpRequest(objective="limits"), starts=2)
+    assert spared.ok
+    shares = [max(each.check.figures[name] for name in ("torque", "velocity")) for each in (spared, backflip())]
+    assert shares[0] < shares[1] - 0.05
+    figures, margin = spared.check.figures, spared.request.margin
+    share = max(figures[name] / margin[name] for name in ("torque", "velocity"))
+    assert f"they take {share:.0%}" in spared.explanation
