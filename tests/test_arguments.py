@@ -157,6 +157,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
                 "fixed": (),
                 "takeoff": fp.JumpTakeoff(),
                 "landing": fp.JumpLanding(),
+                "feet": "point",
                 "objective": "limits",
             },
             into("jump"),
