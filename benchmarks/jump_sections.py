@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from drawn_stances import drawn_hops, drawn_stances
@@ -21,6 +22,7 @@ from floatplan.stance.planner import ROOM
 from floatplan.stance.setup import jump_setup
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
+FEET: tuple[Literal["point", "rolling"], ...] = ("point", "rolling")
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -74,7 +76,7 @@ def contact(counts: Counts) -> None:
     """
     heading(f"contact: the Go2's backflip flown with seeds 0 to {counts.landings - 1}, 500 Hz, 4 ms late")
     path, rows = PROBLEMS / "jumps" / "go2.toml", []
-    for feet, armature in itertools.product(("point", "rolling"), ARMATURES):
+    for feet, armature in itertools.product(FEET, ARMATURES):
         with tempfile.TemporaryDirectory() as folder:
             known = Path(folder, path.name)
             known.write_text(path.read_text().replace("[robot]\n", f"[robot]\narmature = {armature}\n"))
