@@ -28,6 +28,7 @@ WIDEST = {
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
 SLOWEST = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
 ATTEMPTS = 10  # [-] random postures from which a standing one is looked for
+UNSTEADY = 1.0  # [-] cost of time on one point, over sqrt(height / g): there errors grow by a factor e in as much
 STILL = 1e-6  # [m] what counts as level
 
 Side = Literal["takeoff", "flight", "landing"]
@@ -137,6 +138,12 @@ def instants(phases: Sequence[Phase], durations: Array) -> Array:
     for phase, lasts in zip(phases, durations, strict=True):
         times = np.append(times, times[-1] + lasts * phase.shares[1:])
     return times
+
+
+def unsteady(phases: Sequence[Phase]) -> list[float]:
+    """Costs of the phases' durations: of those on one point, where more stand on the same side of the flight."""
+    sides = {phase.side for phase in phases if phase.others}
+    return [UNSTEADY if not phase.others and phase.side in sides else 0.0 for phase in phases]
 
 
 def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array | None:

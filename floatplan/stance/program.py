@@ -27,7 +27,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, values
-from floatplan.stance.phases import Meeting, Phase, instants
+from floatplan.stance.phases import Meeting, Phase, instants, unsteady
 from floatplan.stance.rows import (
     BALANCE,
     CLEAR,
@@ -51,7 +51,6 @@ FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 1e-4  # [-] of steps of accelerations, beside the squared torques
 SMOOTH = 0.1  # [-] of squared torques beside the factor
 MOST = 20.0  # [-] the largest factor that is looked for
-UNSTEADY = 1.0  # [-] of the time on one point, over sqrt(height / g): errors grow by a factor e in as much
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
@@ -216,13 +215,11 @@ class JumpProgram:
                 cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
-            if not phase.others and any(each.others for each in self.phases if each.side == phase.side):
-                total += 0.0 if self._limits else UNSTEADY * durations[index]
             rough += roughness(parts, unit)
         self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
+        total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
         goal = ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
-        settings = IPOPT | {"max_iter": self._iterations}
-        return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), settings), rows
+        return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), IPOPT | {"max_iter": self._iterations}), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
