@@ -159,6 +159,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
                 "landing": fp.JumpLanding(),
                 "feet": "point",
                 "objective": "limits",
+                "clearance": 0.03,
             },
             into("jump"),
         ),

@@ -16,7 +16,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
+from floatplan.robot.urdf.tree import UrdfTree
 from floatplan.simulation.recorded_motion import ReducedModel
 
 ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
@@ -146,33 +146,34 @@ def inertial_spec(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], in_p
     """
     mujoco = import_mujoco()
     spec, kinds = mujoco.MjSpec(), mujoco.mjtJoint
-    spec.compiler.fusestatic = True
-    bodies = {tree.root: _add_body(spec.worldbody, tree.links[tree.root], pin.SE3.Identity())}
-    base, plane = bodies[tree.root], robot.plane
+    base, plane = spec.worldbody.add_body(), robot.plane
     if in_plane:
         for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
             base.add_joint(name=name, type=kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE, axis=axis)
     else:
         base.add_joint(name="free", type=kinds.mjJNT_FREE)
+    bodies, carried = [base], {tree.root: (0, pin.SE3.Identity())}  # which body carries a link, and where
     for joint in tree.joints:
-        placement = joint.origin.placement * joint.motion(rigid.get(joint.name, 0.0))
-        body = bodies[joint.child] = _add_body(bodies[joint.parent], tree.links[joint.child], placement)
+        carrier, place = carried[joint.parent]
+        place = place * joint.origin.placement * joint.motion(rigid.get(joint.name, 0.0))
         if joint.moves and joint.name not in rigid:
+            body = bodies[carrier].add_body(pos=place.translation, quat=_quaternion(place.rotation))
             name, kind = f"joint{robot.model.getJointId(joint.name)}", "HINGE" if joint.turns else "SLIDE"
             body.add_joint(name=name, type=getattr(kinds, f"mjJNT_{kind}"), axis=joint.axis)
-    return spec
-
-
-def _add_body(parent: Any, link: UrdfLink, placement: Any) -> Any:
-    """Add a link to its parent's body, placed as a ``pinocchio.SE3`` says."""
-    body = parent.add_body(pos=placement.translation, quat=_quaternion(placement.rotation))
-    if link.inertial is not None:
-        origin = link.inertial.origin.placement
-        moments, axes = np.linalg.eigh(link.inertial.inertia)
+            carrier, place = len(bodies), pin.SE3.Identity()
+            bodies.append(body)
+        carried[joint.child] = carrier, place
+    inertias = [pin.Inertia.Zero() for _ in bodies]
+    for name, (carrier, place) in carried.items():
+        own = tree.links[name].inertial
+        if own is not None:
+            inertias[carrier] += (place * own.origin.placement).act(pin.Inertia(own.mass, np.zeros(3), own.inertia))
+    for body, inertia in zip(bodies, inertias, strict=True):
+        moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.linalg.det(axes)  # right-handed
-        body.mass, body.inertia, body.explicitinertial = link.inertial.mass, moments, True
-        body.ipos, body.iquat = origin.translation, _quaternion(origin.rotation @ axes)
-    return body
+        body.mass, body.inertia, body.explicitinertial = inertia.mass, moments, True
+        body.ipos, body.iquat = inertia.lever, _quaternion(axes)
+    return spec
 
 
 def _quaternion(rotation: Array) -> Array:

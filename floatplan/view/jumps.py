@@ -141,9 +141,11 @@ class JumpView:
         return np.array([0j, side, -side.conjugate()], np.complex128) / abs(side) * CONE * self.height
 
     def moments(self, flying: int = 2) -> Array:
-        """Instants (4 + flying,), s: standing, largest force, some in flight, largest force again, standing."""
+        """Instants (4 + flying,), s: standing, the last push's largest force, some in flight, then the reverse."""
         (times, _, sizes), (begin, end) = self.samples, self.flown
-        before, after = (times[(side * sizes.sum(axis=1)).argmax()] for side in (times < begin, times > end))
+        push, fall = self.jump.before[-1].span[0], self.jump.after[0].span[1]
+        stances = (push < times) & (times < begin), (end < times) & (times < fall)
+        before, after = (times[(stance * sizes.sum(axis=1)).argmax()] for stance in stances)
         return np.array([0.0, before, *np.linspace(begin, end, flying + 2)[1:-1], after, self.duration])
 
     def at(self, times: npt.ArrayLike) -> FlightState:

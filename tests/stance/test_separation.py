@@ -119,7 +119,8 @@ def test_what_is_too_near_where_it_stands_is_refused(case: str) -> None:
 def test_an_obstacle_counts_while_it_is_there() -> None:
     """One in the way of the flight, that is gone by then."""
     known, duration = backflip(), backflip().flight.duration
+    x, z = known.flight.at(duration / 2).com_position.tolist()
     for window, holds in (((-1.0, 1e-3), True), ((0.0, duration), False)):
-        circle = fp.Circle(center=(-0.3, 0.5), radius=0.05, window=window)
+        circle = fp.Circle(center=(x - 0.3, z + 0.1), radius=0.05, window=window)
         check = replace(known, problem=replace(known.problem, obstacles=(circle,))).check
         assert (check.figures["obstacles"] > 0) == holds
