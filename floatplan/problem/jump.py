@@ -144,7 +144,7 @@ class JumpRequest(Keyed):
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
     feet: Annotated[Literal["point", "rolling"], Key()] = "point"
     objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
-    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.03
+    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
