@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -41,5 +42,6 @@ def answer(name: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()  # it takes no arguments, and refuses any
     answers = {name: answer(name) for name in problem_names()}
     REFERENCES.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")

@@ -30,6 +30,7 @@ PULL = -1e-3  # [-] of the weight
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
 DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
+AROUND = 4e-3  # [s] two steps of a controller at 500 Hz, within which torques change where contacts do
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
@@ -55,7 +56,7 @@ class JumpCheck:
         ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
         accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
         rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
-        s. ``torque_step``: where contacts change, over limits.
+        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
     sentences : for a person, what does not hold first
     """
 
@@ -220,10 +221,11 @@ def _seams(jump: JumpMotion) -> dict[str, float]:
         seams += [("junction", first, 1, state) for first, state in inner]
     found = dict.fromkeys(("takeoff_seam", "landing_seam", "torque_step"), 0.0)
     for name, stance, end, other in seams:
-        own = stance.at(np.array([stance.span[end]]))
-        found[name] = max(found.get(name, 0.0), _step(own, other, unit))
-        step = np.abs((own.torques - other.torques) @ jump.problem.robot.transmission) / limits
-        found["torque_step"] = max(found["torque_step"], float(step.max()))
+        change = stance.span[end]
+        found[name] = max(found.get(name, 0.0), _step(stance.at(np.array([change])), other, unit))
+        around = np.clip(change + np.array([-0.5, 0.5]) * AROUND, 0.0, jump.duration)
+        step = np.diff(jump.at(around).torques @ jump.problem.robot.transmission, axis=0) / limits
+        found["torque_step"] = max(found["torque_step"], float(np.abs(step).max()))
     gaps = [jump.before[0].span[0], jump.takeoff_time + flight.duration - jump.after[0].span[0]]
     gaps += [one.span[1] - two.span[0] for side in (jump.before, jump.after) for one, two in itertools.pairwise(side)]
     found["gap"] = float(np.abs(gaps).max())
@@ -262,7 +264,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("gap", SEAM, "phases are {:.2g} s apart"),
         ("rest", SEAM, "at its ends it moves by {:.2g}"),
         ("level", SEAM, "what stands is on grounds {:.2g} m apart"),
-        ("torque_step", np.inf, "torques step by {:.2g} of their limits where contacts change"),
+        ("torque_step", np.inf, "torques change by {:.0%} of their limits within 4 ms where contacts do"),
         ("lifted", LIFTED, "feet that stand are up to {:.2g} m above the ground"),
         ("circle", POINT_FEET, "outlines of feet that roll are circles to {:.2g} m"),
     ]
