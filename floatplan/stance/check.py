@@ -53,10 +53,10 @@ class JumpCheck:
         that stand; where they roll, of centres beyond what was rolled, and of parts on the ground. ``ground``: least
         height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand, ``circle``:
         distance from the ground of those that roll, ``level``: by which what stands differs in height; ``obstacles``,
-        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
-        accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
-        rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
-        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
+        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places and rates.
+        ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m, rad, and over
+        the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases, s.
+        ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
     sentences : for a person, what does not hold first
     """
 
@@ -221,9 +221,8 @@ def _seams(jump: JumpMotion) -> dict[str, float]:
         seams += [("junction", first, 1, state) for first, state in inner]
     found = dict.fromkeys(("takeoff_seam", "landing_seam", "torque_step"), 0.0)
     for name, stance, end, other in seams:
-        change = stance.span[end]
-        found[name] = max(found.get(name, 0.0), _step(stance.at(np.array([change])), other, unit))
-        around = np.clip(change + np.array([-0.5, 0.5]) * AROUND, 0.0, jump.duration)
+        found[name] = max(found.get(name, 0.0), _step(stance.at(np.array([stance.span[end]])), other, unit))
+        around = np.clip(stance.span[end] + np.array([-0.5, 0.5]) * AROUND, 0.0, jump.duration)
         step = np.diff(jump.at(around).torques @ jump.problem.robot.transmission, axis=0) / limits
         found["torque_step"] = max(found["torque_step"], float(np.abs(step).max()))
     gaps = [jump.before[0].span[0], jump.takeoff_time + flight.duration - jump.after[0].span[0]]
