@@ -53,10 +53,10 @@ class JumpCheck:
         that stand; where they roll, of centres beyond what was rolled, and of parts on the ground. ``ground``: least
         height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand, ``circle``:
         distance from the ground of those that roll, ``level``: by which what stands differs in height; ``obstacles``,
-        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places and rates.
-        ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m, rad, and over
-        the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases, s.
-        ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
+        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
+        accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
+        rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
+        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
     sentences : for a person, what does not hold first
     """
 
@@ -217,8 +217,7 @@ def _seams(jump: JumpMotion) -> dict[str, float]:
     takes_off, lands = (flight_state(flight, np.array([time]), 0.0) for time in (0.0, flight.duration))
     seams = [("takeoff_seam", jump.before[-1], 1, takes_off), ("landing_seam", jump.after[0], 0, lands)]
     for side in (jump.before, jump.after):
-        inner = [(first, second.at(np.array(second.span[:1]))) for first, second in itertools.pairwise(side)]
-        seams += [("junction", first, 1, state) for first, state in inner]
+        seams += [("junction", one, 1, two.at(np.array(two.span[:1]))) for one, two in itertools.pairwise(side)]
     found = dict.fromkeys(("takeoff_seam", "landing_seam", "torque_step"), 0.0)
     for name, stance, end, other in seams:
         found[name] = max(found.get(name, 0.0), _step(stance.at(np.array([stance.span[end]])), other, unit))
