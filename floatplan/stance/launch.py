@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 
 from floatplan.arguments import SEED, made, one_of, optional, whole
+from floatplan.arrays import Array
+from floatplan.motion.planar.contact_rates import ContactEquations, rates_at
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
@@ -20,14 +22,19 @@ from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance, flight_state
 from floatplan.stance.phases import Meeting
+from floatplan.stance.plainest import plainest
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
-from floatplan.tables import Range
+from floatplan.tables import RELATIVE, Range
 
 STARTS = 3
-ITERATIONS = 130  # of IPOPT, of each program
+SETTINGS = (
+    ("max_iter", 130),
+    ("max_hessian_perturbation", 1e6),
+)  # of IPOPT: beyond, iterations are few but take minutes
 MOST_STARTS = Range(1, 1000, "")
-ROOM = Room(1.0, 1.0, 0.9, 1.1, clear=3e-3, range=0.02)  # of the nodes: limits are those of the factor
+ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
+SLIPS = 0.01  # [-] of the weight, beyond the cone: what is less more nodes mend
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
 
@@ -40,11 +47,12 @@ class Launch:
     ----------
     ok : whether one was found within the limits, and holds at 2 kHz
     ratio : largest share of its limits that a torque or rate takes; infinite where none was found
+        Where there is none, the least share that a rate takes at the flight's end.
     limit : "torque", "torque_speed" or "velocity": which share that is; "" where there is none
     joint : the motor whose share it is; "" where there is none
     sentences : for a person
     figures : as of :class:`floatplan.stance.check.JumpCheck`
-    impossible : whether it is shown that there is none, because of what the flight itself asks
+    impossible : whether it is shown that there is none, because of what stands where the flight begins or ends
     broken : what does not hold at 2 kHz, but for the limits
     """
 
@@ -84,7 +92,8 @@ def launch(
     Returns
     -------
     Launch
-        Not ``ok`` is "none was found", never "there is none".
+        Not ``ok`` is "none was found", and only where ``impossible`` "there is none": where the rates alone with which
+        what stands is at rest at the flight's end are beyond their limits.
 
     Raises
     ------
@@ -100,6 +109,12 @@ def launch(
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
     met = _meeting(plan, setup, end)
+    v, shown = _least(plan, setup, met, end)
+    standing = zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True)
+    posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
+    told = f"Friction {request.friction:g}, at rest with {posture} rad."
+    if shown is not None:
+        return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
 
@@ -107,21 +122,17 @@ def launch(
         return _answer(plan, request, end, program, solution)
 
     answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
-    program = partial(setup.program, iterations=ITERATIONS)
+    program = partial(setup.program, settings=SETTINGS)
     first = program(ROOM)
     for start in range(starts):
         rng = np.random.default_rng((seed, start)) if start else None
-        solved = first.solved(first.guess(rng))
+        solved = first.solved(plainest(first, met, v, rng))
         if solved[1].converged:
             found = corrected(ROOM, margins, solved, program, complete)
             answer = min(answer, found, key=lambda each: (not each.ok, bool(each.broken), each.ratio))
         if answer.ok:
             break
-    shown = _shown(plan, met, end)
-    standing = zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True)
-    posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
-    told = f"Friction {request.friction:g}, at rest with {posture} rad."
-    return replace(answer, sentences=(*answer.sentences, *shown, told), impossible=bool(shown))
+    return replace(answer, sentences=(*answer.sentences, told))
 
 
 def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
@@ -171,16 +182,37 @@ def _answer(
         first = f"no stance was found within the limits (least factor {ratio:.2f}, {named})"
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
-    return answer, rest if broken else None
+    slips = {"slip": rest["slip"]} if rest["slip"] > SLIPS else {}
+    mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")} | slips
+    return answer, mended if broken else None
 
 
-def _shown(plan: Plan, met: Meeting, end: str) -> tuple[str, ...]:
-    """A sentence where the flight itself turns a joint faster there than its limit: no stance then is within limits."""
-    if met.v is None:
-        return ()
-    shares = np.abs(met.v[1:]) / plan.problem.velocity_limits
-    joint, most = plan.robot.joints[int(shares.argmax())], float(shares.max())
-    return (f"None can be: at {end} {joint} turns at {most:.2f} of its limit whatever the stance.",) if most > 1 else ()
+def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Launch | None]:
+    """Rates (n+1,) rad/s with which the flight is met, and the answer where no stance is within their limits.
+
+    At that instant what stands is at rest, h is the flight's, and so is the velocity of the centre of mass: equations
+    of the rates alone in a posture that is known, whatever came before. Each contact's are a bound of their own.
+    """
+    com = plan.at(0.0 if end == "takeoff" else plan.duration).com_velocity
+    model, limits, size = PlanarModel(plan.robot), plan.problem.velocity_limits, len(met.y)
+    y, none = np.repeat(met.y[:, None], size, axis=1), np.zeros((size, size))
+    bounds, rates = list[tuple[float, str, str]](), list[Array]()
+    for contact in setup.phases[-2 if end == "takeoff" else 1].contacts:
+        moves = model.function("moves", [model.momentum(), *model.com_from(contact.spots[0], 1)])
+        momentum, x, z = (np.asarray(each).ravel() for each in moves(y, np.eye(size), none))
+        equations = ContactEquations(np.stack((momentum, -x, -z)), com)
+        found = rates_at(plan.robot, equations, limits, plan.angular_momentum)
+        bounds.append((found.ratio or 0.0, found.joint or "", contact.name))
+        rates.append(np.append(found.orientation_rate, found.rates))
+    if met.v is not None:
+        shares = np.abs(met.v[1:]) / limits
+        bounds.append((float(shares.max()), plan.robot.joints[int(shares.argmax())], bounds[0][2]))
+    ratio, joint, name = max(bounds)
+    if ratio <= 1 + RELATIVE:
+        return rates[0] if met.v is None else met.v, None
+    takes = f"{WORDS['velocity'].format(joint)} is at least {ratio:.2f} of its limit" if joint else "no rates meet it"
+    sentence = f"{end.capitalize()}: no stance reaches it: with {name} at rest then, {takes}, whatever came before."
+    return rates[0], Launch(False, ratio, "velocity", joint, (sentence,), {}, impossible=True)
 
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:

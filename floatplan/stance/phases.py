@@ -27,6 +27,7 @@ WIDEST = {
 }  # [-] of a phase's guessed duration, unless bounds are given
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
 SLOWEST = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
+GENTLE = 0.25  # [-] of a phase's duration, at its end next to the flight, in which forces may vanish gently
 ATTEMPTS = 10  # [-] random postures from which a standing one is looked for
 UNSTEADY = 1.0  # [-] cost of time on one point, over sqrt(height / g): there errors grow by a factor e in as much
 STILL = 1e-6  # [m] what counts as level
@@ -45,6 +46,7 @@ class Phase:
     duration : guessed, s
     bounds : of the duration, s
     intervals : between the nodes of the program
+    gentle : whether forces may vanish towards the flight as gently as they like
     """
 
     side: Side
@@ -52,6 +54,7 @@ class Phase:
     duration: float
     bounds: tuple[float, float]
     intervals: int
+    gentle: bool = False
 
     @property
     def anchor(self) -> Contact:
@@ -67,6 +70,12 @@ class Phase:
         away = 1 - even if self.side == "takeoff" else even
         apart = away * (SLOWEST + (1 - SLOWEST) * away)
         return 1 - apart if self.side == "takeoff" else apart
+
+    @cached_property
+    def firm(self) -> Array:
+        """Shares (intervals + 1,) of the usual room within their bounds, which forces keep at its nodes."""
+        away = 1 - self.shares if self.side == "takeoff" else self.shares
+        return np.minimum(away / GENTLE, 1.0) if self.gentle else np.ones_like(away)
 
     @property
     def others(self) -> tuple[Contact, ...]:

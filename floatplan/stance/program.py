@@ -52,9 +52,9 @@ ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
 SMOOTH = 0.1  # [-] of squared torques beside the factor
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
-IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
+USUAL = {"max_iter": 400, "mu_strategy": "adaptive"}
+IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD} | USUAL
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 400
 EXCHANGES = 8  # [-] programs at most in which more is kept apart
 
 
@@ -96,7 +96,7 @@ class JumpProgram:
     fixed : what is known of the flight's ends
     momentum : kg m^2/s, where it is given
     limits : whether the factor on limits is least, instead of squared torques
-    iterations : of IPOPT at most
+    settings : names and values, of IPOPT
     """
 
     def __init__(
@@ -106,14 +106,14 @@ class JumpProgram:
         fixed: Sequence[Meeting] = (),
         momentum: float | None = None,
         limits: bool = False,
-        iterations: int = ITERATIONS,
+        settings: Sequence[tuple[str, float]] = (),
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations = limits, iterations
+        self._limits, self._settings = limits, settings
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -180,7 +180,7 @@ class JumpProgram:
         index = self.phases.index(phase)
         box = np.empty((2, 2 * len(phase.others), phase.intervals + 1))
         box[0], box[1] = -np.inf, np.inf
-        box[0, 1::2] = LEAST_FORCE * self.node.weight
+        box[0, 1::2] = LEAST_FORCE * self.node.weight * phase.firm
         if phase.others:
             inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
             seam = -1 if phase.side == "takeoff" else 0
@@ -219,7 +219,7 @@ class JumpProgram:
         self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
         goal = ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
-        return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), IPOPT | {"max_iter": self._iterations}), rows
+        return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), IPOPT | dict(self._settings)), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
@@ -277,19 +277,19 @@ class JumpProgram:
                 low[row], high[row] = -np.inf, np.inf
                 if flies or kind == MEETS:
                     low[row, seam] = high[row, seam] = 0.0
+            low[row] *= phase.firm if kind == PRESSED else 1.0
             if label.endswith(STANDS) and phase.others[0].vertical:
                 low[row, -1 - seam] = -np.inf if phase in (self.phases[0], self.phases[-1]) else 0.0
                 high[row, -1 - seam] = -low[row, -1 - seam]
             if label.startswith("friction"):
-                low[row, 1:-1] = CONE_ROOM
+                low[row, 1:-1] = CONE_ROOM * phase.firm[1:-1]
                 if label not in kept:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
             if kind in settled or (flies and kind == PRESSED):
                 low[row, seam], high[row, seam] = -np.inf, np.inf
-        if takeoff and index > 0:
-            low[:, 0], high[:, 0] = -np.inf, np.inf
-        if not takeoff and index + 1 < len(self.phases):
-            low[:, -1], high[:, -1] = -np.inf, np.inf
+        outer = index - 1 if takeoff else index + 1
+        if 0 <= outer < len(self.phases):
+            low[:, -1 - seam], high[:, -1 - seam] = -np.inf, np.inf
         rows.add_nodes(values, bounds, low, high, phase.side)
         return cost
 

@@ -28,7 +28,7 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Meeting, Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
+from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
@@ -39,6 +39,7 @@ CORRECTIONS = 2  # [-] programs after the first
 FINER = 1.4  # [-] times the nodes in each
 LESS_FRICTION = 0.85  # [-] where forces leave the cone
 STRICTER = 0.97  # [-] beyond what a figure shows
+BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
 
 
@@ -163,12 +164,12 @@ class Setup:
         known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
         return NodeRows(model, phases, watched, bounds, self.standing, known)
 
-    def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
-        """Return the program with some room, that is solved in so many iterations at most."""
+    def program(self, room: Room, settings: Sequence[tuple[str, float]] = ()) -> JumpProgram:
+        """Return the program with some room; ``settings`` are names and values, of IPOPT."""
         problem = self.problem
         parts = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
-        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, settings)
 
 
 def inside(ranges: Array, room: float) -> Array:
@@ -248,7 +249,8 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
     ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
     unbounded = [None] * (2 * len(contacts) + 1)
     both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
-    phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
+    generic = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
+    phases = [replace(each, bounds=(BRIEFEST * each.duration, each.bounds[1]), gentle=True) for each in generic]
     time = problem.flight.duration
     flight = Phase("flight", (), time, (time, time), 0)
     rest = _turned(posture, TURN * round((meeting[0] - posture[0]) / TURN))

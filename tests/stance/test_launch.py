@@ -12,6 +12,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.stance.launch import launch
+from floatplan.stance.program import JumpProgram
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -32,18 +33,20 @@ def test_the_takeoff_of_a_jump_is_reached() -> None:
     assert found.figures["residual"] < 1e-3
 
 
-@pytest.mark.long
-def test_a_takeoff_of_a_weak_robot_is_not() -> None:
-    """The rates at takeoff alone are beyond the limits."""
-    flight = backflip().flight
-    assert flight is not None
-    weak = replace(flight, problem=replace(flight.problem, limits=fp.Limits(velocity=5.0, torque="urdf")))
-    found = launch(weak, starts=1)
-    assert not found.ok
-    assert found.ratio > 1
-    assert "no stance was found within the limits (least factor " in found.sentences[0]
+def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rates with which the foot is at rest are those of ``takeoff``: beyond the limits there is nothing to find."""
+    monkeypatch.setattr(JumpProgram, "solve", lambda *_: pytest.fail("a search for what there is not"))
+    problem = replace(go2_problem(), limits=fp.Limits(velocity=12.0), jump=None)
+    plan = fp.plan(replace(problem, limits=fp.Limits()))
+    found = launch(replace(plan, problem=problem))
+    rates = fp.takeoff(problem, plan.angular_momentum)
+    assert rates.ratio is not None
+    assert rates.ratio > 1
     assert found.impossible
-    assert "whatever the stance" in found.sentences[1]
+    assert not found.ok
+    assert found.ratio == pytest.approx(rates.ratio, rel=1e-9)
+    assert found.sentences[0].startswith("Takeoff: no stance reaches it: with RL_foot at rest then, ")
+    assert f"{found.joint}'s rate is at least {found.ratio:.2f} of its limit" in found.sentences[0]
 
 
 def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path: Path) -> None:
