@@ -14,11 +14,11 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import FOLDER
 
 HEADER = "kernel.hpp"
-NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
-ARRAYS = {"double": np.dtype(np.float64), "std::int64_t": np.dtype(np.int64)}
+NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "Index": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
+ARRAYS = {"double": np.dtype(np.float64), "Index": np.dtype(np.int64)}
 MULTIPLES = {"Eights": 8}  # kinds of counts
 HEAD = object.__basicsize__  # bytes
-RETURNED: dict[str, Any] = {"void": None, "std::int64_t": ctypes.c_int64, "const char *": ctypes.c_char_p}
+RETURNED: dict[str, Any] = {"void": None, "Index": ctypes.c_int64, "const char *": ctypes.c_char_p}
 
 
 _begins = ctypes.c_void_p.from_address
@@ -94,7 +94,7 @@ def structures(text: str) -> dict[str, type[Structure]]:
 
 def enumerations(text: str) -> dict[str, type[IntEnum]]:
     """Read the enumerations of C++, numbered from 0."""
-    listed = re.findall(r"enum (?:class )?(\w+) : std::int64_t \{(.*?)\};", text, re.DOTALL)
+    listed = re.findall(r"enum (?:class )?(\w+) : Index \{(.*?)\};", text, re.DOTALL)
     return {name: IntEnum(name, re.findall(r"\w+", members), start=0) for name, members in listed}  # type: ignore[misc]
 
 
