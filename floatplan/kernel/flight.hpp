@@ -127,6 +127,19 @@ class FlightUpdate {
         }
     }
 
+    // Torques of joints and motors in the state that is asked about.
+    void find_torques() {
+        for (Index i = 0; i < n; ++i) {
+            look.position[i * look.stride] = f.asked[i];
+            look.speed[i * look.stride] = f.asked[n + i];
+            look.acceleration[i * look.stride] = f.asked[2 * n + i];
+        }
+        turn(robot, look, f.state[1]);
+        move_bodies(robot, look);
+        const Index torques = n + f.motors;
+        for (Index e = 0; e < torques; ++e) f.torques[e] = motor_torque(robot, look, f.turns + e, torques, 0)[0];
+    }
+
     // What comes of the motion whose coefficients are given, or of the present one, corrected.
     void follow(bool corrected) {
         if (corrected) rewrite();
@@ -266,6 +279,7 @@ static inline void update_flight(const Robot &robot, const Constraints &constrai
     case learn_state: return update.learn();
     case adapt_masses: return update.adapt();
     case rewrite_motion: return update.rewrite();
+    case find_torques: return update.find_torques();
     case predict_motion: return update.follow(false);
     default: update.follow(true);
     }

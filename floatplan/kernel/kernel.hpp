@@ -197,7 +197,7 @@ struct Flight {
     const Index *block_first;                 // (blocks + 1): rows of the constraints, block by block
     const double *aim, *softness;                    // (blocks)
     const double *row_window;                        // (rows, 2), s
-    const double *motor_turns;                       // (m, motors)
+    const double *turns;                             // (m, n + motors): of the links, by joints and motors
     const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
     // The filter's.
     const double *mass, *inertia;                    // (m)
@@ -215,6 +215,7 @@ struct Flight {
     double began, measured, now, landing, measured_orientation, measured_rate;
     double *measured_positions, *measured_velocities;  // (n)
     double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
     double turn_before, turn_after, expected_rate, aside, variance, noise;
     Index evaluations, is_warm;
     double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
@@ -224,7 +225,7 @@ struct Flight {
 };
 
 enum Step : Index {
-    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, predict_motion, correct_motion
+    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion, correct_motion
 };
 
 enum Status : Index { infeasible, feasible, optimal, needs_grid };

@@ -51,7 +51,7 @@ class RestOfFlight {
         for (Index motor = 0; motor < f.motors; ++motor) {
             Vector most = all(0);
             for (Index k = 0; k < K; k += LANES)
-                most = larger(magnitude(motor_torque(robot, m, f.motor_turns + motor, f.motors, k)), most);
+                most = larger(magnitude(motor_torque(robot, m, f.turns + n + motor, n + f.motors, k)), most);
             f.torque_peak[motor] = largest(most);
         }
     }
