@@ -148,6 +148,8 @@ def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
         return dict(zip(robot.joints, np.broadcast_to(value, len(robot.joints)).tolist(), strict=True))
     if head == "jump" and not key:
         return value or JumpRequest()
+    if value == "standing":
+        return {}
     if head == "flight" and key in ("takeoff", "landing"):
         return value or getattr(base, key)
     if head == "limits" and key == "position" and path.count(".") > 1:

