@@ -21,7 +21,6 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.planar.contact_rates import End
 from floatplan.view.figures.snapshots import moments
-from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled
 
@@ -199,11 +198,8 @@ def launch_of(plan: fp.Plan) -> str:
 
 def strips(entries: Sequence[JumpEntry]) -> Image.Image:
     """Moments of jumps, a strip for each."""
-    drawn = []
-    for entry in entries:
-        view = JumpView(entry.jump, entry.jump.check, entry.jump.verdict)
-        drawn.append(rendered(moments(view, flying=3, title=title_of(entry.name)), SHEET_DPI))
-    return sheet([drawn])
+    drawn = [moments(entry.jump.view, flying=3, title=title_of(entry.name)) for entry in entries]
+    return sheet([[rendered(each, SHEET_DPI) for each in drawn]])
 
 
 def table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
