@@ -40,7 +40,7 @@ TITLES = {
     "talos": "Talos, onto a step",
     "human": "human, somersault",
 }
-NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "high_jumper": "high jumper"}  # others' as above
+NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "talos_hop": "Talos", "high_jumper": "high jumper"}
 COLUMNS = (
     "robot",
     "joints planned",
