@@ -288,9 +288,8 @@ def _named(rows: Iterable[Row | Sequence[str]]) -> Table:
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column()
-    for row in rows:
-        good = not isinstance(row, Row) or row.tone == "good"
-        table.add_row(row[0], Text(row[1], "" if good else COLOURS[row[2]], overflow="fold"))
+    for row in map(Row._make, ((*row, "good")[:3] for row in rows)):
+        table.add_row(row.name, Text(row.text, "" if row.tone == "good" else COLOURS[row.tone], overflow="fold"))
     return table
 
 

@@ -102,12 +102,16 @@ class ContactRobot:
         names = (self.model.geom(each).name for each in self.touched if each not in self.foot_of)
         return tuple(sorted(name.removeprefix(LINK) for name in names))
 
-    def stands(self, base: Array) -> bool:
-        """Whether the base is turned as planned in the end, but about the vertical, and not far lower."""
+    def stands(self, base: Array, orientation: float) -> bool:
+        """Whether the base is turned as planned in the end, whole turns included, but about the vertical, and as high.
+
+        Arguments are those of :meth:`begin`, of the end.
+        """
         up, both = np.asarray(self.robot.plane.vertical), (self.data.qpos[:7], base)
         level = np.prod([pin.Quaternion(*each[3:]).matrix().T @ up for each in both], axis=0).sum()
         heights = [each[:3] @ up - self.ground for each in both]
-        return bool(level > np.cos(TIPPED) and heights[0] > LOW * heights[1])
+        turned = abs(self.pitch - orientation) < TIPPED
+        return bool(turned and level > np.cos(TIPPED) and heights[0] > LOW * heights[1])
 
 
 def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> Any:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import pi, remainder
 from typing import Any
 
 import numpy as np
@@ -107,7 +106,7 @@ class JumpControl:
         for tick, now in enumerate(self.times.tolist()):
             state = robot.state()
             if np.isnan(pitch) and now >= self.flown[1]:
-                pitch = remainder(robot.pitch - self.wanted.positions[tick, BASE - 1], 2 * pi)
+                pitch = robot.pitch - self.wanted.positions[tick, BASE - 1]
             torques = loop.torques(tick, np.stack(state[:2])[:, BASE - 1 :])
             if not robot.move(torques, STEPS):
                 break
@@ -115,7 +114,7 @@ class JumpControl:
             if record:
                 rows.append((*state, np.append(np.zeros(BASE), torques), robot.forces.copy(), robot.points.copy()))
         return Flown(
-            stands=robot.stands(self.ends[1]),
+            stands=robot.stands(self.ends[1], self.wanted.positions[-1, BASE - 1]),
             touched=robot.links(),
             pitch=float(pitch),
             torque=loop.share,
@@ -181,10 +180,8 @@ class _Loop:
         resting = np.stack((robot.reference[BASE:], np.zeros(len(control.joints))))
         if tick % control.every == 0 and then >= 0 and control.times[then] >= begin:
             known = self.measured[then]
-            planned = (known[:, 1:] - resting) @ control.to_planned.T
-            done = self.replanner.update(
-                float(control.times[then]) - begin, known[0, 0], known[1, 0], *planned, now=now - begin
-            )
+            time, (joints, rates) = float(control.times[then]), (known[:, 1:] - resting) @ control.to_planned.T
+            done = self.replanner.update(time - begin, known[0, 0], known[1, 0], joints, rates, now=now - begin)
             self.statuses[done.status] += 1
         reference = self.replanner.reference(now - begin)
         torques = control.torques[tick].copy()

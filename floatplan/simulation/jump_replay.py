@@ -34,7 +34,8 @@ class JumpLandings(Outlined):
     Attributes
     ----------
     stands : (F,)
-        Whether the base is level and as high as it should be, a second after the jump's end.
+        Whether the base is level, turned by all of the jump's turns and not far lower than planned, a second after its
+        end.
     touched : (F) names of links other than feet that touched the ground
     pitch : (F,) rad
         Orientation where the flight should end, less the planned one.
