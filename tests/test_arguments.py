@@ -18,6 +18,7 @@ from floatplan.inflight import authority as authority_module
 from floatplan.planning.search import MOST_SOLVED
 
 MADE_BY_FLOATPLAN = {
+    "JumpReplay",
     *("Authority", "Certificate", "ClosedLoop", "Contact", "Correction", "FlightState", "Plan", "Plans", "Reference"),
     *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch"),
 }
