@@ -19,7 +19,6 @@ from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
-from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import judged
 from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, largest
@@ -30,7 +29,7 @@ from floatplan.view.outlines import (
     drawn_part,
     drawn_radius,
     ground_lines,
-    obstacle_outlines,
+    obstacle_capsules,
     pairs,
     picture_box,
     postures,
@@ -120,7 +119,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     """Return what a page needs to place and to paint robot and obstacles, whatever the motion.
 
     ``robot``; ``frames`` that leave a trail, and how they are marked; the colour of the centre of mass's ``trail``;
-    ``obstacles``: outlines of these and their margins where they are given, how they move, and when they exist.
+    ``obstacles``: their capsules, two ends and a radius each, their margins, how they move, and when they exist.
     """
     robot = problem.robot
     roles = {problem.takeoff.frame: "takes off"}
@@ -143,18 +142,16 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             {
                 "bounded": obstacle.bounded,
                 "colour": OBSTACLES[index % len(OBSTACLES)],
-                "outlines": _outlines(obstacle, 0.0),
-                "margins": _outlines(obstacle, obstacle.margin) if obstacle.margin > 0 else [],
+                "capsules": [
+                    (*rounded(pairs(np.array(ends))), radius) for *ends, radius in obstacle_capsules(obstacle)
+                ],
+                "margin": obstacle.margin,
                 "velocity": list(obstacle.velocity),
                 "window": None if obstacle.window is None else list(obstacle.window),
             }
             for index, obstacle in enumerate(problem.obstacles)
         ],
     }
-
-
-def _outlines(obstacle: Obstacle, margin: float) -> list[Any]:
-    return [rounded(pairs(outline)) for outline in obstacle_outlines(obstacle, 0.0, margin)]
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
