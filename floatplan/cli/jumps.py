@@ -56,10 +56,7 @@ def jump(
             found = found.with_certificate(certify(found.flight))
     files = write_jump(found, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and found.flight is not None:
-        from floatplan.view.jumps import JumpView
-        from floatplan.view.report.report import write_report
-
-        files.append(write_report(JumpView(found, found.check, found.verdict), directory / REPORT))
+        files.append(found.show(directory / REPORT, browse=False))
     words = (found, files, time.perf_counter() - began, common.program())
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
     ok = found.ok and proved

@@ -49,12 +49,11 @@ def show(
 ) -> None:
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
-    from floatplan.plans.plan import Plan, load_plan
-    from floatplan.view.jumps import JumpView, Shown
+    from floatplan.plans.plan import load_plan
 
     motion = _motion(motion_file, urdf)
     with naming(motion_file):
-        plan: Shown = motion if isinstance(motion, Plan) else JumpView(motion, motion.check, motion.verdict)
+        plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
     other = None if compare is None else load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
@@ -64,9 +63,7 @@ def show(
     files = []
     with progress("drawing", quiet) as bar:
         if not (scene or formats or films):
-            from floatplan.view.report.report import write_report
-
-            files.append(write_report(plan, directory / REPORT))
+            files.append(motion.show(directory / REPORT, browse=False))
         if scene:
             from floatplan.view.scene.scene import write_scene
 
@@ -76,9 +73,7 @@ def show(
 
             files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
         for name in films:
-            from floatplan.view.figures.animation import animate
-
-            files.append(animate(plan, directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
+            files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
             print_path(path)

@@ -211,13 +211,12 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
 
 def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
     """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
-    from floatplan.view.jumps import JumpView
     from floatplan.view.report.data import PHASES, STANCES, check_lines, phase_lines
 
     name, took = jump.problem.name, f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
-    view = JumpView(jump, jump.check, jump.verdict)
+    view = jump.view
     broken, held = check_lines(view)
     written = [Row(path.stem, escaped(str(path))) for path in files]
     return Group(

@@ -30,6 +30,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
 MOST_VARIED = 32  # numbers of a problem that a study varies
 LARGER_IS_BETTER = ("clearance",)  # of the columns that a map can show
+OF_JUMPS = {"height": "m", "jump_duration": "s", "friction_used": ""}  # columns of jumps alone, and their units
 
 Values: TypeAlias = dict[str, npt.NDArray[Any]]
 
@@ -167,6 +168,8 @@ def load_study_file(path: str | Path) -> StudyFile:
     path = Path(path)
     with naming(path):
         tables = read_tables(schema.StudyTables, schema.with_sampling(read_toml(path, "a study file")))
+    if tables.plan.jump and tables.plan.search:
+        raise InputError("is for flights alone", source=path, element="plan.search", advice="raise plan.starts")
     problem = path.parent / tables.problem
     base = load_problem(problem)
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
@@ -235,7 +238,7 @@ def _map(tables: schema.StudyTables, base: Problem) -> tuple[str, str, str] | No
     keys = list(tables.vary)
     if tables.result.map is None:
         return (keys[0], keys[1], "torque_peak") if len(keys) > 1 else None
-    check_map(tables.result.map, keys, coloured(base), "result.map")
+    check_map(tables.result.map, keys, coloured(base, tables.plan), "result.map")
     return tables.result.map
 
 
@@ -252,7 +255,8 @@ def check_map(names: tuple[str, str, str], keys: Sequence[str], columns: Sequenc
         raise InputError(f"{z!r} is no column of numbers", element=element, advice=f"known: {known}")
 
 
-def coloured(base: Problem) -> list[str]:
+def coloured(base: Problem, plan: schema.PlanTable) -> list[str]:
     """Columns of numbers that a map can show."""
     torques = ("torque_peak", *(f"torque_peak.{motor}" for motor in base.robot.motors))
-    return ["objective", "angular_momentum", *torques, "utilisation", "clearance", "starts", "milliseconds"]
+    measured = ["utilisation", "clearance", *(OF_JUMPS if plan.jump else ())]
+    return ["objective", "angular_momentum", *torques, *measured, "starts", "milliseconds"]

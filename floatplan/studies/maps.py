@@ -47,7 +47,7 @@ def _statuses(table: Any) -> IntArray:
 
 def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     """Return the map of column z over keys x and y: each cell shows its best row."""
-    check_map((x, y, z), study.paths, [*coloured(study.base), "status"], "map")
+    check_map((x, y, z), study.paths, [*coloured(study.base, study.plan), "status"], "map")
     axes = {axis.path: axis for axis in study.samples.axes}
     edges = {key: _edges(study, axes[key]) for key in (x, y)}
     columns, rows = (
@@ -101,7 +101,9 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
     """Return all that the page shows; what it shows of each row goes into ``numbers``."""
     assert study.map is not None, "maps are written where the study has one"
     units = units_of(table)
-    measured = [name for name in coloured(study.base) if name == study.map[2] or table[name].null_count < len(table)]
+    measured = [
+        name for name in coloured(study.base, study.plan) if name == study.map[2] or table[name].null_count < len(table)
+    ]
     explanations, explanation = words(table, "explanation")
     coefficients = _in_fractions(study, table)
     return {

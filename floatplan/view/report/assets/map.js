@@ -187,7 +187,7 @@ class Page {
     this.nothing.hidden = Boolean(coefficients);
     if (this.player) this.player.pause();
     if (!coefficients) {
-      this.nothing.textContent = "This row has no motion.";
+      this.nothing.textContent = "No motion of this row is kept.";
       return;
     }
     const values = this.data.axes.map((axis) => [axis.key, this.rows.column(axis.key)[row] * axis.factor]);
