@@ -24,7 +24,7 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from floatplan.inflight.authority import Authority
     from floatplan.simulation.closed_loop import ClosedLoop
-    from floatplan.simulation.jump_replay import JumpReplay
+    from floatplan.simulation.jump_landings import JumpReplay
     from floatplan.simulation.replay import Replay
     from floatplan.stance.jump import Jump
     from floatplan.stance.launch import Launch

@@ -10,53 +10,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.simulation.contact_model import STEP, ContactRobot
+from floatplan.simulation.jump_landings import AFTER, PERIOD, FlownJump
 from floatplan.simulation.perturbation import Drawn, Perturbation
 from floatplan.simulation.recorded_motion import SLOW
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE, JumpState
 
-PERIOD = 2e-3  # [s] of the joints' control
 STEPS = round(PERIOD / STEP)  # [-] of the simulation in it
-AFTER = 1.0  # [s] that it is to stand at the end
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FlownJump(JumpMotion):
-    """What a robot made of a jump: a motion as this is, between recorded instants; it goes on for ``AFTER``."""
-
-    recorded: JumpState | None = None
-
-    @property
-    def duration(self) -> float:
-        """From standing until it should stand again for ``AFTER``, s."""
-        return super().duration + AFTER
-
-    def at(self, times: npt.ArrayLike) -> JumpState:
-        """State at times (N,) s from the jump's start; errors as of a jump's."""
-        assert self.recorded is not None
-        known, instants = self.recorded, np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
-
-        def between(values: Any) -> Any:
-            if isinstance(values, dict):
-                return {name: between(each) for name, each in values.items()}
-            return read_only(np.stack([np.interp(instants, known.times, each) for each in values.T], axis=1))
-
-        taken = [between(getattr(known, row.name)) for row in fields(known)[1:]]
-        return JumpState(read_only(instants), *taken)
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A row of :class:`floatplan.simulation.jump_replay.JumpLandings`, corrections by status, and what was recorded."""
+    """A row of :class:`~floatplan.simulation.jump_landings.JumpLandings`, corrections by status, the motion if recorded."""
 
     stands: bool
     touched: tuple[str, ...]

@@ -5,162 +5,24 @@ from __future__ import annotations
 import time as clock
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import SEED, Outlined, made, number, optional, positive, whole
-from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.arguments import SEED, made, number, optional, positive, whole
+from floatplan.arrays import read_only
 from floatplan.errors import InputError
-from floatplan.files import plain
 from floatplan.pool.threads import one_thread
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
 from floatplan.simulation.forward import Gain, given_gains
-from floatplan.simulation.jump_flight import AFTER, PERIOD, Flown, FlownJump, JumpControl
+from floatplan.simulation.jump_flight import Flown, JumpControl
+from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.mujoco_model import import_mujoco
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.stance.jump import Jump
 from floatplan.stance.jump_file import load_jump
 from floatplan.stance.motion import BASE
 from floatplan.tables import Range
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class JumpLandings(Outlined):
-    """How F flights of a jump went.
-
-    Attributes
-    ----------
-    stands : (F,)
-        Whether the base is level, turned by all of the jump's turns and not far lower than planned, a second after its
-        end.
-    touched : (F) names of links other than feet that touched the ground
-    pitch : (F,) rad
-        Orientation where the flight should end, less the planned one.
-    torque : (F,)
-        The largest that was wanted of a motor over what it can at its speed; what is over 1 was cut off.
-    slid : (F,) m
-        The longest way that a foot slid on the ground until the jump's end.
-    """
-
-    stands: BoolArray
-    touched: tuple[tuple[str, ...], ...]
-    pitch: Array
-    torque: Array
-    slid: Array
-
-    @property
-    def clean(self) -> BoolArray:
-        """Whether each (F,) stands, and touched the ground by its feet alone."""
-        return self.stands & [not links for links in self.touched]
-
-    @property
-    def links(self) -> Counter[str]:
-        """How many flights touched the ground with which link."""
-        return Counter(link for links in self.touched for link in links)
-
-    @property
-    def pitch_rms(self) -> float:
-        """Root mean square of the errors at touchdown, rad."""
-        return float(np.sqrt(np.mean(self.pitch**2)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what is known of all flights, and in sum."""
-        return {
-            **{row.name: getattr(self, row.name) for row in fields(self)},
-            "landed": int(self.stands.sum()),
-            "on_feet_alone": int(self.clean.sum()),
-            "links": dict(self.links),
-            "pitch_rms": self.pitch_rms,
-            "pitch_worst": float(np.abs(self.pitch).max()),
-            "torque_worst": float(self.torque.max()),
-            "slid_median": float(np.median(self.slid)),
-            "slid_worst": float(self.slid.max()),
-        }
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class JumpReplay(Outlined):
-    """Result of :func:`replay_jump`.
-
-    Attributes
-    ----------
-    flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
-    seed : int
-    perturbation : Perturbation
-    friction : of the ground, as far as it is not perturbed
-    joints : (J) names of all joints
-    kp, kd : (J,) N m/rad, N m s/rad
-    rate : Hz of the corrections in flight, if there were any
-    uncorrected, corrected : JumpLandings
-        The same robots, the same noise; the latter where there is a rate.
-    statuses : how often a correction had which
-    motion : FlownJump
-        The first flight, corrected where there is a rate.
-    seconds : time that it took
-    """
-
-    flights: int
-    asked: int
-    seed: int
-    perturbation: Perturbation
-    friction: float
-    joints: tuple[str, ...]
-    kp: Array
-    kd: Array
-    rate: float | None
-    uncorrected: JumpLandings
-    corrected: JumpLandings | None
-    statuses: dict[str, int]
-    motion: FlownJump
-    seconds: float
-
-    @property
-    def engine(self) -> str:
-        """What flew them."""
-        words = [f"friction {self.friction:g}", *self.perturbation.in_words()]
-        return f"MuJoCo with contact, {', '.join(words)}"
-
-    @property
-    def control(self) -> str:
-        """How the joints were controlled."""
-        gains = ", ".join(
-            f"{name} {values[0]:.3g} {unit}"
-            if np.ptp(values) == 0
-            else f"{name} {values.min():.3g} to {values.max():.3g} {unit}"
-            for name, values, unit in (("kp", self.kp, "N m/rad"), ("kd", self.kd, "N m s/rad"))
-        )
-        return f"joints controlled at {1 / PERIOD:g} Hz, {gains}"
-
-    @property
-    def landings(self) -> JumpLandings:
-        """Those with corrections, where there are any."""
-        return self.corrected or self.uncorrected
-
-    @property
-    def landed(self) -> bool:
-        """Whether all flights stand in the end."""
-        return bool(self.landings.stands.all())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``floatplan replay --json`` prints of a jump."""
-        facts: dict[str, Any] = plain(
-            {
-                "engine": "mujoco",
-                "landed": self.landed,
-                **{name: getattr(self, name) for name in ("flights", "asked", "seed", "friction")},
-                "perturbation": asdict(self.perturbation) | {"rate_noise": self.perturbation.noise_of_rates},
-                "control": {"rate": 1 / PERIOD, "joints": self.joints, "kp": self.kp, "kd": self.kd},
-                "replan": self.rate,
-                "uncorrected": self.uncorrected.to_dict(),
-                "corrected": None if self.corrected is None else self.corrected.to_dict(),
-                "statuses": self.statuses,
-                "seconds": self.seconds,
-            }
-        )
-        return facts
 
 
 @one_thread

@@ -21,7 +21,7 @@ from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
 from floatplan.simulation.closed_loop import ClosedLoop
-from floatplan.simulation.jump_replay import JumpReplay
+from floatplan.simulation.jump_landings import JumpReplay
 from floatplan.view.report.report import asset, filled, policy
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
 
