@@ -28,7 +28,7 @@ STEPS = round(PERIOD / STEP)  # [-] of the simulation in it
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A row of :class:`~floatplan.simulation.jump_landings.JumpLandings`, corrections by status, the motion if recorded."""
+    """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion."""
 
     stands: bool
     touched: tuple[str, ...]
