@@ -102,7 +102,9 @@ def test_command(floatplan: Callable[..., Any], tmp_path: Path) -> None:
     content = json.loads(path.read_text())
     content["stances"][0]["y"][0][3] = None
     path.write_text(json.dumps(content))
-    assert floatplan("replay", path).code == 2
+    run = floatplan("replay", path)
+    assert run.code == 2
+    assert "stances[0].y: must be finite numbers" in run.stderr
     plan = backflip().flight
     assert plan is not None
     run = floatplan("replay", plan.save(tmp_path / "plan.json"), "--friction", "1")
