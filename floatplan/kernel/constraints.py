@@ -55,6 +55,7 @@ class SumRows:
     weights: Mapping[str, Array]
 
 
+Written = list[tuple[int, int, int, float, float]]  # of rows: kind, two indices, least value, inverse scale
 Block = ObstacleRows | PairRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
 
 
@@ -80,7 +81,7 @@ class CompiledConstraints:
         self.links, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.links
         self.bodies, self.robot = unscaled_robot(tree)
-        written: list[tuple[int, int, int, float, float]] = []
+        written: Written = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
         counts = [
@@ -110,21 +111,14 @@ class CompiledConstraints:
         self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
-    def _write(
-        self,
-        block: Block,
-        rows: list[tuple[int, int, int, float, float]],
-        obstacles: list[list[float]],
-        sums: list[Array],
-    ) -> int:
-        """Write kind, two indices, least value and inverse scale of each row; how many there are."""
+    def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> int:
+        """Write the rows of a block; how many there are."""
         before = len(rows)
         if isinstance(block, SumRows | Shares):
-            parts = [self.sums(block)] if isinstance(block, SumRows) else [self._sum(block.used)]
-            if isinstance(block, Shares) and block.also:
-                parts.append(self._sum(block.also))
-            begin, count = len(sums), len(parts[0])
             kind = SUM if isinstance(block, SumRows) else SHARE
+            shares = [] if isinstance(block, SumRows) else filter(None, (block.used, block.also))
+            parts = [self.sums(block)] if isinstance(block, SumRows) else list(map(self._sum, shares))
+            begin, count = len(sums), len(parts[0])
             rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
             sums.extend(np.concatenate(parts))
         elif isinstance(block, PairRows):
