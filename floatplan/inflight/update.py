@@ -227,10 +227,10 @@ def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
 
 
 def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
-    """C and the places of the centres of mass, by the rotations of the links and of the bodies that turn alike."""
-    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    own = weights * bodies.rotations.sum(axis=0)
-    own = own.conj() if bodies.is_mirrored else own
-    parts = {"own": own, "weights": bodies.of_points(weights), "nominal": bodies.links}
+    """C, what it changes by with each mass, and the places of the centres of mass, by the rotations of the bodies."""
+    by_links = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    own, weights = by_links * bodies.rotations.sum(axis=0), bodies.of_points(by_links)
+    back = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
+    parts = {"by_mass": back[:, :, None] * weights[:, None, :], "weights": weights, "nominal": bodies.links}
     sides = {f"{name}_real": part.real for name, part in parts.items()}
     return sides | {f"{name}_imaginary": part.imag for name, part in parts.items()}
