@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address
 from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
@@ -209,7 +209,8 @@ def quantity_rows(flight: FlightDynamics, quantity: str, s: Array) -> RowTargets
 class RowTargets:
     """Where rows are evaluated: instants ``s`` (K,), and where each goes: ``target`` (K, rows), negative: nowhere.
 
-    ``count`` rows go somewhere; each value is lower by ``back_off``.
+    ``count`` rows go somewhere; each value is lower by ``back_off``. Motions have copies of the ``template``, with
+    ``room`` numbers of memory.
     """
 
     def __init__(
@@ -217,17 +218,11 @@ class RowTargets:
     ) -> None:
         self.constraints, self.count, self.instants = constraints, count, len(s)
         self._kept = constraints.flight.duration * s, target
-        self._template = STRUCTURES["Evaluation"](back_off=back_off)
-        self._template.motion.instants = self._template.variables.instants = len(s)
-        self._template.motion.per_second = 1 / constraints.flight.duration
-        self._template.point_to(times=self._kept[0], target=target)
-        self._room = constraints.kernel.motion_room(*constraints.references, self._template, 0)
-
-    def fresh(self) -> tuple[Structure, Array]:
-        """Return a structure for a motion, and the memory that it points to."""
-        room, structure = np.empty(self._room), type(self._template).from_buffer_copy(self._template)
-        self.constraints.kernel.motion_room(*self.constraints.references, structure, address(room))
-        return structure, room
+        self.template = STRUCTURES["Evaluation"](back_off=back_off)
+        self.template.motion.instants = self.template.variables.instants = len(s)
+        self.template.motion.per_second = 1 / constraints.flight.duration
+        self.template.point_to(times=self._kept[0], target=target)
+        self.room = constraints.kernel.motion_room(*constraints.references, self.template, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,11 +244,13 @@ class MotionRows:
 
     def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
         assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
-        self._instants, self._flown, self._constraints = instants, flown, instants.constraints
-        joints = flown.joints
-        self._structure, self._memory = instants.fresh()
+        joints, constraints = flown.joints, instants.constraints
+        self._instants, self._flown, self._constraints = instants, flown, constraints
+        self._memory = np.empty(instants.room)
+        self._structure = type(instants.template).from_buffer_copy(instants.template)
+        constraints.kernel.motion_room(*constraints.references, self._structure, address(self._memory))
         motion = self._structure.motion
-        self._rate, self._moment = np.empty(motion.stride), np.empty((self._constraints.links, motion.stride))
+        self._rate, self._moment = np.empty(motion.stride), np.empty((constraints.links, motion.stride))
         motion.point_to(rate=self._rate, moment=self._moment)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
