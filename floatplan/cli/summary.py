@@ -242,7 +242,7 @@ def launch_summary(launch: Launch) -> RenderableType:
     return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
-def flown_jump_summary(flown: JumpReplay) -> RenderableType:
+def flown_jump_summary(flown: JumpReplay, files: Sequence[Path]) -> RenderableType:
     """Return the result of ``floatplan replay`` of a jump, for reading."""
     from floatplan.view.report.flights import LANDING_TITLES, jump_rows, summary
 
@@ -253,6 +253,7 @@ def flown_jump_summary(flown: JumpReplay) -> RenderableType:
         Text(summary(flown)),
         Text(flown.control),
         _table(LANDING_TITLES, jump_rows(flown)) if flown.corrected is not None else _named(jump_rows(flown)),
+        *(Text(escaped(str(path)), overflow="fold") for path in files),
     )
 
 
