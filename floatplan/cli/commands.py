@@ -10,24 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli import checks, problems, robots, show
-from floatplan.cli.common import (
-    DONE,
-    Commands,
-    Degrees,
-    Json,
-    Options,
-    Output,
-    Quiet,
-    RobotOptions,
-    Verbose,
-    argument,
-    finish,
-    program,
-    reporting_errors,
-    tell,
-    with_options,
-)
+from floatplan.cli import checks, common, problems, robots, show
 from floatplan.cli.jumps import jump, launch, launches, needs_casadi
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
@@ -39,14 +22,14 @@ GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and co
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
-    cls=Commands,
+    cls=common.Commands,
     help="Plan the flight phase of robots that have left the ground.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
-Source = Annotated[str, argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or a robot.")]
+Source = Annotated[str, common.argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or a robot.")]
 
 
 def main() -> None:
@@ -64,7 +47,7 @@ def _print_version(wanted: bool) -> None:
         from floatplan.kernel.library import description
 
         typer.echo(f"floatplan {floatplan.__version__}, {description()}")
-        raise typer.Exit(DONE)
+        raise typer.Exit(common.DONE)
 
 
 @app.callback()
@@ -78,13 +61,13 @@ def about(
 
 def plan(
     source: Source,
-    options: Options,
-    choices: RobotOptions,
-    degrees: Degrees = False,
-    output: Output = None,
-    json_output: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    options: common.Options,
+    choices: common.RobotOptions,
+    degrees: common.Degrees = False,
+    output: common.Output = None,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
     figures: Annotated[
         bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
     ] = None,
@@ -125,7 +108,7 @@ def plan(
     with progress("stances", quiet):
         stances, of_stances = launches(answer, seed) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
-        files = write_results(answer, directory, rate, tell=tell(quiet))
+        files = write_results(answer, directory, rate, tell=common.tell(quiet))
         if is_robot(source):
             files.append(write_problem(answer, directory))
         if figures or (figures is None and not json_output):
@@ -139,8 +122,8 @@ def plan(
     facts = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
     facts |= {"launch": of_stances} if launch else {}
     ok = answer.ok and (not certify or (answer.certificate is not None and answer.certificate.proved))
-    words = (answer, files, program(), stances)
-    finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
+    words = (answer, files, common.program(), stances)
+    common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
 
 
 def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
@@ -160,5 +143,5 @@ COMMANDS = (  # in the order in which --help lists them
 )
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, show.export: show.ExportCommand}
 for command in COMMANDS:
-    typed = reporting_errors(with_options(command))
+    typed = common.reporting_errors(common.with_options(command))
     app.command(cls=OF_THEIR_OWN.get(command))(typed)

@@ -9,17 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from floatplan.cli.common import (
-    Json,
-    Output,
-    PlanFile,
-    ProblemFile,
-    Quiet,
-    Urdf,
-    finish,
-    program,
-    tell,
-)
+from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
 
@@ -33,15 +23,15 @@ Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried."
 
 
 def jump(
-    problem_file: ProblemFile,
-    output: Output = None,
+    problem_file: common.ProblemFile,
+    output: common.Output = None,
     seed: Seed = 0,
     starts: Starts = 4,
     report: Annotated[
         bool | None, typer.Option("--report/--no-report", help="Write the page; the default unless --json is given.")
     ] = None,
-    json_output: Json = False,
-    quiet: Quiet = False,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Plan a whole jump: from standing through a flight to standing again.
 
@@ -64,25 +54,25 @@ def jump(
         if found.flight is not None and found.flight.ok:
             bar.say("proving the flight")
             found = found.with_certificate(certify(found.flight))
-    files = write_jump(found, directory, tell(quiet))
+    files = write_jump(found, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and found.flight is not None:
         files.append(found.show(directory / REPORT, browse=False))
-    words = (found, files, time.perf_counter() - began, program())
+    words = (found, files, time.perf_counter() - began, common.program())
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
     ok = found.ok and proved
-    finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
+    common.finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
 
 
 def launch(
-    plan_file: PlanFile,
-    urdf: Urdf = None,
+    plan_file: common.PlanFile,
+    urdf: common.Urdf = None,
     landing: Annotated[bool, typer.Option("--landing", help="From the plan's landing to rest, instead.")] = False,
     friction: Annotated[
         float | None, typer.Option(metavar="MU", help="Of the ground; the problem's, or 0.6, if left out.")
     ] = None,
     seed: Seed = 0,
     starts: Starts = 3,
-    json_output: Json = False,
+    json_output: common.Json = False,
 ) -> None:
     """Tell whether a stance from rest that reaches a plan's takeoff is found within the limits, and what is to spare.
 
@@ -99,7 +89,7 @@ def launch(
     with progress("launch"), naming(plan_file):
         found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
     facts = {"friction": request.friction, **_facts(found), "figures": found.figures}
-    finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
+    common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
 
 
 def needs_casadi(option: str) -> None:

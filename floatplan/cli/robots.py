@@ -9,19 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from floatplan.cli.common import (
-    Degrees,
-    Json,
-    Quiet,
-    RobotOptions,
-    RobotSource,
-    argument,
-    bundled,
-    finish,
-    own_urdfs,
-    print_json,
-    tell,
-)
+from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
 
@@ -29,15 +17,15 @@ LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
 
 
-def robots(json_output: Json = False) -> None:
+def robots(json_output: common.Json = False) -> None:
     """List the robots at hand: what to type, and the joints that turn in the plane."""
     from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
 
     with progress("reading"):
-        known = [_facts(source) for source in (*own_urdfs(), *(PREFIX + name for name in example_urdfs()))]
+        known = [_facts(source) for source in (*common.own_urdfs(), *(PREFIX + name for name in example_urdfs()))]
     usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
     if json_output:
-        print_json({"robots": usable, "unusable": unusable})
+        common.print_json({"robots": usable, "unusable": unusable})
         return
     for line in _lines(usable, unusable):
         typer.echo(line)
@@ -50,7 +38,7 @@ def _facts(source: str) -> dict[str, Any]:
     reason = ""
     for coupled in ("mirror", None):
         try:
-            robot = Robot.from_urdf(bundled(source), coupled=coupled)
+            robot = Robot.from_urdf(common.bundled(source), coupled=coupled)
         except InputError as error:
             reason = error.reason
         else:
@@ -91,15 +79,15 @@ class InfoCommand(TyperCommand):
 
 
 def info(
-    source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
-    choices: RobotOptions,
-    degrees: Degrees = False,
+    source: Annotated[str, common.argument("ROBOT.urdf|FILE.toml", "A robot, a problem, a file with [robot] alone.")],
+    choices: common.RobotOptions,
+    degrees: common.Degrees = False,
     frames: Annotated[bool, typer.Option("--frames", help="List the frames that may take off and land.")] = False,
     shapes: Annotated[
         str | None,
         typer.Option(metavar="[FILE.png]", help="List the links' capsules; or draw them over their geometry."),
     ] = None,
-    json_output: Json = False,
+    json_output: common.Json = False,
 ) -> None:
     """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
     from floatplan.cli.asked import named_robot
@@ -112,17 +100,17 @@ def info(
 
         save_picture(Path(shapes), "--shapes", shapes_picture, robot)
     listed = {"frames": frames, "shapes": shapes == LISTED}
-    finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
+    common.finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
 
 
 def init(
-    robot: RobotSource,
+    robot: common.RobotSource,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.toml", help="Left out, <robot>.toml here.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
-    quiet: Quiet = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
 
@@ -144,7 +132,7 @@ def init(
         )
 
     chosen = chosen_robot(robot)
-    flight = first_flight(chosen, seed=seed, progress=tell(quiet))
+    flight = first_flight(chosen, seed=seed, progress=common.tell(quiet))
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:

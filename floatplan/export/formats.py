@@ -13,17 +13,9 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.export import table
 from floatplan.export.motion import Exportable, Exported, Gain, exported
 from floatplan.export.ros_bag import mcap_content
-from floatplan.export.table import (
-    contact_columns,
-    csv_text,
-    full_csv,
-    parquet_content,
-    sample_times,
-    table_text,
-    whole_nanoseconds,
-)
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 
@@ -112,7 +104,7 @@ def format_of(name: str) -> Format:
 
 def npz_content(plan: Plan, rate: float) -> bytes:
     """Return NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
-    state = plan.at(sample_times(plan.duration, rate))
+    state = plan.at(table.sample_times(plan.duration, rate))
     arrays = {name: getattr(state, name) for name in ARRAYS}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
     return _archive({"times": state.times, **names, **arrays})
@@ -125,7 +117,7 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
     ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out; and
     what :func:`_controlled` adds.
     """
-    times = sample_times(motion.duration, rate)
+    times = table.sample_times(motion.duration, rate)
     arrays = {
         "time": times,
         **motion.coordinates(times),
@@ -157,7 +149,7 @@ def ros_content(motion: Exported, rate: float) -> str:
 
     Efforts are the motors' own torques.
     """
-    nanoseconds = whole_nanoseconds(motion.duration, rate)
+    nanoseconds = table.whole_nanoseconds(motion.duration, rate)
     whole = motion.at(nanoseconds / 1e9)
     names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
@@ -180,7 +172,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
     angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J); and what
     :func:`_controlled` adds. The order of a model's joints may be another: go by the names.
     """
-    times = sample_times(motion.duration, rate)
+    times = table.sample_times(motion.duration, rate)
     whole = motion.at(times)
     quaternion = np.roll(whole.base_quaternion, 1, axis=1)
     arrays = {
@@ -200,7 +192,7 @@ def unitree_content(motion: Exported, rate: float) -> str:
     As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
     flight is not a whole number of steps, the last row is the landing, less than a step early.
     """
-    whole = motion.at(sample_times(motion.duration, rate))
+    whole = motion.at(table.sample_times(motion.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((whole.base_position, whole.base_quaternion, whole.positions), axis=1)
     lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
@@ -227,7 +219,7 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
         raise InputError(
             reason, source=motion.robot.source, element=f'robot "{motion.robot.name}"', advice="take csv-full"
         )
-    times = sample_times(motion.duration, rate)
+    times = table.sample_times(motion.duration, rate)
     whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
     header, columns = ["time"], [times]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
@@ -236,9 +228,9 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
     for name, values in blocks.items():
         header += [f"{name}_{joint}" for joint in UNITREE_JOINTS]
         columns += list(values[:, order].T)
-    contacts = contact_columns(motion, times)
+    contacts = table.contact_columns(motion, times)
     header += [column.name for column in contacts]
-    return csv_text(header, columns + [column.values for column in contacts])
+    return table.csv_text(header, columns + [column.values for column in contacts])
 
 
 def _archive(arrays: Mapping[str, Array]) -> bytes:
@@ -256,9 +248,11 @@ def _yaml(values: Array) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(full_csv, "trajectory.csv", 1000.0, "planned joints; of a jump as csv-full", of_plans=table_text),
-    "csv-full": Format(full_csv, "full_trajectory.csv", 1000.0, "base pose and all joints, one row per instant"),
-    "parquet": Format(parquet_content, "trajectory.parquet", 1000.0, 'the same as Parquet (extra "parquet")'),
+    "csv": Format(
+        table.full_csv, "trajectory.csv", 1000.0, "planned joints; of a jump as csv-full", of_plans=table.table_text
+    ),
+    "csv-full": Format(table.full_csv, "full_trajectory.csv", 1000.0, "base pose and all joints, one row per instant"),
+    "parquet": Format(table.parquet_content, "trajectory.parquet", 1000.0, 'the same as Parquet (extra "parquet")'),
     "npz": Format(
         pinocchio_content, "trajectory.npz", 1000.0, "NumPy: plan.at(); of a jump as pinocchio", of_plans=npz_content
     ),

@@ -6,10 +6,9 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from floatplan.arguments import by_name, number
@@ -17,48 +16,15 @@ from floatplan.arrays import Array, BoolArray, IntArray, read_only
 from floatplan.errors import InputError
 from floatplan.motion.flight import FullMotion, free_flyer
 from floatplan.plans.plan import Plan
-from floatplan.problem.problem import Problem
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 from floatplan.simulation.forward import BANDWIDTH, joint_inertia
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))
 Gain: TypeAlias = float | Mapping[str, float]  # of all joints, or of some by name
-
-
-class Exportable(Protocol):
-    """A motion that can be exported, as :class:`floatplan.Plan` and :class:`floatplan.Jump` are."""
-
-    @property
-    def problem(self) -> Problem:
-        """What was asked, with the robot."""
-
-    @property
-    def duration(self) -> float:
-        """From its begin at time 0, s."""
-
-    @property
-    def phases(self) -> Sequence[Any]:
-        """Phases in order of time, as :class:`floatplan.JumpPhase`; none where nothing is said of contacts."""
-
-    def q(self, times: npt.ArrayLike) -> Array:
-        """Configurations (N, nq) of Pinocchio's free-flyer model of the file at times (N,), s; m and rad."""
-
-    def v(self, times: npt.ArrayLike) -> Array:
-        """Velocities (N, nv) of that model, m/s and rad/s."""
-
-    def a(self, times: npt.ArrayLike) -> Array:
-        """Accelerations (N, nv), m/s^2 and rad/s^2."""
-
-    def tau(self, times: npt.ArrayLike) -> Array:
-        """Torques (N, nv), N m, each joint's own."""
-
-    def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
-        """Forces (N, 3), N, in the world's axes, on every point that stands in one of the phases."""
-
-    def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
-        """Where they act (N, 3), m, in the world; NaN where the point does not stand."""
+Exportable: TypeAlias = Plan | JumpMotion
 
 
 @dataclass(frozen=True, eq=False)

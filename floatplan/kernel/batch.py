@@ -12,7 +12,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import filled_grid, filled_robot, merged_bodies
-from floatplan.kernel.layout import ENUMERATIONS, Filled, FilledArray, Structure, address, constants
+from floatplan.kernel.layout import ENUMERATIONS, Filled, Structure, address, constants, structure_array
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar import flight
@@ -55,6 +55,7 @@ STARTS_TO_AGREE = 16  # [-] after so many a problem is given up, where
 AGREEING = 4  # [-] of them came equally near to (14), and none nearer:
 AGREEMENT = 0.003  # [-] relative difference of what is left of it
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
+NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
 
 
@@ -167,18 +168,9 @@ class Solver:
             z=np.zeros((count, n, width)),
             coefficients=np.zeros((count, n, CONDITIONS + width)),
         )
-        batch = Filled("Batch", count=count, **vars(rows), **vars(answers))
-        grids, nodes = _grids(width, most_nodes)
-        failed = self._kernel.plan(
-            self._robot.structure,
-            grids.structures,
-            address(nodes),
-            _powers(width).structure,
-            _settings(search),
-            batch.structure,
-            self._kernel.instructions,
-        )
-        if failed:
+        batch, powers, compiled = Filled("Batch", rows, answers, count=count), _powers(width), self._kernel
+        given = self._robot.structure, *_grids(width, most_nodes), powers.structure, _settings(search), batch.structure
+        if compiled.plan(*given, compiled.instructions):
             raise MemoryError("no memory for a batch of plans")
         return answers
 
@@ -187,10 +179,10 @@ COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
 @lru_cache(maxsize=32)
-def _grids(width: int, most_nodes: int) -> tuple[FilledArray, IntArray]:
-    """Grids of all levels, those of too many nodes left out; and their numbers of nodes."""
+def _grids(width: int, most_nodes: int) -> tuple[Any, int]:
+    """Grids of all levels, those of too many nodes left out; and where their numbers of nodes are."""
     grids = [filled_grid(width, count) if count <= most_nodes else None for count in NODE_COUNTS]
-    return FilledArray("Grid", grids), np.array(NODE_COUNTS, dtype=np.int64)
+    return structure_array("Grid", grids), address(NODES_OF_LEVELS)
 
 
 @cache
@@ -211,11 +203,7 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 def _settings(search: Search) -> Structure:
     """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
     fine = replace(FINE, longest_step=search.longest_step)
-    steps = (
-        (ROUGH, NEARLY_RESOLVED),
-        (nearly_resolved(fine), NEARLY_RESOLVED),
-        (fine, QUADRATURE_ERROR),
-    )
+    steps = (ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR)
     stages = tuple(
         (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations) for each, error in steps
     )

@@ -113,20 +113,10 @@ def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
 
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""
-    same = ("real", "imaginary", "is_real", "parent", "first", "joint", "ratio", "group")
-    return Filled(
-        "Robot",
-        joints=len(free),
-        bodies=len(bodies.real),
-        width=max(free),
-        free=np.array(free, dtype=np.int64),
-        links=len(bodies.group),
-        link_real=bodies.links.real,
-        link_imaginary=bodies.links.imag,
-        has_rotors=bool(bodies.rotors.any()),
-        rotors=bodies.rotors,
-        **{name: getattr(bodies, name) for name in same},
-    )
+    of_links = {"links": len(bodies.group), "link_real": bodies.links.real, "link_imaginary": bodies.links.imag}
+    counts = {"joints": len(free), "bodies": len(bodies.real), "width": max(free)}
+    kinds = {"is_real": bodies.is_real, "has_rotors": bool(bodies.rotors.any())}
+    return Filled("Robot", bodies, free=free, **counts, **of_links, **kinds)
 
 
 @lru_cache(maxsize=64)
@@ -142,11 +132,4 @@ def filled_grid(width: int, count: int) -> Filled:
     """Return the basis at so many nodes."""
     quadrature = gauss_legendre(count)
     value, slope, _ = basis(Form(width)).values(quadrature.nodes)
-    return Filled(
-        "Grid",
-        nodes=count,
-        weights=quadrature.weights,
-        value=value.T,
-        slope=slope.T,
-        tail=quadrature.transform[-3:],
-    )
+    return Filled("Grid", quadrature, nodes=count, value=value.T, slope=slope.T, tail=quadrature.transform[-3:])

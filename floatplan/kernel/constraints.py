@@ -103,27 +103,11 @@ class CompiledConstraints:
         is_differentiated = opposite < 0
         self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
         self.path = np.array([*path.position0, *path.velocity0, path.gravity])
-        self.filled = Filled(
-            "Constraints",
-            capsules=len(ends),
-            rows=self.rows,
-            needs_moments=self.needs_moments,
-            needs_accelerations=self.needs_accelerations,
-            needs_places=self.needs_places,
-            turn=tree.turn,
-            ends_real=ends.real,
-            ends_imaginary=ends.imag,
-            radius=shapes.radius,
-            path=self.path,
-            obstacles=np.array(obstacles),
-            kind=kind,
-            first=first,
-            second=second,
-            opposite=opposite,
-            least=columns[3],
-            per_scale=columns[4],
-            sums=of_sums,
-        )
+        needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
+        rows = {"kind": kind, "first": first, "second": second, "least": columns[3], "per_scale": columns[4]}
+        capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
+        about = {"obstacles": np.array(obstacles), "sums": of_sums, "opposite": opposite, "rows": self.rows}
+        self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
     def _write(
@@ -243,16 +227,12 @@ class RowTargets:
         self._template.motion.instants = len(s)
         self._template.motion.per_second = 1 / constraints.flight.duration
         self._template.point_to(times=self._kept[0], target=target)
-        self._room = self._placed(self._template, 0)
-
-    def _placed(self, structure: Structure, memory: int) -> int:
-        constraints = self.constraints
-        return constraints.kernel.motion_room(*constraints.references, structure, memory)
+        self._room = constraints.kernel.motion_room(*constraints.references, self._template, 0)
 
     def fresh(self) -> tuple[Structure, Array]:
         """Return a structure for a motion, and the memory that it points to."""
         room, structure = np.empty(self._room), type(self._template).from_buffer_copy(self._template)
-        self._placed(structure, address(room))
+        self.constraints.kernel.motion_room(*self.constraints.references, structure, address(room))
         return structure, room
 
 
@@ -356,25 +336,14 @@ def minima(
     """
     assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
     p, p_rate, p_curvature = basis(polynomials.form).series @ flown.joints.coefficients
+    series = {"p": p, "p_rate": p_rate, "p_curvature": p_curvature, "turned": flown.turned}
+    terms = {"terms": len(p), "turned_terms": len(series["turned"])}
+    flight = {"duration": constraints.flight.duration, "momentum": flown.angular_momentum[0, 0]}
+    motion = Filled("Series", polynomials, **terms, **flight, **series)
     most = len(look.grid) * constraints.rows
-    motion = Filled(
-        "Series",
-        terms=len(p),
-        turned_terms=len(flown.turned),
-        duration=constraints.flight.duration,
-        momentum=flown.angular_momentum[0, 0],
-        p=p,
-        p_rate=p_rate,
-        p_curvature=p_curvature,
-        turned=flown.turned,
-        centre=polynomials.centre,
-        amplitude=polynomials.amplitude,
-    )
     row, s, least = np.empty(most, dtype=np.int64), np.empty(most), np.empty(most)
-    found = Filled(
-        "Minima", instants=len(look.grid), near=near, span=span, **vars(look), row=row, s=s, least=least
-    ).structure
-    compiled = constraints.kernel
+    filled = Filled("Minima", look, instants=len(look.grid), near=near, span=span, row=row, s=s, least=least)
+    compiled, found = constraints.kernel, filled.structure
     if compiled.minima(*constraints.references, motion.structure, found, compiled.instructions):
         raise MemoryError("no memory to look between the nodes")
     kept = slice(0, found.found)

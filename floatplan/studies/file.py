@@ -24,15 +24,7 @@ from floatplan.plans.reading import robot_record
 from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
-from floatplan.studies.schema import (
-    Kind,
-    PlanTable,
-    RangeTable,
-    StudyTables,
-    VariedNumber,
-    varied_number,
-    with_sampling,
-)
+from floatplan.studies import schema
 
 PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
@@ -48,7 +40,7 @@ class Axis:
     """A number that varies: the values of a grid, or the ends of its range, in the file's unit."""
 
     path: str
-    number: VariedNumber
+    number: schema.VariedNumber
     values: Array
 
     def column(self, values: Array) -> npt.NDArray[Any]:
@@ -64,7 +56,7 @@ class Samples:
     """
 
     axes: Sequence[Axis]
-    kind: Kind
+    kind: schema.Kind
     count: int
     seed: int
 
@@ -109,7 +101,7 @@ class StudyFile:
     base: Problem
     problem_file: bytes
     samples: Samples
-    plan: PlanTable
+    plan: schema.PlanTable
     folder: Path
     map: tuple[str, str, str] | None
 
@@ -175,7 +167,7 @@ def load_study_file(path: str | Path) -> StudyFile:
     """
     path = Path(path)
     with naming(path):
-        tables = read_tables(StudyTables, with_sampling(read_toml(path, "a study file")))
+        tables = read_tables(schema.StudyTables, schema.with_sampling(read_toml(path, "a study file")))
     if tables.plan.jump and tables.plan.search:
         raise InputError("is for flights alone", source=path, element="plan.search", advice="raise plan.starts")
     problem = path.parent / tables.problem
@@ -187,7 +179,7 @@ def load_study_file(path: str | Path) -> StudyFile:
         return StudyFile(path.stem, base, content, samples, tables.plan, folder, _map(tables, base))
 
 
-def _samples(tables: StudyTables, base: Problem, degrees: bool) -> Samples:
+def _samples(tables: schema.StudyTables, base: Problem, degrees: bool) -> Samples:
     if not tables.vary:
         raise InputError("varies nothing", element="vary", advice='give a path such as "flight.duration"')
     if len(tables.vary) > MOST_VARIED:
@@ -205,12 +197,12 @@ def _samples(tables: StudyTables, base: Problem, degrees: bool) -> Samples:
     return Samples(axes, tables.sampling, count, tables.seed)
 
 
-def _count(tables: StudyTables) -> int:
+def _count(tables: schema.StudyTables) -> int:
     """Number of rows."""
     if tables.sampling == "grid":
         if tables.samples is not None:
             raise InputError("is not for a grid", element="samples", advice='set sampling = "sobol" or "random"')
-        lengths = [each.count if isinstance(each, RangeTable) else len(each) for each in tables.vary.values()]
+        lengths = [each.count if isinstance(each, schema.RangeTable) else len(each) for each in tables.vary.values()]
         count = math.prod(length or 1 for length in lengths)
     elif tables.samples is None:
         raise InputError("is missing", element="samples", advice="give the number of rows to draw")
@@ -222,8 +214,8 @@ def _count(tables: StudyTables) -> int:
 
 
 def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
-    number, element = varied_number(path, degrees), f"vary.{path}"
-    if isinstance(varied, RangeTable):
+    number, element = schema.varied_number(path, degrees), f"vary.{path}"
+    if isinstance(varied, schema.RangeTable):
         if varied.from_ > varied.to:
             raise InputError(f"from {varied.from_:g} is above to {varied.to:g}", element=element)
         if sampling == "grid" and varied.count is None:
@@ -242,7 +234,7 @@ def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
     return Axis(path, number, values)
 
 
-def _map(tables: StudyTables, base: Problem) -> tuple[str, str, str] | None:
+def _map(tables: schema.StudyTables, base: Problem) -> tuple[str, str, str] | None:
     keys = list(tables.vary)
     if tables.result.map is None:
         return (keys[0], keys[1], "torque_peak") if len(keys) > 1 else None
@@ -263,7 +255,7 @@ def check_map(names: tuple[str, str, str], keys: Sequence[str], columns: Sequenc
         raise InputError(f"{z!r} is no column of numbers", element=element, advice=f"known: {known}")
 
 
-def coloured(base: Problem, plan: PlanTable) -> list[str]:
+def coloured(base: Problem, plan: schema.PlanTable) -> list[str]:
     """Columns of numbers that a map can show."""
     torques = ("torque_peak", *(f"torque_peak.{motor}" for motor in base.robot.motors))
     measured = ["utilisation", "clearance", *(OF_JUMPS if plan.jump else ())]

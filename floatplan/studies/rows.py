@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -251,27 +251,24 @@ def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any
     return table_of(columns, units)
 
 
-class RowCheck:
-    """What chunks of a study must hold."""
+def row_check(study: StudyFile) -> Callable[[Any, int, int], bool]:
+    """Return what tells whether a table holds a range of rows and no others, in their order, each with a status."""
+    schema = read_table(written(_unplanned(study, 0, study.samples.values(0, 1), ""))).schema
 
-    def __init__(self, study: StudyFile) -> None:
-        self._samples = study.samples
-        self._there = ("objective", *([] if study.plan.jump else ["coefficients"]))
-        one = _unplanned(study, 0, self._samples.values(0, 1), "")
-        self._schema = read_table(written(one)).schema
+    there = ("objective", *([] if study.plan.jump else ["coefficients"]))
 
-    def are_in(self, table: Any, first: int, stop: int) -> bool:
-        """Whether a table holds these rows and no others, in their order, each with a status that there is."""
-        if not table.schema.equals(self._schema, check_metadata=True) or len(table) != stop - first:
+    def are_in(table: Any, first: int, stop: int) -> bool:
+        if not table.schema.equals(schema, check_metadata=True) or len(table) != stop - first:
             return False
-        given = {"index": np.arange(first, stop), **self._samples.values(first, stop)}
+        given = {"index": np.arange(first, stop), **study.samples.values(first, stop)}
         said = {"status": STATUSES, **({"verdict": VERDICTS} if "verdict" in table.column_names else {})}
-        never_missing = [*given, *said, "explanation", "starts"]
-        if any(table[name].null_count for name in never_missing):
+        if any(table[name].null_count for name in (*given, *said, "explanation", "starts")):
             return False
         solved = table.filter(np.isin(table["status"].to_numpy(), SOLVED))
         return (
-            not any(solved[name].null_count for name in self._there)
+            not any(solved[name].null_count for name in there)
             and all(np.array_equal(table[name].to_numpy(), values) for name, values in given.items())
             and all(np.isin(table[name].to_numpy(), words).all() for name, words in said.items())
         )
+
+    return are_in

@@ -32,7 +32,7 @@ from floatplan.studies.columns import arrow, words
 from floatplan.studies.driver import Progress, StudyRun, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
-from floatplan.studies.rows import RowCheck, row_seed
+from floatplan.studies.rows import row_check, row_seed
 from floatplan.tables import Range
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ def study(
     place = StudyFolder(given or file.folder, len(file))
     with place.locked():
         place.open(file.digest(), _facts(file), restart)
-        gaps = place.missing(RowCheck(file).are_in)
+        gaps = place.missing(row_check(file))
         if file.map:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:

@@ -15,7 +15,7 @@ from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.inputs import Dial, Inputs, by_user, in_turn, on
 from floatplan.studio.planning import Actions
-from floatplan.studio.session import Part, Saving, Session, View
+from floatplan.studio.session import Part, Session, View
 from floatplan.studio.stage import Player, Stage
 from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitKey
 
@@ -184,10 +184,10 @@ class Controls:
         on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
 
     def _save(self, folder: str) -> None:
-        place, saving = self._gui.add_text("folder", folder), Saving()
+        place = self._gui.add_text("folder", folder)
 
         def save(part: Part) -> None:
-            saved.content = cards.saved_card([saving.save(self._session.view, part, place.value)])
+            saved.content = cards.saved_card([self._session.save(part, place.value)])
 
         for label, part in SAVED.items():
             self._button(label, label, partial(save, part))

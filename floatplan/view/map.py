@@ -144,7 +144,7 @@ class PackedNumbers:
 
 def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
     """Return the page, as HTML."""
-    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers.in_base64())
+    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers=numbers.in_base64())
 
 
 def flight_data(problem: Problem) -> dict[str, Any]:

@@ -248,19 +248,26 @@ def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
 def obstacle_outlines(obstacle: Obstacle, time: float, margin: float) -> list[ComplexArray]:
     """Outlines (points,) of an obstacle's pieces grown by a margin, at a time, m."""
     shift = complex(*obstacle.velocity) * time
-    return [shift + OUTLINES[piece.kind](piece, margin) for piece in obstacle.pieces]
+    return [
+        shift + stadium(start, end, radius + margin, FINE_ARC if start == end else ARC)
+        for start, end, radius in obstacle_capsules(obstacle)
+    ]
 
 
-def _half_plane(wall: HalfPlane, margin: float) -> ComplexArray:
-    corners = margin + WIDE * np.array([-1j, 1j, 1j - 1, -1j - 1])
-    return np.asarray(complex(*wall.point) + corners * complex(*wall.normal) / abs(complex(*wall.normal)))
+def obstacle_capsules(obstacle: Obstacle) -> list[tuple[complex, complex, float]]:
+    """Ends and radii of the capsules that an obstacle's pieces are at t = 0, m."""
+    return [OUTLINES[piece.kind](piece) for piece in obstacle.pieces]
 
 
-OUTLINES: dict[str, Callable[[Any, float], ComplexArray]] = {
-    "circle": lambda disc, margin: stadium(
-        complex(*disc.center), complex(*disc.center), disc.radius + margin, FINE_ARC
-    ),
-    "capsule": lambda bar, margin: stadium(complex(*bar.start), complex(*bar.end), bar.radius + margin),
+def _half_plane(wall: HalfPlane) -> tuple[complex, complex, float]:
+    """One so large that its side is the edge."""
+    down = -WIDE * complex(*wall.normal) / abs(complex(*wall.normal))
+    return complex(*wall.point) + down * (1 + 1j), complex(*wall.point) + down * (1 - 1j), WIDE
+
+
+OUTLINES: dict[str, Callable[[Any], tuple[complex, complex, float]]] = {
+    "circle": lambda disc: (complex(*disc.center), complex(*disc.center), disc.radius),
+    "capsule": lambda bar: (complex(*bar.start), complex(*bar.end), bar.radius),
     "half-plane": _half_plane,
 }
 

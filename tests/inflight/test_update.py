@@ -115,7 +115,7 @@ def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(prediction, "LEAST_INSTANTS", watched)
     plan = forward_plan(limited(plain_problems(96)[8], np.random.default_rng(8)), seed=8)
     replanner = fp.Replanner(plan)
-    assert len(replanner.views.instants.grid.s) - replanner.views.instants.grid.nodes >= watched
+    assert len(replanner.views.instants.s) - replanner.views.instants.nodes >= watched
     assert assert_right(plan, replanner, 8) >= 10
 
 

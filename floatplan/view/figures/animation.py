@@ -17,15 +17,7 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
-from floatplan.view.figures.snapshots import (
-    FLATTEST,
-    TALLEST,
-    draw_forces,
-    draw_ground,
-    draw_obstacle,
-    draw_posture,
-    frame_box,
-)
+from floatplan.view.figures import snapshots
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
@@ -102,19 +94,19 @@ def pictures(
 def _stage(plan: Shown) -> tuple[Figure, Axes]:
     """Return a figure with ground, standing obstacles and path."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
-    shape = min(max((high - low).imag / (high - low).real, FLATTEST), TALLEST)
+    shape = min(max((high - low).imag / (high - low).real, snapshots.FLATTEST), snapshots.TALLEST)
     figure = new_figure(WIDTH / FILM_DPI, 2 * round(WIDTH * shape / 2) / FILM_DPI)
     figure.set_dpi(FILM_DPI)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0, 0, 1, 1))
-    frame_box(axes, low, high)
+    snapshots.frame_box(axes, low, high)
     axes.set_axis_off()
-    draw_ground(axes, postures(plan, snapshot_times(plan)))
+    snapshots.draw_ground(axes, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
     for obstacle in plan.problem.obstacles:
         if obstacle.window is None and not any(obstacle.velocity):
-            draw_obstacle(axes, obstacle, np.array([0.0]))
+            snapshots.draw_obstacle(axes, obstacle, np.array([0.0]))
     return figure, axes
 
 
@@ -123,10 +115,10 @@ def _picture(figure: Figure, axes: Axes, plan: Shown, time: float) -> Image.Imag
     for obstacle in plan.problem.obstacles:
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
-            draw_obstacle(axes, obstacle, np.array([time]))
-    draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
+            snapshots.draw_obstacle(axes, obstacle, np.array([time]))
+    snapshots.draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
     if isinstance(plan, JumpView):
-        draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
+        snapshots.draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
     axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
     added = [artist for artist in axes.get_children() if artist not in before]
     for artist in sorted(added, key=lambda artist: artist.get_zorder()):

@@ -19,23 +19,11 @@ from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
-from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import judged
+from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, largest
 from floatplan.view.jumps import JumpView
-from floatplan.view.outlines import (
-    box_around,
-    com_path,
-    drawn_part,
-    drawn_radius,
-    ground_lines,
-    obstacle_outlines,
-    pairs,
-    picture_box,
-    postures,
-    snapshot_times,
-)
 from floatplan.view.style import OBSTACLES, TRAILS, palette
 
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
@@ -49,17 +37,17 @@ BOX_PAD = 0.02  # [-] room around what is drawn
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
     plan, final = sampled.plan, sampled.plan.problem.final
-    placed = postures(plan, snapshot_times(plan))
-    com = pairs(com_path(plan, np.array([plan.duration])))[0]
-    box = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
+    com = outlines.pairs(outlines.com_path(plan, np.array([plan.duration])))[0]
+    box = outlines.picture_box(plan, outlines.postures(plan, np.linspace(0.0, plan.duration, 65)))
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
         **scene_data(plan.problem),
         "ghosts": rounded(placed.times),
         "goal": {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()},
-        "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
-        "box": pairs(np.array(box_around(np.array(box), BOX_PAD))).ravel().tolist(),
+        "ground": [[level, low.real, high.real] for level, low, high in outlines.ground_lines(placed)],
+        "box": outlines.pairs(np.array(outlines.box_around(np.array(box), BOX_PAD))).ravel().tolist(),
     }
 
 
@@ -120,7 +108,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     """Return what a page needs to place and to paint robot and obstacles, whatever the motion.
 
     ``robot``; ``frames`` that leave a trail, and how they are marked; the colour of the centre of mass's ``trail``;
-    ``obstacles``: outlines of these and their margins where they are given, how they move, and when they exist.
+    ``obstacles``: their capsules, two ends and a radius each, their margins, how they move, and when they exist.
     """
     robot = problem.robot
     roles = {problem.takeoff.frame: "takes off"}
@@ -134,7 +122,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
                 "role": role,
                 "colour": colour,
                 "body": frame.body,
-                "at": rounded(pairs(np.array(frame.local))),
+                "at": rounded(outlines.pairs(np.array(frame.local))),
             }
             for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
         ],
@@ -143,8 +131,11 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             {
                 "bounded": obstacle.bounded,
                 "colour": OBSTACLES[index % len(OBSTACLES)],
-                "outlines": _outlines(obstacle, 0.0),
-                "margins": _outlines(obstacle, obstacle.margin) if obstacle.margin > 0 else [],
+                "capsules": [
+                    (*rounded(outlines.pairs(np.array(ends))), radius)
+                    for *ends, radius in outlines.obstacle_capsules(obstacle)
+                ],
+                "margin": obstacle.margin,
                 "velocity": list(obstacle.velocity),
                 "window": None if obstacle.window is None else list(obstacle.window),
             }
@@ -153,26 +144,22 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _outlines(obstacle: Obstacle, margin: float) -> list[Any]:
-    return [rounded(pairs(outline)) for outline in obstacle_outlines(obstacle, 0.0, margin)]
-
-
 def _robot(problem: Problem) -> dict[str, Any]:
     robot, tree, shapes = problem.robot, problem.robot.tree, problem.robot.shapes
     bodies = np.arange(len(tree.mass))
     columns = {
         "body": [shape.body for shape in shapes],
-        "part": drawn_part(robot).tolist(),
-        "radius": drawn_radius(problem).tolist(),
-        "start": rounded(pairs(np.array([shape.start for shape in shapes]))),
-        "end": rounded(pairs(np.array([shape.end for shape in shapes]))),
+        "part": outlines.drawn_part(robot).tolist(),
+        "radius": outlines.drawn_radius(problem).tolist(),
+        "start": rounded(outlines.pairs(np.array([shape.start for shape in shapes]))),
+        "end": rounded(outlines.pairs(np.array([shape.end for shape in shapes]))),
     }
     return {
         "joints": list(robot.joints),
         "turn": tree.turn,
         "turns": rounded(tree.turns),
         "offsets": rounded(tree.offsets),
-        "origins": rounded(pairs(tree.point_weights(bodies, np.zeros(len(bodies), dtype=np.complex128)))),
+        "origins": rounded(outlines.pairs(tree.point_weights(bodies, np.zeros(len(bodies), dtype=np.complex128)))),
         "links": [dict(zip(columns, link, strict=True)) for link in zip(*columns.values(), strict=True)],
         "colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)],
     }
@@ -273,7 +260,7 @@ def jump_data(view: JumpView) -> dict[str, Any]:
             "role": "stands",
             "colour": view.colours[name],
             "body": spot.body,
-            "at": rounded(pairs(spot.place)),
+            "at": rounded(outlines.pairs(spot.place)),
         }
         | {
             key: [f"{column}_x.{index}", f"{column}_z.{index}"]
@@ -282,4 +269,4 @@ def jump_data(view: JumpView) -> dict[str, Any]:
         for index, (name, spot) in enumerate((name, each.spots[0]) for name, each in view.contacts.items())
     ]
     told = {"scale": view.scale, "metres_per_newton": view.metres_per_newton}
-    return {"frames": frames, "flown": view.flown, "cone": rounded(pairs(view.cone)), **told}
+    return {"frames": frames, "flown": view.flown, "cone": rounded(outlines.pairs(view.cone)), **told}

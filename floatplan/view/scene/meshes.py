@@ -141,9 +141,10 @@ def fewer(vertices: Array, faces: IntArray, count: int) -> Mesh:
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
     """Return several meshes as one."""
-    first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
-    faces = [faces + offset for (_, faces), offset in zip(meshes, first, strict=True)]
-    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+    import trimesh
+
+    vertices, faces = trimesh.util.append_faces(*zip(*meshes, strict=True))
+    return vertices, faces
 
 
 def bends(places: ComplexArray, turn: float) -> IntArray:

@@ -76,7 +76,6 @@ class Page {
 
   fill() {
     const { data, rows } = this;
-    fillHeader(data);
     const keys = data.axes.map((axis) => [axis.key, rows.label(axis.key)]);
     const colours = ["status", ...Object.keys(data.columns)].map((name) => [name, rows.label(name)]);
     this.selects = ["across", "up", "colour"].map((id) => document.getElementById(id));
@@ -178,8 +177,8 @@ class Page {
     const text = data.explanation.texts[rows.explanation[row]];
     document.getElementById("verdict").textContent = `Row ${row}: ${rows.statuses[rows.status[row]].words}. ${text}`;
     const list = document.getElementById("values");
-    list.replaceChildren();
-    addRows(list, Object.keys(data.columns).map((name) => [name, rows.shown(name, row)]));
+    const found = Object.keys(data.columns).map((name) => [make("dt", "", name), make("dd", "", rows.shown(name, row))]);
+    list.replaceChildren(...found.flat());
     this.fly(row);
   }
 
