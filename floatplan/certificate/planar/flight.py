@@ -176,6 +176,8 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         coarse = _coarse(joints, duration) & (low < middle) & (middle < high)
         if count + len(low) + coarse.sum() > budget:
             coarse[:] = False
+        if not done and not coarse.any():  # not copied: arrays in another order have sums of other last bits
+            return assemble(record, cells, joints)
         fine = np.flatnonzero(~coarse)
         done.append((low[fine], high[fine], joints[fine]))
         count += len(fine)
