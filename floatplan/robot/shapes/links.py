@@ -24,8 +24,16 @@ from floatplan.errors import InputError
 from floatplan.files import read_text, write_atomically
 from floatplan.robot.planar.tree import SAME, PlanarTree, TreeLayout
 from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, capsules_of, fit, is_fit, with_fewer_corners
-from floatplan.robot.shapes.meshes import Mesh, find_mesh, load_mesh, mesh_digest
-from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_collision
+from floatplan.robot.shapes.collisions import (
+    KINDS,
+    Mesh,
+    MeshUse,
+    Projection,
+    find_mesh,
+    load_mesh,
+    mesh_digest,
+    read_collision,
+)
 from floatplan.robot.urdf.tree import UrdfTree
 
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
