@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -171,26 +171,29 @@ def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, answers: Answ
 
 
 def _finish(plans: Plans, tasks: Sequence[tuple[int, Answer | None]], options: SearchOptions, jobs: int) -> None:
-    """Answer problems one by one, in this process or several; see :func:`_answered`."""
+    """Answer problems one by one, in this process or several; see :func:`_answering`."""
     groups = [(tasks[first : first + AT_ONCE],) for first in range(0, len(tasks), AT_ONCE)]
     several = jobs > 1 and len(tasks) > 1
     ready = (plans.problems, options)
-    with processes(jobs, (__name__,), _receive, *ready) if several else nullcontext() as pool:
-        answers = in_order(pool, _answer, groups, lambda group: _answered(group, *ready))
+    with processes(jobs, (__name__,), _answering, *ready) if several else nullcontext() as pool:
+        answers = in_order(pool, groups, _answering(*ready))
         for (index, _), answer in zip(tasks, chain.from_iterable(answers), strict=True):
             plans.keep(index, answer)
 
 
-def _answered(
-    tasks: Sequence[tuple[int, Answer | None]], problems: Sequence[Problem], options: SearchOptions
-) -> Iterator[Answer]:
-    """Answer problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
-    for index, known in tasks:
+def _answering(
+    problems: Sequence[Problem], options: SearchOptions
+) -> Callable[[Sequence[tuple[int, Answer | None]]], list[Answer]]:
+    """Return what answers problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
+
+    def answered(index: int, known: Answer | None) -> Answer:
         try:
             problem = problems[index]
-            yield _proved(problem, known, options) if known else _searched(problem, options)
+            return _proved(problem, known, options) if known else _searched(problem, options)
         except InputError as error:
-            yield Answer("error", message=str(error))
+            return Answer("error", message=str(error))
+
+    return one_thread(lambda tasks: [answered(*task) for task in tasks])
 
 
 def _searched(problem: Problem, options: SearchOptions) -> Answer:
@@ -212,17 +215,3 @@ def _proved(problem: Problem, answer: Answer, options: SearchOptions) -> Answer:
     if better.certificate is None or (not better.certificate.proved and certificate.verdict == "undecided"):
         better = judged(plan, certificate)
     return Answer.of_plan(better, better.status if better.ok else answer.status)
-
-
-_given: tuple[Sequence[Problem], SearchOptions]
-
-
-def _receive(problems: Sequence[Problem], options: SearchOptions) -> None:
-    """Make a process ready."""
-    global _given
-    _given = problems, options
-
-
-@one_thread
-def _answer(tasks: Sequence[tuple[int, Answer | None]]) -> list[Answer]:
-    return list(_answered(tasks, *_given))

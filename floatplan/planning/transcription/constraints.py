@@ -144,7 +144,7 @@ class Limit(Constraint):
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        used = [weights @ QUANTITIES[name].jacobian(trajectory) for name, weights in self.weights.items()]
+        used = [weights @ trajectory.quantity_jacobian(name) for name, weights in self.weights.items()]
         return -sum(used[1:], used[0])
 
     def compiled(self) -> Block:
