@@ -129,7 +129,7 @@ from types import SimpleNamespace
 from unittest.mock import MagicMock
 import numpy as np
 import floatplan as fp
-from floatplan.problem.schema import problem_schema
+from floatplan.problem.file import problem_schema
 from floatplan.studies.schema import varied_number
 from floatplan.studio import edits
 from floatplan.studio.session import View

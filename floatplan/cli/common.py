@@ -25,6 +25,9 @@ from floatplan.tables import OBJECTIVE_TABLE
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from floatplan.plans.plan import Plan
+    from floatplan.stance.jump import Jump
+
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
@@ -61,6 +64,7 @@ def argument(metavar: str, text: str) -> typer.models.ArgumentInfo:
 
 RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
+MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.")]
 Urdf = Annotated[
     str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
@@ -222,6 +226,18 @@ def program() -> str:
     if called.name != "floatplan" or (found is not None and os.path.realpath(found) == os.path.realpath(called)):
         return "floatplan"
     return shlex.quote(near(called.absolute()))
+
+
+def read_motion(path: str, urdf: str | None) -> Plan | Jump:
+    """Read a plan or a jump, whichever the file says that it holds."""
+    from floatplan.files import read_json
+    from floatplan.plans.plan import load_plan
+    from floatplan.stance.jump import FORMAT
+    from floatplan.stance.jump_file import load_jump
+
+    content = read_json(Path(path), kind="a plan or jump file")
+    is_jump = isinstance(content, dict) and content.get("format") == FORMAT
+    return load_jump(path, urdf) if is_jump else load_plan(path, urdf)
 
 
 def tell(quiet: bool) -> Callable[[str], None]:

@@ -30,7 +30,7 @@ from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation import forward
 from floatplan.simulation.forward import Accelerations, Engine, State
-from floatplan.simulation.perturbation import Drawn, Perturbation, given_perturbation
+from floatplan.simulation.perturbation import OF_JUMPS, Drawn, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, perturbed_takeoff, reduced_model
 from floatplan.tables import Range
 
@@ -214,6 +214,7 @@ def closed_loop(
     feedback = positive(forward.FASTEST, "rad/s")(feedback, "feedback")
     seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
     perturbation = given_perturbation(perturb)
+    perturbation.refuse(OF_JUMPS, "is for jumps")
     plan = given_plan(plan)
     if plan.duration > MOST_PERIODS * PERIOD:
         raise InputError(
