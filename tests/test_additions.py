@@ -45,8 +45,8 @@ POWER: Edits = {
             '    "orientation_rate": MotionQuantity(',
             '    "powers": MotionQuantity(\n'
             "        lambda it: it.flown.torques * it.motion.velocities,\n"
-            "        lambda it: it.flown.torques[..., None] * it.velocity_jacobian\n"
-            "        + it.motion.velocities[..., None] * it.torque_jacobian,\n    ),\n"
+            "        lambda it: it.flown.torques[..., None] * it.quantity_jacobian('velocities')\n"
+            "        + it.motion.velocities[..., None] * it.quantity_jacobian('torques'),\n    ),\n"
             '    "orientation_rate": MotionQuantity(',
         ),
     ),

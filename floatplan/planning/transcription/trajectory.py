@@ -133,10 +133,13 @@ class Trajectory:
     def quantity_jacobian(self, name: str) -> Array:
         """Derivatives (K, r, size) of a quantity of :data:`QUANTITIES` by x."""
         if name not in self._jacobians:
-            quantity = QUANTITIES[name]
-            found = None if quantity.of_each_joint else self._of_kernel(name)
-            self._jacobians[name] = self.jacobian(quantity.partials(self)) if found is None else found
+            self._jacobians[name] = QUANTITIES[name].jacobian(self)
         return self._jacobians[name]
+
+    def by_kernel(self, quantity: str, partials: str) -> Array:
+        """Derivatives (K, r, size) of a quantity that the kernel knows by x; in space by its partials of that name."""
+        found = self._of_kernel(quantity)
+        return self.jacobian(getattr(self.differentiable, partials)) if found is None else found
 
     def _of_kernel(self, quantity: str) -> Array | None:
         """Derivatives (K, r, size) of a quantity by x; None in space."""
@@ -266,33 +269,34 @@ EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerati
 
 @dataclass(frozen=True)
 class MotionQuantity:
-    """What limits and objectives are about: values (K, m) of a trajectory, and their partials.
+    """What limits and objectives are about: values (K, m) of a trajectory, and their derivatives (K, m, size) by x.
 
-    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing; ``of_each_joint`` : whether
-    it is but one of the joints, whose derivatives take no kernel.
+    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing.
     """
 
     values: Callable[[Trajectory], Array]
-    partials: Callable[[Trajectory], Partials]
+    jacobian: Callable[[Trajectory], Array]
     depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
-    of_each_joint: bool = False
 
 
 QUANTITIES: dict[str, MotionQuantity] = {
     "velocities": MotionQuantity(
-        lambda it: it.motion.velocities, lambda it: Partials(by_velocity=it.each_joint), frozenset({"velocities"}), True
+        lambda it: it.motion.velocities,
+        lambda it: it.jacobian(Partials(by_velocity=it.each_joint)),
+        frozenset({"velocities"}),
     ),
     "accelerations": MotionQuantity(
         lambda it: it.motion.accelerations,
-        lambda it: Partials(by_acceleration=it.each_joint),
+        lambda it: it.jacobian(Partials(by_acceleration=it.each_joint)),
         frozenset({"accelerations"}),
-        True,
     ),
-    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.differentiable.torque_partials),
+    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.by_kernel("torques", "torque_partials")),
     "motor_torques": MotionQuantity(
-        lambda it: it.flown.motor_torques, lambda it: it.differentiable.motor_torque_partials
+        lambda it: it.flown.motor_torques, lambda it: it.by_kernel("motor_torques", "motor_torque_partials")
     ),
     "orientation_rate": MotionQuantity(
-        lambda it: it.flown.rate, lambda it: it.differentiable.rate_partials, frozenset({"velocities", "momentum"})
+        lambda it: it.flown.rate,
+        lambda it: it.by_kernel("orientation_rate", "rate_partials"),
+        frozenset({"velocities", "momentum"}),
     ),
 }
