@@ -36,7 +36,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
-from floatplan.plans.plans import Answer
+from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
@@ -47,7 +47,6 @@ CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
-COUNTS = ("evaluations", "iterations", "starts", "solved")
 ATTEMPTS = 300  # [-] most starts tried at each degree
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(batch.FINE, longest_step=0.2)  # with obstacles a long step lands beyond them

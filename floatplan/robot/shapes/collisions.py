@@ -50,13 +50,7 @@ def find_mesh(filename: str, folder: Path) -> Path | None:
 
 
 def mesh_digest(path: Path, element: str) -> str:
-    """Return the SHA-256 of a mesh file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """Return the SHA-256 of a mesh file; InputError where it cannot be read."""
     return hashlib.sha256(_content(path, element)).hexdigest()
 
 
