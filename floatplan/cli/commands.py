@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from floatplan.cli import checks, common, problems, robots, show
-from floatplan.cli.jumps import jump, launch, launches, needs_casadi
+from floatplan.cli.jumps import jump, launch, needs_casadi
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
 
@@ -102,6 +102,8 @@ def plan(
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if launch:
+        from floatplan.stance.launch import launches
+
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
