@@ -248,7 +248,7 @@ assert "bend" in report(plan) and figures(plan)
 assert "BendTable" in problem_schema()["$defs"]
 assert varied_number("obstacles.0.corner.1", False).unit == "m"
 
-assert [dial.label for dial in obstacle_dials(0, bend)] == [
+assert [label for label, *_ in obstacle_dials(0, bend)] == [
     "start →, m", "start ↑, m", "corner →, m", "corner ↑, m", "end →, m", "end ↑, m", "radius, m", "margin, m"
 ]
 gui = MagicMock()

@@ -169,17 +169,13 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
 
 def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
     """The same error; one about an option of the command names it as it is typed, with its dashes."""
-    option = f"--{error.element}"
-    if error.source is None and option in _options(command):
-        return InputError(error.reason, element=option, advice=error.advice)
-    return error
-
-
-def _options(command: Callable[..., object]) -> Iterator[str]:
+    option, options = f"--{error.element}", set[str]()
     for name, hint in get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
             if isinstance(info, typer.models.OptionInfo):
-                yield from info.param_decls or (f"--{name.replace('_', '-')}",)
+                options |= {*(info.param_decls or (f"--{name.replace('_', '-')}",))}
+    known = error.source is None and option in options
+    return InputError(error.reason, element=option, advice=error.advice) if known else error
 
 
 class Commands(TyperGroup):

@@ -107,9 +107,5 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
 def write_problem(plan: Plan, directory: Path) -> Path:
     """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
     path = directory / PROBLEM
-    return write_atomically(path, schema_line(directory) + problem_text(plan.problem, path))
-
-
-def schema_line(directory: Path) -> str:
-    """The first line of a problem file by which editors find its schema, where that is beside it; else empty."""
-    return f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
+    schema = f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
+    return write_atomically(path, schema + problem_text(plan.problem, path))
