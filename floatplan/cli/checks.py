@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
+import floatplan as fp
 from floatplan.cli.common import Json, PlanFile, Save, Urdf, finish
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
-
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
 
 
 def certify(
@@ -25,14 +23,12 @@ def certify(
     json_output: Json = False,
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
-    from floatplan.certificate.certificate import BUDGET
-    from floatplan.certificate.certificate import certify as prove
-    from floatplan.plans.reading import load_record
-
     with progress("proving"):
-        certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+        certificate = fp.certify(plan_file, urdf=urdf, **({} if budget is None else {"budget": budget}))
     facts = certificate.to_dict()
     if save:
+        from floatplan.plans.reading import load_record
+
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
     finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
 
@@ -78,11 +74,10 @@ def replay(
     With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
     corrected.
     """
-    from floatplan.plans.plan import load_plan
     from floatplan.simulation.forward import check_engine
 
     checked = check_engine(engine)
-    plan = load_plan(plan_file, urdf)
+    plan = fp.load_plan(plan_file, urdf)
     if replan is not None or authority:
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
@@ -90,10 +85,8 @@ def replay(
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
-    from floatplan.simulation.replay import replay as fly
-
     with progress("flying"):
-        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
+        flown = fp.replay(plan, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(plan_file)
@@ -101,21 +94,19 @@ def replay(
 
 
 def _fly_many(
-    plan: Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
+    plan: fp.Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
 ) -> NoReturn:
     """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
     from floatplan.cli.results import check_directory
-    from floatplan.inflight.authority import authority
-    from floatplan.simulation.closed_loop import closed_loop
 
     if output is not None:
         check_directory(output)
     given = {name: value for name, value in options.items() if value is not None}
-    flown = None if rate is None else closed_loop(plan, rate, **given)
-    found = authority(plan) if with_authority else None
+    flown = None if rate is None else fp.closed_loop(plan, rate, **given)
+    found = fp.authority(plan) if with_authority else None
     page = None
     if output is not None:
         from floatplan.view.report.flights import write_flights_page
