@@ -10,12 +10,10 @@ import typer
 from typer.core import TyperCommand
 
 import floatplan as fp
-from floatplan.cli.common import OpenPage, Quiet, Urdf, print_path
+from floatplan.cli.common import MotionFile, OpenPage, Quiet, Urdf, print_path, read_motion
 from floatplan.cli.progress import progress
 from floatplan.errors import naming
-from floatplan.files import read_json
 
-MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
 ]
@@ -48,7 +46,7 @@ def show(
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
 
-    motion = _motion(motion_file, urdf)
+    motion = read_motion(motion_file, urdf)
     with naming(motion_file):
         plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
@@ -114,18 +112,9 @@ def export(
 
     known = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
-    motion = _motion(motion_file, urdf)
+    motion = read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
     with progress("exporting", quiet):
         path = motion.export(form, path, rate, kp=stiffness, kd=damping)
     if not quiet:
         print_path(path)
-
-
-def _motion(path: str, urdf: str | None) -> fp.Plan | fp.Jump:
-    """Read a plan or a jump, whichever the file says that it holds."""
-    from floatplan.stance.jump import FORMAT
-
-    content = read_json(Path(path), kind="a plan or jump file")
-    is_jump = isinstance(content, dict) and content.get("format") == FORMAT
-    return fp.load_jump(path, urdf) if is_jump else fp.load_plan(path, urdf)

@@ -232,6 +232,20 @@ def launch_summary(launch: fp.Launch) -> RenderableType:
     return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
+def flown_jump_summary(flown: fp.JumpReplay) -> RenderableType:
+    """Return the result of ``floatplan replay`` of a jump, for reading."""
+    from floatplan.view.report.flights import LANDING_TITLES, jump_rows, summary
+
+    stands = int(flown.landings.stands.sum())
+    verdict = "stands in the end" if flown.landed else f"falls in {flown.flights - stands} of {flown.flights} flights"
+    return Group(
+        Text(verdict, f"bold {COLOURS['good' if flown.landed else 'bad']}"),
+        Text(summary(flown)),
+        Text(flown.control),
+        _table(LANDING_TITLES, jump_rows(flown)) if flown.corrected is not None else _named(jump_rows(flown)),
+    )
+
+
 def flights_summary(flown: fp.ClosedLoop | None, found: fp.Authority | None, page: Path | None) -> RenderableType:
     """Return the result of ``floatplan replay`` with --replan and --authority, for reading."""
     from floatplan.view.report.flights import AUTHORITY_TITLES, LANDING_TITLES, authority_rows, landing_rows, summary
@@ -259,13 +273,13 @@ def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: b
     return table
 
 
-def _named(rows: Iterable[Row | tuple[str, str]]) -> Table:
+def _named(rows: Iterable[Row | Sequence[str]]) -> Table:
     """Names and what is said under them, broken where it is too long; what is not good is coloured."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column()
-    for name, text, *tone in rows:
-        table.add_row(name, Text(text, "" if tone in ([], ["good"]) else COLOURS[tone[0]], overflow="fold"))
+    for row in map(Row._make, ((*row, "good")[:3] for row in rows)):
+        table.add_row(row.name, Text(row.text, "" if row.tone == "good" else COLOURS[row.tone], overflow="fold"))
     return table
 
 

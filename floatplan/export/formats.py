@@ -14,10 +14,11 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.export import table
-from floatplan.export.motion import Exportable, Exported, Gain, exported
+from floatplan.export.motion import Exportable, Exported, exported
 from floatplan.export.ros_bag import mcap_content
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.simulation.forward import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
 

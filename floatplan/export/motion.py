@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -11,19 +10,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arguments import by_name, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.flight import FullMotion, free_flyer
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import BANDWIDTH, joint_inertia
+from floatplan.simulation.forward import BANDWIDTH, Gain, given_gains, joint_inertia
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.tables import Range
 
-GAIN = number(Range(0.0, 1e12, ""))
-Gain: TypeAlias = float | Mapping[str, float]  # of all joints, or of some by name
 Exportable: TypeAlias = Plan | JumpMotion
 
 
@@ -171,20 +166,6 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
     posture = np.zeros(motion.problem.robot.model.nv)
     posture[BASE:] = found.at(np.zeros(1)).positions[0]
     inertia = joint_inertia(found.robot.model, posture)
-    stiffness = _given(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
-    damping = _given(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
+    stiffness = given_gains(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
+    damping = given_gains(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
     return Exported(motion, read_only([stiffness, damping]))
-
-
-def _given(joints: Sequence[str], given: Gain | None, element: str, otherwise: Array) -> Array:
-    """Gains (J,) as given, else as they are otherwise."""
-    if given is None:
-        return otherwise
-    if not isinstance(given, Mapping):
-        return np.full(len(joints), GAIN(given, element))
-    gains = otherwise.copy()
-    for joint, gain in by_name(GAIN)(given, element).items():
-        if joint not in joints:
-            raise InputError(f"the robot has no such joint that moves: {joint}", element=element)
-        gains[joints.index(joint)] = gain
-    return gains

@@ -40,7 +40,7 @@ from floatplan.simulation.forward import (
     joint_inertia,
     runge_kutta_step,
 )
-from floatplan.simulation.perturbation import Drawn, Perturbation, given_perturbation
+from floatplan.simulation.perturbation import OF_JUMPS, Drawn, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, perturbed_takeoff, reduced_model
 from floatplan.tables import Range
 
@@ -224,6 +224,7 @@ def closed_loop(
     feedback = positive(FASTEST, "rad/s")(feedback, "feedback")
     seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
     perturbation = given_perturbation(perturb)
+    perturbation.refuse(OF_JUMPS, "is for jumps")
     plan = given_plan(plan)
     if plan.duration > MOST_PERIODS * PERIOD:
         raise InputError(

@@ -41,7 +41,7 @@ from floatplan.simulation.forward import (
     joint_inertia,
     whole_step,
 )
-from floatplan.simulation.perturbation import MEASURED, Perturbation, given_perturbation
+from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
 
@@ -127,9 +127,8 @@ class Replay:
     def rows(self) -> list[tuple[str, str]]:
         """Return names and what is said under them: how it flew, and how far off it landed."""
         control = "open loop" if self.feedback is None else f"joints tracked at {self.feedback:g} rad/s"
-        disturbed = [f"{name} ±{abs(error):.3g}" for name, error in asdict(self.perturbation).items() if error]
         rows = [
-            ("how", ", ".join([self.engine, control, *disturbed])),
+            ("how", ", ".join([self.engine, control, *self.perturbation.in_words()])),
             ("orientation", f"off by {short(self.orientation_error)} rad"),
             ("joints", f"off by {shortened(self.position_error)} rad"),
             ("CM", f"off by {short(self.com_error)} m"),
@@ -201,9 +200,8 @@ def replay(
         raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
         robot = recorded_robot(record.robot, file)
-    for name in MEASURED:
-        if getattr(perturbation, name):
-            raise InputError("is for flights with corrections", element=f"perturb: {name}", advice="add --replan")
+    perturbation.refuse(OF_JUMPS, "is for jumps")
+    perturbation.refuse(MEASURED, "is for flights with corrections", "add --replan")
     reduced = reduced_model(robot, float(record.com["gravity"]))
     drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
     motion = RecordedMotion(record, reduced)

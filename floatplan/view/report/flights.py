@@ -20,6 +20,7 @@ from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
 from floatplan.simulation.closed_loop import ClosedLoop
+from floatplan.simulation.jump_landings import JumpReplay
 from floatplan.view.report.report import asset, filled, policy
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
 
@@ -28,6 +29,7 @@ FAINT = 0.45  # [-] opacity of single flights
 BINS = 24
 NARROWEST = 1e-3  # [deg] below which all errors are drawn as one
 WITH, WITHOUT = OKABE_ITO[:2]  # corrections
+MOST_LINKS = 3  # [-] that are named
 LANDING_TITLES = ("", "with corrections", "without")
 AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
 
@@ -58,12 +60,13 @@ def _embedded(content: bytes, text: str) -> str:
     return f'<img alt="{text}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
 
 
-def summary(flights: ClosedLoop) -> str:
+def summary(flights: ClosedLoop | JumpReplay) -> str:
     """Say in a line how many flights there were, and how they were simulated."""
     many = "1 flight" if flights.flights == 1 else f"{flights.flights} flights"
     if flights.flights < flights.asked:
         many += f" of {flights.asked} (--budget gives more time)"
-    return f"{many} in {flights.seconds:.3g} s, {flights.engine}, corrected at {flights.rate:g} Hz"
+    corrected = "" if flights.rate is None else f", corrected at {flights.rate:g} Hz"
+    return f"{many} in {flights.seconds:.3g} s, {flights.engine}{corrected}"
 
 
 def landing_rows(flights: ClosedLoop) -> list[Row]:
@@ -80,12 +83,27 @@ def landing_rows(flights: ClosedLoop) -> list[Row]:
     if np.isfinite(flights.corrected.clearance).any():
         rows.append(("least clearance", *(f"{ends.clearance.min():.4g} m" for ends in both)))
         rows.append(("touched", *(f"{(ends.clearance < 0).sum()} of {flights.flights}" for ends in both)))
-    counts = ", ".join(f"{count} {status}" for status, count in sorted(flights.statuses.items()))
     median, most = flights.update_milliseconds
     return [
         *rows,
-        ("corrections", counts or "none", ""),
+        *_corrections(flights),
         ("processor time of one", f"{median:.2f} ms, 99 % below {most:.2f} ms", ""),
+    ]
+
+
+def jump_rows(flights: JumpReplay) -> list[Row]:
+    """Return the same of flights of a jump; a single column where none was corrected."""
+    ends = [each for each in (flights.corrected, flights.uncorrected) if each is not None]
+    touched = [", ".join(f"{link} {count}" for link, count in each.links.most_common(MOST_LINKS)) for each in ends]
+    return [
+        ("stands in the end", *(f"{each.stands.sum()} of {flights.flights}" for each in ends)),
+        ("on its feet alone", *(f"{each.clean.sum()} of {flights.flights}" for each in ends)),
+        ("other links that touched", *(words or "none" for words in touched)),
+        ("pitch at touchdown", *(f"{_degrees(each.pitch_rms)} rms" for each in ends)),
+        ("pitch, worst", *(_degrees(np.abs(each.pitch).max()) for each in ends)),
+        ("torque wanted", *(f"{100 * each.torque.max():.3g} % of what motors can" for each in ends)),
+        ("feet slid, worst", *(f"{1e3 * each.slid.max():.3g} mm" for each in ends)),
+        *_corrections(flights),
     ]
 
 
@@ -94,6 +112,12 @@ def authority_rows(found: Authority) -> list[Row]:
     times = [(f"{time:.3g} s",) for time in found.times.tolist()]
     intervals = [[_interval(*ends) for ends in each.tolist()] for each in (found.momentum, found.inertia)]
     return [(*begin, *row) for begin, row in zip(times, zip(*intervals, strict=True), strict=True)]
+
+
+def _corrections(flights: ClosedLoop | JumpReplay) -> list[Row]:
+    """The row of how often a correction had which status, where any was asked for."""
+    counts = ", ".join(f"{count} {status}" for status, count in sorted(flights.statuses.items()))
+    return [] if flights.rate is None else [("corrections", counts or "none", "")]
 
 
 def _interval(low: float, high: float) -> str:

@@ -1,0 +1,117 @@
+"""Replay of whole jumps: perturbed robots fly one in MuJoCo with contact, with corrections in flight and without."""
+
+from __future__ import annotations
+
+import time as clock
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.arguments import SEED, made, number, optional, positive, whole
+from floatplan.arrays import read_only
+from floatplan.errors import InputError
+from floatplan.pool.threads import one_thread
+from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.forward import Gain, given_gains
+from floatplan.simulation.jump_flight import Flown, JumpControl
+from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
+from floatplan.simulation.mujoco_model import import_mujoco
+from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
+from floatplan.stance.jump import Jump
+from floatplan.stance.jump_file import load_jump
+from floatplan.stance.motion import BASE
+from floatplan.tables import Range
+
+
+@one_thread
+def replay_jump(
+    jump: Jump | str | Path,
+    replan: float | None = None,
+    *,
+    perturb: str | Perturbation = "",
+    flights: int = 1,
+    seed: int = 0,
+    friction: float | None = None,
+    gains: tuple[Gain | None, Gain | None] = (None, None),
+    budget: float | None = BUDGET,
+) -> JumpReplay:
+    """Fly a jump in MuJoCo with contact, from standing to a second after its end.
+
+    Parameters
+    ----------
+    jump : Jump, or path of a jump file
+    replan : float, optional
+        Corrections in flight per second, Hz: each robot then flies with them and without.
+    perturb : str or Perturbation
+        Such as ``"mass=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms"``. Delays are rounded to 2 ms.
+    flights : int
+    seed : int
+        The same seed, the same flights.
+    friction : float, optional
+        Of the ground; left out, that of which the jump is planned.
+    gains : two floats or mappings, optional
+        Stiffness, N m/rad, and damping, N m s/rad, of all joints or of some by name.
+    budget : float, optional
+        Time, s, after which no new flight begins. None: no end.
+
+    Raises
+    ------
+    InputError
+        No jump was found, a number is wrong, a perturbation makes no sense, or MuJoCo is not installed.
+    FloatplanError
+        Not one flight ended within the budget.
+    """
+    began = clock.perf_counter()
+    flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
+    replan = optional(positive(1 / PERIOD, "Hz"))(replan, "replan")
+    seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
+    perturbation = given_perturbation(perturb)
+    perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
+    jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
+    if jump.flight is None:
+        raise InputError("no jump was found, so there is nothing to fly", source=jump.problem.name, element="status")
+    if jump.duration + AFTER > MOST_PERIODS * PERIOD:
+        raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
+    friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
+    import_mujoco()
+    joints = tuple(jump.problem.robot.model.names)[BASE + 1 :]
+    kp, kd = (
+        given_gains(joints, each, name, np.full(len(joints), usual))
+        for each, name, usual in zip(gains, ("kp", "kd"), (40.0, 1.0), strict=True)
+    )
+    control = JumpControl(jump, np.stack((kp, kd)), replan)
+    corrected: list[Flown] = []
+    uncorrected: list[Flown] = []
+    for flight in range(flights):
+        if budget is not None and flight and clock.perf_counter() - began > budget:
+            break
+        for correct, ends in ((False, uncorrected), *([(True, corrected)] if replan is not None else [])):
+            ends.append(control.fly(perturbation, friction, (seed, flight), correct, record=not flight))
+    return JumpReplay(
+        flights=len(uncorrected),
+        asked=flights,
+        seed=seed,
+        perturbation=perturbation,
+        friction=friction,
+        joints=joints,
+        kp=read_only(kp),
+        kd=read_only(kd),
+        rate=replan,
+        uncorrected=_landings(uncorrected),
+        corrected=_landings(corrected) if corrected else None,
+        statuses=dict(sum((each.statuses for each in corrected), Counter[str]())),
+        motion=(corrected or uncorrected)[0].motion,
+        seconds=clock.perf_counter() - began,
+    )
+
+
+def _landings(flown: Sequence[Flown]) -> JumpLandings:
+    touched = tuple(each.touched for each in flown)
+    columns = [
+        [each.stands for each in flown],
+        *([getattr(each, name) for each in flown] for name in ("pitch", "torque", "slid")),
+    ]
+    stands, *others = map(read_only, columns)
+    return JumpLandings(stands.astype(bool), touched, *others)
