@@ -12,7 +12,7 @@ import typer
 
 import floatplan as fp
 from floatplan.cli import checks, common, robots, show
-from floatplan.cli.jumps import jump, launch, launches, needs_casadi, takeoff
+from floatplan.cli.jumps import jump, launch, needs_casadi, takeoff
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
 from floatplan.files import runs_folder
@@ -98,6 +98,8 @@ def plan(
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if launch:
+        from floatplan.stance.launch import launches
+
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)

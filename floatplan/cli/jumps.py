@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,9 +13,6 @@ from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
 from floatplan.files import runs_folder
-
-if TYPE_CHECKING:
-    from floatplan.plans.presentation import Row
 
 Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
 Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
@@ -100,7 +96,7 @@ def launch(
         request = replace(request, friction=friction)
     with progress("launch"), naming(plan_file):
         found = fp.launch(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
-    facts = {"friction": request.friction, **_facts(found), "figures": found.figures}
+    facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
     common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
 
 
@@ -112,30 +108,3 @@ def needs_casadi(option: str) -> None:
         casadi()
     except InputError as error:
         raise InputError(error.reason, element=option, advice=error.advice) from None
-
-
-def launches(plan: fp.Plan, seed: int) -> tuple[list[Row], dict[str, Any]]:
-    """Rows for a person, and facts, of the stances that reach a plan's takeoff and follow its landing."""
-    from floatplan.plans.presentation import Row
-
-    rows: list[Row] = []
-    facts: dict[str, Any] = {}
-    stands = [contact.end for contact in plan.contacts]
-    for end in ("takeoff", "landing"):
-        if end not in stands:
-            rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
-            continue
-        try:
-            found = fp.launch(plan, end=end, seed=seed)
-        except InputError as error:
-            rows.append(Row(f"{end} stance", f"none was looked for: {error}", "open"))
-            continue
-        facts[end] = _facts(found)
-        rows.append(Row(f"{end} stance", found.sentences[0], "good" if found.ok else "open"))
-    return rows, facts
-
-
-def _facts(found: fp.Launch) -> dict[str, Any]:
-    ratio = found.ratio if math.isfinite(found.ratio) else None
-    told = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
-    return {**told, "impossible": found.impossible, "sentences": list(found.sentences)}
