@@ -7,7 +7,7 @@ writes as text.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -195,21 +195,18 @@ def proved(plan: Plan) -> dict[str, Any]:
     """Return the table of what was proved of a plan."""
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
-    return {"rows": [*proof, _replayed(plan.record.replay)], "tone": tone}
+    replay, words = plan.record.replay, "none in the plan file; floatplan replay --save makes one"
+    if replay is not None:
+        landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
+        error = short(replay.get("orientation_error"))
+        words = f"{replay.get('engine')}: {landed}, orientation off by {error} rad"
+    return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
 def warned(plan: Plan) -> list[dict[str, Any]]:
     """Return the table of a plan's warnings, if there are any."""
     rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
-
-
-def _replayed(replay: Mapping[str, Any] | None) -> Row:
-    if replay is None:
-        return Row("replay", "none in the plan file; floatplan replay --save makes one")
-    landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
-    error = short(replay.get("orientation_error"))
-    return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
 
 
 def phase_lines(view: JumpView) -> list[list[str]]:

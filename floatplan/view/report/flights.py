@@ -9,12 +9,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+<<<<<<< HEAD
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+=======
+>>>>>>> main
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
@@ -180,7 +183,15 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
     orientation.set(ylabel="orientation (°)")
     joints.set(ylabel="joints (°)")
     predicted.set(ylabel="predicted miss (°)", xlabel="time (s)", yscale="log")
+<<<<<<< HEAD
     _label_decades(predicted.yaxis)
+=======
+    landings.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
+    for axis in (predicted.yaxis, landings.xaxis):  # plain numbers, at a few decades
+        axis.set_major_locator(LogLocator(numticks=5))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
+>>>>>>> main
     for axes in (orientation, joints, predicted):
         axes.set_xlim(0.0, plan.duration)
     entries = [
@@ -217,13 +228,6 @@ def _histogram(axes: Axes, ends: Sequence[Array]) -> None:
 def _error_sizes(angles: Array) -> Array:
     """Magnitudes (N,) of angles, deg, as drawn on a logarithmic axis."""
     return np.maximum(np.abs(np.degrees(angles)), NARROWEST)
-
-
-def _label_decades(axis: Axis) -> None:
-    """Label a logarithmic axis by plain numbers, a few of its decades."""
-    axis.set_major_locator(LogLocator(numticks=5))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def authority_picture(found: Authority) -> Figure:

@@ -72,7 +72,8 @@ def page(
     parts : HTML that stands in other places of the body, by their names
     numbers : what stands in the body's place for numbers, which is not searched
     """
-    texts = [*map(_script, scripts)]
+    licence = f"/*\n{asset('uplot/LICENSE')}\n*/\n"  # of uPlot 1.6.32, which is to be passed on with it
+    texts = [licence * name.startswith("uplot") + asset(name) for name in scripts]
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
     parts = {
@@ -109,11 +110,6 @@ def problem_section(data: Mapping[str, Any]) -> str:
     link = f'<a class="download" download="{name}.toml" href="data:application/toml,{quote(content)}">Save it</a>'
     text = f"<summary>{summary}</summary><pre>\n{html.escape(content)}</pre>{link}"
     return f'<article class="file"><details>{text}</details></article>'
-
-
-def _script(name: str) -> str:
-    """The text of a script; that of uPlot 1.6.32 with the licence that it is to be passed on with."""
-    return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
 
 
 def write_report(plan: Shown, path: str | Path, stances: Sequence[Row] = ()) -> Path:
