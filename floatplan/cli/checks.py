@@ -136,16 +136,12 @@ def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: 
     if output is not None:
         check_directory(output)
     with progress("flying"):
-<<<<<<< HEAD
-        flown, files = replay_jump(jump, **options), list[Path]()
+        flown, files = fp.replay_jump(jump, **options), list[Path]()
     if output is not None:
         from floatplan.view.report.flights import write_jump_pages
 
         with progress("drawing") as bar:
             files = write_jump_pages(flown, output, bar.reach)
-=======
-        flown = fp.replay_jump(jump, **options)
->>>>>>> main
     ok = flown.landed or flown.perturbation.any
     finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
 

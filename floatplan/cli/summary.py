@@ -232,11 +232,7 @@ def launch_summary(launch: fp.Launch) -> RenderableType:
     return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
-<<<<<<< HEAD
-def flown_jump_summary(flown: JumpReplay, files: Sequence[Path]) -> RenderableType:
-=======
-def flown_jump_summary(flown: fp.JumpReplay) -> RenderableType:
->>>>>>> main
+def flown_jump_summary(flown: fp.JumpReplay, files: Sequence[Path]) -> RenderableType:
     """Return the result of ``floatplan replay`` of a jump, for reading."""
     from floatplan.view.report.flights import LANDING_TITLES, jump_rows, summary
 

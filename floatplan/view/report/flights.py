@@ -9,11 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-<<<<<<< HEAD
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-=======
->>>>>>> main
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -183,15 +180,7 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
     orientation.set(ylabel="orientation (°)")
     joints.set(ylabel="joints (°)")
     predicted.set(ylabel="predicted miss (°)", xlabel="time (s)", yscale="log")
-<<<<<<< HEAD
     _label_decades(predicted.yaxis)
-=======
-    landings.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
-    for axis in (predicted.yaxis, landings.xaxis):  # plain numbers, at a few decades
-        axis.set_major_locator(LogLocator(numticks=5))
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.set_minor_formatter(NullFormatter())
->>>>>>> main
     for axes in (orientation, joints, predicted):
         axes.set_xlim(0.0, plan.duration)
     entries = [
@@ -223,6 +212,13 @@ def _histogram(axes: Axes, ends: Sequence[Array]) -> None:
         axes.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
     axes.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
     _label_decades(axes.xaxis)
+
+
+def _label_decades(axis: Axis) -> None:
+    """Label a logarithmic axis by plain numbers, a few of its decades."""
+    axis.set_major_locator(LogLocator(numticks=5))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _error_sizes(angles: Array) -> Array:
