@@ -183,11 +183,7 @@ def minimise(
         if current.inequality.size:
             active = np.flatnonzero(step.multipliers.inequality)
         slope = float(current.gradient @ step.direction)
-        promised = float(step.multipliers.equality @ current.equality) - slope  # of the Lagrangian: d H d
-        if current.inequality.size:
-            promised -= float(step.multipliers.inequality @ current.inequality)
-        is_small = abs(promised) <= settings.optimality * (1 + abs(current.objective))
-        stationary = is_small and not step.elastic
+        stationary = _is_stationary(current, step, slope, settings)
         optimal = stationary and current.worst_violation <= settings.feasibility
         if optimal:
             break
@@ -240,6 +236,17 @@ def _polish(
             break
         x, current = closer, trial
     return x, current, used
+
+
+def _is_stationary(current: AnyEvaluation, step: Step, slope: float, settings: Settings) -> bool:
+    """Whether the Lagrangian's predicted decrease over a full step, ``d H d``, is small relative to the objective.
+
+    ``slope`` is the objective's along the step.
+    """
+    predicted = float(step.multipliers.equality @ current.equality) - slope
+    if current.inequality.size:
+        predicted -= float(step.multipliers.inequality @ current.inequality)
+    return not step.elastic and abs(predicted) <= settings.optimality * (1 + abs(current.objective))
 
 
 def _line_search(
