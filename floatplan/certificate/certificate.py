@@ -22,11 +22,16 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
 from floatplan.certificate.enclosure import Balls
 from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
-from floatplan.certificate.planar.boundary import at_ends, boundary_findings, flight_findings, orientation_findings
 from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
 from floatplan.certificate.planar.flight import fly
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
-from floatplan.certificate.planar.limits import limit_findings
+from floatplan.certificate.planar.limits import (
+    at_ends,
+    boundary_findings,
+    flight_findings,
+    limit_findings,
+    orientation_findings,
+)
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.errors import InputError, naming
 from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
