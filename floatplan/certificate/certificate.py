@@ -114,9 +114,9 @@ def prove(
     Parameters
     ----------
     shapes : of the links, and their hulls: what stands on the ground
-        Capsules, m: places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
-        the root link's axes in the posture with all planned positions zero. Of None, a link is the segments from its
-        origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
+        Capsules, m: places are (horizontal, vertical) from the link's origin, along the root link's axes in the posture
+        with all planned positions zero. Of None, a link is the segments from its origin to its children's joints; a
+        robot that has ``<collision>`` elements needs them given.
     unknown_meshes : files that these are around and whose hashes the record lacks: they leave clearances undecided
     """
     with _ONE_AT_A_TIME:
