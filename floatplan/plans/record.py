@@ -16,7 +16,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from floatplan.arguments import FINITE, Check, by_name, flag, many, one_of, optional, pair, positive, text, whole
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    by_joint,
+    by_name,
+    flag,
+    many,
+    one_of,
+    optional,
+    pair,
+    positive,
+    text,
+    whole,
+)
 from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
 from floatplan.errors import InputError
@@ -224,6 +237,7 @@ FILE = KeyedTable(
     NO_KEY,
 )
 
+DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
     "circle": {"center": POINT, "radius": non_negative},
@@ -266,7 +280,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTabl
         {
             **postures,
             "flight": KeyedTable(flight),
-            "motion": KeyedTable({"degree": _degree(n), "objective": one_of(*OBJECTIVES)}),
+            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVES)}),
             "limits": KeyedTable(kept, may_be_kept),
         },
         {
@@ -277,17 +291,6 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTabl
             "jump": table,  # around the flight, of which nothing is proved
         },
     )
-
-
-def _degree(n: int) -> Check:
-    integer = whole(Range(-math.inf, math.inf, ""))
-
-    def check(value: Any, element: str) -> None:
-        (many(integer, "whole numbers", n) if isinstance(value, list | tuple) else one_of("auto", or_number=integer))(
-            value, element
-        )
-
-    return check
 
 
 def _obstacle(value: Any, element: str) -> None:
@@ -334,6 +337,8 @@ def _check_degree(record: PlanRecord) -> None:
     if isinstance(degree, str):
         return
     degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * len(joints)
+    if len(degrees) != len(joints):
+        raise InputError(f"must have {len(joints)} entries, not {len(degrees)}", element="problem.motion.degree")
     written = record.coefficients.shape[1] - 1
     if max(degrees, default=written) != written:
         raise InputError(f"is {degree}, but the coefficients are of degree {written}", element="problem.motion.degree")
