@@ -115,12 +115,8 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "map": study.map,
         "axes": [_axis(study, axis) for axis in study.samples.axes],
         "columns": {
-            name: {
-                "unit": units.get(name, ""),
-                "label": _label(name, units),
-                "values": numbers.add(table[name].to_numpy(), "<f4"),
-            }
-            for name in (*study.paths, *measured)
+            name: {"unit": units.get(name, ""), "label": _label(name, units), "values": place}
+            for name, place in places.items()
         },
         "status": numbers.add(_statuses(table), "<u1"),
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
