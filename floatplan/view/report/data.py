@@ -1,8 +1,7 @@
 """Data of the report's page: samples of the motion, the weights that place the robot's links from them, and tables.
 
 The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` does, from orientation and joints, so that
-a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text, which the page
-writes as text.
+a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text.
 """
 
 from __future__ import annotations
