@@ -37,17 +37,7 @@ def animate(
     speed: float = SPEED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a film of a flight or jump, whole or not at all.
-
-    Parameters
-    ----------
-    plan : Plan or JumpView
-    path : path
-        Ends in ``.gif`` or ``.mp4``.
-    speed : float
-        Of the film against the motion, positive: 0.5 is slow motion.
-    progress : callable, optional
-        Told how many pictures are drawn, and of how many.
+    """Write a film of a flight or jump, whole or not at all; arguments as of :meth:`floatplan.Plan.animate`.
 
     Raises
     ------
