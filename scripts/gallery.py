@@ -21,7 +21,6 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.planar.contact_rates import End
 from floatplan.view.figures.snapshots import moments
-from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled
 
@@ -41,7 +40,7 @@ TITLES = {
     "talos": "Talos, onto a step",
     "human": "human, somersault",
 }
-NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "high_jumper": "high jumper"}  # others' as above
+NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "talos_hop": "Talos", "high_jumper": "high jumper"}
 COLUMNS = (
     "robot",
     "joints planned",
@@ -199,11 +198,8 @@ def launch_of(plan: fp.Plan) -> str:
 
 def strips(entries: Sequence[JumpEntry]) -> Image.Image:
     """Moments of jumps, a strip for each."""
-    drawn = []
-    for entry in entries:
-        view = JumpView(entry.jump, entry.jump.check, entry.jump.verdict)
-        drawn.append(rendered(moments(view, flying=3, title=title_of(entry.name)), SHEET_DPI))
-    return sheet([drawn])
+    drawn = [moments(entry.jump.view, flying=3, title=title_of(entry.name)) for entry in entries]
+    return sheet([[rendered(each, SHEET_DPI) for each in drawn]])
 
 
 def table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:

@@ -22,7 +22,6 @@ from floatplan.files import write_atomically
 from floatplan.view.charts import charts
 from floatplan.view.figures.figures import draw_panel, figures, sample
 from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, moments, plan_names
-from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, new_figure, palette, styled
 
@@ -138,10 +137,9 @@ def draw_scene(axes: Axes, plan: fp.Plan, times: Array | None = None) -> None:
 
 def jump_picture(jump: fp.Jump) -> Image.Image:
     """A jump's moments, and under them the forces on its feet and what its torques take of their limits, over time."""
-    view = JumpView(jump, jump.check, jump.verdict)
-    drawn = figures(view)
+    drawn = jump.figures()
     curves = sheet([[rendered(drawn[name])] for name in ("forces", "torque_use")])
-    return sheet([[rendered(moments(view, flying=5)), curves]])
+    return sheet([[rendered(moments(jump.view, flying=5)), curves]])
 
 
 def rendered(figure: Figure, dpi: int = DPI) -> Image.Image:

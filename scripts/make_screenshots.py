@@ -18,7 +18,7 @@ import floatplan as fp
 from floatplan.certificate.certificate import certify
 from floatplan.files import write_atomically
 from floatplan.studio.page import Studio
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.jumps import Shown
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -65,13 +65,13 @@ def checked(name: str) -> fp.Plan:
     return plan.with_record(record)
 
 
-def jumped(name: str) -> JumpView:
+def jumped(name: str) -> Shown:
     """Plan a jump, and prove its flight."""
     jump = fp.jump(ROOT / "problems" / "jumps" / f"{name}.toml")
     if not jump.ok or jump.flight is None:
         raise SystemExit(f"{name}: {jump.explanation}")
-    jump = jump.with_certificate(certify(jump.flight))
-    return JumpView(jump, jump.check, jump.verdict)
+    view: Shown = jump.with_certificate(certify(jump.flight)).view
+    return view
 
 
 def photograph_report(browser: Any, plan: Shown, page: Path, path: Path, share: float = 0.55) -> None:

@@ -32,7 +32,7 @@ from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
 from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.page import Studio
-from floatplan.studio.session import Part, Saving
+from floatplan.studio.session import Part
 from floatplan.tables import OBJECTIVE_TABLE
 
 GENTLY = np.radians(4.0)  # [rad] that they turn a joint by, at most
@@ -50,7 +50,7 @@ class Drags:
         self.studio, self.session, self.stage = studio, studio.session, studio.stage
         self.rng = np.random.default_rng(seed)
         self.base = studio.session.view.problem
-        self.folder, self.saving = folder, Saving()
+        self.folder = folder
         self.refused = 0
 
     def gentle(self, number: int) -> tuple[float, float, bool]:
@@ -154,7 +154,7 @@ class Drags:
         """Save problem and plan."""
         parts: tuple[Part, ...] = ("problem", "plan")
         for part in parts:
-            self.saving.save(self.session.view, part, self.folder)
+            self.session.save(part, self.folder)
 
 
 def megabytes(studio: Studio) -> tuple[float, float]:

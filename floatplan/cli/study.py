@@ -11,22 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import (
-    DONE,
-    FAILED,
-    Json,
-    OpenPage,
-    Quiet,
-    argument,
-    print_json,
-    print_path,
-    tell,
-)
+import floatplan as fp
+from floatplan.cli import common
 from floatplan.cli.progress import ProgressBar, progress
-from floatplan.errors import escaped
+from floatplan.errors import escaped, import_optional
+from floatplan.files import runs_folder
 
 if TYPE_CHECKING:
-    from floatplan.problem.problem import Problem
     from floatplan.studies.driver import Progress
 
 PORT = 8080  # of the studio
@@ -34,7 +25,7 @@ EVERY = 2.0  # [s] words about the progress
 
 
 def study(
-    study_file: Annotated[str, argument("STUDY.toml", "A study file.")],
+    study_file: Annotated[str, common.argument("STUDY.toml", "A study file.")],
     restart: Annotated[bool, typer.Option("--restart", help="Discard what the folder has, and begin again.")] = False,
     engine: Annotated[
         str, typer.Option(metavar="NAME", help="'processes' of this machine, or 'dask' for many machines.")
@@ -48,8 +39,8 @@ def study(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; else as the file says.")
     ] = None,
-    json_output: Json = False,
-    quiet: Quiet = False,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Plan a problem for many values of its numbers, and map what was found; go on where an earlier run ended.
 
@@ -61,10 +52,8 @@ def study(
     try:
         if engine == "processes" and jobs != 1:
             get_ready("floatplan.studies.study")
-        from floatplan.studies.study import study as run
-
         with progress("study", quiet, tell=True) as bar:
-            done = run(
+            done = fp.study(
                 study_file,
                 folder=output,
                 restart=restart,
@@ -75,14 +64,14 @@ def study(
             )
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
-        raise typer.Exit(FAILED) from None
+        raise typer.Exit(common.FAILED) from None
     if not quiet:
         for status, count in done.statuses.items():
             typer.echo(f"{count:>9} {status.replace('_', ' ')}", err=json_output)
         for path in done.files:
-            print_path(path, err=json_output)
+            common.print_path(path, err=json_output)
     if json_output:
-        print_json(
+        common.print_json(
             {
                 "folder": str(done.folder),
                 "rows": len(done),
@@ -91,7 +80,7 @@ def study(
                 "seconds": time.perf_counter() - began,
             }
         )
-    raise typer.Exit(DONE)
+    raise typer.Exit(common.DONE)
 
 
 def _teller(bar: ProgressBar) -> Callable[[Progress], None]:
@@ -109,23 +98,21 @@ def _teller(bar: ProgressBar) -> Callable[[Progress], None]:
 
 
 def studio(
-    source: Annotated[str, argument("PROBLEM.toml|ROBOT", "A problem file, or a robot.")],
+    source: Annotated[str, common.argument("PROBLEM.toml|ROBOT", "A problem file, or a robot.")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Where to save; runs/<name>/studio if left out."),
     ] = None,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one.")] = PORT,
     around: Annotated[bool, typer.Option("--map/--no-map", help="Plan around the present point too.")] = True,
-    open_page: OpenPage = False,
-    quiet: Quiet = False,
+    open_page: common.OpenPage = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Make a flight by hand: a page on this machine that plans anew at each change.
 
     Drag the robot at takeoff and landing, obstacles, sliders; Ctrl-C ends it. A robot without a problem file begins
     with the flight that floatplan init finds.
     """
-    from floatplan.errors import import_optional
-    from floatplan.files import runs_folder
     from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")
@@ -139,18 +126,16 @@ def studio(
             while True:
                 time.sleep(3600)
         except KeyboardInterrupt:
-            raise typer.Exit(DONE) from None
+            raise typer.Exit(common.DONE) from None
 
 
-def _problem(source: str, quiet: bool) -> Problem:
+def _problem(source: str, quiet: bool) -> fp.Problem:
     """The problem of a file, or the first flight of a robot."""
     from floatplan.cli.asked import is_robot
 
     if not is_robot(source):
-        from floatplan.problem.file import load_problem
-
-        return load_problem(source)
+        return fp.load_problem(source)
     from floatplan.initial.flight import first_flight
     from floatplan.initial.robots import chosen_robot
 
-    return first_flight(chosen_robot(source), seed=0, progress=tell(quiet)).problem
+    return first_flight(chosen_robot(source), seed=0, progress=common.tell(quiet)).problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -13,36 +13,14 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.export.motion import Exportable, Exported, Gain, exported
+from floatplan.export import table
+from floatplan.export.motion import Exportable, Exported, exported
 from floatplan.export.ros_bag import mcap_content
-from floatplan.export.table import (
-    contact_columns,
-    csv_text,
-    full_csv,
-    parquet_content,
-    sample_times,
-    table_text,
-    whole_nanoseconds,
-)
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.simulation.forward import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
-
-ARRAYS = (
-    "orientation",
-    "orientation_rate",
-    "positions",
-    "velocities",
-    "accelerations",
-    "torques",
-    "motor_torques",
-    "com_position",
-    "com_velocity",
-    "base_position",
-    "angular_momentum",
-)  # of a FlightState, in the archive's order
-
 
 UNITREE_LEGS = ("FR", "FL", "RR", "RL")  # in the order of Unitree's SDK, in which each has hip, thigh and calf
 UNITREE_JOINTS = [f"{leg}_{part}_joint" for leg in UNITREE_LEGS for part in ("hip", "thigh", "calf")]
@@ -112,10 +90,10 @@ def format_of(name: str) -> Format:
 
 def npz_content(plan: Plan, rate: float) -> bytes:
     """Return NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
-    state = plan.at(sample_times(plan.duration, rate))
-    arrays = {name: getattr(state, name) for name in ARRAYS}
+    state = plan.at(table.sample_times(plan.duration, rate))
+    arrays = {field.name: getattr(state, field.name) for field in fields(state)}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
-    return _archive({"times": state.times, **names, **arrays})
+    return _archive({"times": state.times} | names | arrays)
 
 
 def pinocchio_content(motion: Exported, rate: float) -> bytes:
@@ -125,7 +103,7 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
     ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out; and
     what :func:`_controlled` adds.
     """
-    times = sample_times(motion.duration, rate)
+    times = table.sample_times(motion.duration, rate)
     arrays = {
         "time": times,
         **motion.coordinates(times),
@@ -138,18 +116,10 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
 def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
     """Return what a controller needs beside the motion at times (N,), as far as there is any.
 
-    ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,); ``contacts`` (N, C), whether each
-    stands; ``forces`` (N, C, 3), N, in the world, and ``contact_points``, m, where they act, NaN of what does not
-    stand; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
+    That is what :meth:`Exported.contacts` tells, and ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
     """
-    arrays: dict[str, Any] = {}
-    found = motion.contacts(times)
-    if found is not None:
-        arrays |= {"phase": found.phase, "phase_begin": found.begin, "contact_names": np.array(found.names)}
-        arrays |= {"contacts": found.stand, "forces": found.forces, "contact_points": found.points}
-    if motion.gains is not None:
-        arrays |= dict(zip(("kp", "kd"), motion.gains, strict=True))
-    return arrays
+    gains = {} if motion.gains is None else dict(zip(("kp", "kd"), motion.gains, strict=True))
+    return motion.contacts(times) | gains
 
 
 def ros_content(motion: Exported, rate: float) -> str:
@@ -157,7 +127,7 @@ def ros_content(motion: Exported, rate: float) -> str:
 
     Efforts are the motors' own torques.
     """
-    nanoseconds = whole_nanoseconds(motion.duration, rate)
+    nanoseconds = table.whole_nanoseconds(motion.duration, rate)
     whole = motion.at(nanoseconds / 1e9)
     names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
@@ -180,7 +150,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
     angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J); and what
     :func:`_controlled` adds. The order of a model's joints may be another: go by the names.
     """
-    times = sample_times(motion.duration, rate)
+    times = table.sample_times(motion.duration, rate)
     whole = motion.at(times)
     quaternion = np.roll(whole.base_quaternion, 1, axis=1)
     arrays = {
@@ -200,7 +170,7 @@ def unitree_content(motion: Exported, rate: float) -> str:
     As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
     flight is not a whole number of steps, the last row is the landing, less than a step early.
     """
-    whole = motion.at(sample_times(motion.duration, rate))
+    whole = motion.at(table.sample_times(motion.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((whole.base_position, whole.base_quaternion, whole.positions), axis=1)
     lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
@@ -227,7 +197,7 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
         raise InputError(
             reason, source=motion.robot.source, element=f'robot "{motion.robot.name}"', advice="take csv-full"
         )
-    times = sample_times(motion.duration, rate)
+    times = table.sample_times(motion.duration, rate)
     whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
     header, columns = ["time"], [times]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
@@ -236,9 +206,9 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
     for name, values in blocks.items():
         header += [f"{name}_{joint}" for joint in UNITREE_JOINTS]
         columns += list(values[:, order].T)
-    contacts = contact_columns(motion, times)
+    contacts = table.contact_columns(motion, times)
     header += [column.name for column in contacts]
-    return csv_text(header, columns + [column.values for column in contacts])
+    return table.csv_text(header, columns + [column.values for column in contacts])
 
 
 def _archive(arrays: Mapping[str, Array]) -> bytes:
@@ -256,9 +226,11 @@ def _yaml(values: Array) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(full_csv, "trajectory.csv", 1000.0, "planned joints; of a jump as csv-full", of_plans=table_text),
-    "csv-full": Format(full_csv, "full_trajectory.csv", 1000.0, "base pose and all joints, one row per instant"),
-    "parquet": Format(parquet_content, "trajectory.parquet", 1000.0, 'the same as Parquet (extra "parquet")'),
+    "csv": Format(
+        table.full_csv, "trajectory.csv", 1000.0, "planned joints; of a jump as csv-full", of_plans=table.table_text
+    ),
+    "csv-full": Format(table.full_csv, "full_trajectory.csv", 1000.0, "base pose and all joints, one row per instant"),
+    "parquet": Format(table.parquet_content, "trajectory.parquet", 1000.0, 'the same as Parquet (extra "parquet")'),
     "npz": Format(
         pinocchio_content, "trajectory.npz", 1000.0, "NumPy: plan.at(); of a jump as pinocchio", of_plans=npz_content
     ),

@@ -13,7 +13,7 @@ from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.correction import REACHED
-from floatplan.inflight.estimate import Estimate
+from floatplan.inflight.estimate import Estimate, adapted
 from floatplan.inflight.motion import Rewriting
 from floatplan.inflight.replanner import Replanner
 from floatplan.inflight.update import Update
@@ -138,8 +138,7 @@ def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, b
     replanner.reset()
     inertial = replanner.identification(momentum)
     inertial.state[2:] = np.tile(errors, 2)
-    inertial.has_changed()
-    path, robot = plan.ballistics, inertial.dynamics
+    path, robot = plan.ballistics, adapted(plan.robot.tree, inertial.state[2:])
     real.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
     time, step = 0.0, plan.duration / RATE
     quadrature = gauss_legendre(NODES)

@@ -245,15 +245,10 @@ class Identification:
     """The filter's ``state``: orientation, rad, h, kg m^2/s, and relative errors of masses and inertias (m,) each.
 
     Its arrays, with ``covariance`` and how many ``surprises`` came one after the other, are changed in place.
+    ``inertia`` is that of the robot, all joints held, at takeoff, kg m^2.
     """
 
-    def __init__(
-        self, tree: PlanarTree, dynamics: Dynamics, orientation: float, angular_momentum: float, inertia: float
-    ) -> None:
-        bodies = len(tree.mass)
-        self._nominal = dynamics
-        self._weights = tree.point_weights(np.arange(bodies), tree.center)
-        self._coupling, self._inertia, self._mass = tree.coupling, np.array(tree.inertia), tree.mass
+    def __init__(self, bodies: int, orientation: float, angular_momentum: float, inertia: float) -> None:
         scale = MOMENTUM_ERROR * max(abs(angular_momentum), SLOWEST_TURN * inertia)
         self.deviations = np.concatenate(([ORIENTATION_ERROR, scale], np.full(2 * bodies, MASS_ERROR)))
         self.covariance = np.diag(self.deviations**2)
@@ -261,7 +256,6 @@ class Identification:
         self.wander[0] = ORIENTATION_WANDER**2
         self.state = np.zeros(2 + 2 * bodies)
         self.state[:2] = orientation, angular_momentum
-        self._dynamics: Dynamics | None = dynamics
         self.surprises = np.zeros(1, dtype=np.int64)  # negative: to the other side
 
     @property
@@ -274,29 +268,19 @@ class Identification:
         """Estimate of h, kg m^2/s."""
         return float(self.state[1])
 
-    @property
-    def dynamics(self) -> Dynamics:
-        """With the masses found."""
-        if self._dynamics is None:
-            self._dynamics = self._adapted(self.state[2:])
-        return self._dynamics
-
-    def has_changed(self) -> None:
-        """The state was changed by others: by the kernel."""
-        self._dynamics = None
-
     def forget(self) -> None:
         """Orientation and momentum are known no better than at takeoff: the robot was hit, or was long unseen."""
         self.covariance[:2] = self.covariance[:, :2] = 0.0
         self.covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self.deviations[:2] ** 2
         self.surprises[0] = 0
 
-    def _adapted(self, errors: Array) -> Dynamics:
-        """The dynamics with relative errors (2m,) of masses and inertias."""
-        bodies = len(self._mass)
-        masses = errors[:bodies] * self._mass
-        coupling = self._coupling + self._weights.conj().T @ (masses[:, None] * self._weights)
-        return self._nominal.adapted(coupling, self._inertia * (1 + errors[bodies:]))
+
+def adapted(tree: PlanarTree, errors: Array) -> Dynamics:
+    """Return a tree's dynamics with relative errors (2m,) of masses and inertias, where its mass centres stay."""
+    masses, inertias = np.split(errors, 2)
+    weights = tree.point_weights(np.arange(len(masses)), tree.center)
+    coupling = tree.coupling + weights.conj().T @ ((masses * tree.mass)[:, None] * weights)
+    return Dynamics(tree, coupling, tree.inertia * (1 + inertias))
 
 
 @dataclass
@@ -319,16 +303,6 @@ class Estimate:
         dt = time - self.com_time
         fall = np.array([0.0, self.gravity * dt])
         return self.com_position + dt * (self.com_velocity - fall / 2), self.com_velocity - fall
-
-    @property
-    def orientation(self) -> float:
-        """With the joints on their reference, rad."""
-        return self.inertial.orientation
-
-    @property
-    def angular_momentum(self) -> float:
-        """About the centre of mass, kg m^2/s."""
-        return self.inertial.angular_momentum
 
     def take_in(self, measured: Measurement) -> None:
         """Take in when was measured, and where the centre of mass is."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, can_write
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -20,16 +20,13 @@ from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, flight_
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
-from floatplan.problem.limits import Shares, shares_of_limits
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.problem import Problem
+from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 from floatplan.tables import LIMIT_TABLE
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
-LEAST_INSTANTS = (
-    40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
-)
+LEAST_INSTANTS = 40  # [-] besides the nodes, at which limits are looked at; with 8, torques between were 5 % beyond
 MOST_INSTANTS = 160  # [-] where an obstacle could be passed unseen between so few
 LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
 OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
@@ -121,18 +118,6 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
     return rows
 
 
-@dataclass(frozen=True, eq=False)
-class Instants:
-    """Where a motion is looked at, as shares of what remains: the nodes, then W beside them.
-
-    ``values`` are those of the basis and its two derivatives there, (K, 6+m) each; ``free`` (K, m) of changes y.
-    """
-
-    grid: GaussGrid
-    values: tuple[Array, Array, Array]
-    free: tuple[Array, ...]
-
-
 class Views:
     """Instants and rows of a plan's flight.
 
@@ -151,25 +136,23 @@ class Views:
         self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
-        self._functions = basis(form)
+        self.functions = basis(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
         nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _instants_needed(plan, self.flight, obstacles)
         count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
         self._always = nodes.also(np.linspace(0.0, 1.0, count))
-        self.instants = self._at(self._always)
         self.instants = self.between(0.0, plan.duration)
 
-    def _at(self, grid: GaussGrid) -> Instants:
-        values = self._functions.values(grid.s)
-        return Instants(grid, values, tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in values))
+    def between(self, begin: float, end: float) -> GaussGrid:
+        """Where a motion between two times, s, is looked at, as shares of what remains: nodes, and W instants beside.
 
-    def between(self, begin: float, end: float) -> Instants:
-        """Where a motion between two times, s, is looked at: also at the ends and middles of obstacles' windows."""
+        Among these are the ends and middles of obstacles' windows.
+        """
         if not len(self._windows):
-            return self.instants
+            return self._always
         low, high = np.clip(self._windows, begin, end).T
         times = low[:, None] + (high - low)[:, None] * OF_WINDOW
-        return self._at(self._always.also((times.ravel() - begin) / (end - begin)))
+        return self._always.also((times.ravel() - begin) / (end - begin))
 
 
 def _instants_needed(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +14,10 @@ from floatplan.arguments import optional, outline, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.correction import REACHED, Correction, Reference, Status, WarmStarts
-from floatplan.inflight.estimate import (
-    Estimate,
-    Identification,
-    Measurement,
-    Plausibility,
-    Recovery,
-    read,
-    unwrapped,
-)
+from floatplan.inflight.estimate import Estimate, Identification, Measurement, Plausibility, Recovery, read, unwrapped
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS_NEAR, KEPT, Corrected, Update
-from floatplan.motion.flight import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
@@ -77,8 +69,6 @@ class Replanner:
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
         self._update = Update(plan.robot.tree, self.views, rewriting, float(sigma), scale)
         self._plausible = Plausibility(plan)
-        tree = plan.robot.tree
-        self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
         self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
@@ -109,13 +99,13 @@ class Replanner:
         self._landing = plan.duration
         self._update.begin(self._estimate)
         corrected = self._update.predicted(self.motion)
-        self._last = Correction("applied", "", corrected, plan.duration, momentum)
+        self._last = _told("applied", "", corrected, plan.duration, momentum)
 
     def identification(self, angular_momentum: float) -> Identification:
         """Return what is known at takeoff, with an angular momentum, kg m^2/s."""
         initial, nominal = self.plan.problem.initial, self.views.flight.equations
         inertia = float(nominal.momentum_map(initial.positions[None, :])[0, 0])
-        return Identification(self.plan.robot.tree, nominal, initial.orientation, angular_momentum, inertia)
+        return Identification(len(self.plan.robot.tree.mass), initial.orientation, angular_momentum, inertia)
 
     def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
         """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""
@@ -126,7 +116,8 @@ class Replanner:
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
-        return float(self._base_rate(positions, velocities)[0]), positions[0], velocities[0]
+        rate = self.views.flight.equations.base_rate(positions, velocities, self.plan.angular_momentum)
+        return float(rate[0]), positions[0], velocities[0]
 
     @property
     def motion(self) -> RemainingMotion:
@@ -145,11 +136,10 @@ class Replanner:
     def reference(self, t: float) -> Reference:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
         time = _time(t)
-        positions, velocities, accelerations = self._motion_at(time).at(time if math.isfinite(time) else self._now)
-        moments = self._dynamics.moments(positions, velocities, accelerations, self._base_rate(positions, velocities))
-        torques = (moments @ self._turns)[0]
-        n = positions.shape[1]
-        return Reference(positions[0], velocities[0], accelerations[0], torques[:n], torques[n:])
+        motion = self._motion_at(time).at(time if math.isfinite(time) else self._now)
+        positions, velocities, accelerations = (each[0] for each in motion)
+        torques, n = self._update.torques(positions, velocities, accelerations), len(positions)
+        return Reference(positions, velocities, accelerations, torques[:n], torques[n:])
 
     def update(
         self,
@@ -212,7 +202,7 @@ class Replanner:
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
-        self._update.learn(measured, expected)
+        self._update.learn(measured)
         estimate.take_in(measured)
         self._measured = measured.time
         return ""
@@ -222,12 +212,12 @@ class Replanner:
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
-        warm_start = self._warm_starts.at(now, self._estimate.angular_momentum) if first else None
+        momentum = self._estimate.inertial.angular_momentum
+        warm_start = self._warm_starts.at(now, momentum) if first else None
         evaluations = FIRST if first else EVALUATIONS_NEAR
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
-        status, reason = _judged(corrected)
-        self._last = Correction(status, reason, corrected, landing, self._estimate.angular_momentum)
+        self._last = _told(*_judged(corrected), corrected, landing, momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
@@ -246,17 +236,8 @@ class Replanner:
                 return motion
         return self._update.motions[-1 if math.isnan(time) else 0]
 
-    @property
-    def _dynamics(self) -> Dynamics:
-        """The robot's, with the masses that were found."""
-        return self._estimate.inertial.dynamics
-
-    def _base_rate(self, positions: Array, velocities: Array) -> Array:
-        return self._dynamics.base_rate(positions, velocities, self._estimate.angular_momentum)
-
     def _unchanged(self, status: Status, reason: str) -> Correction:
-        last = self._last
-        return Correction(status, reason, last.corrected, last.landing, last.angular_momentum)
+        return replace(self._last, status=status, reason=reason)
 
 
 def _time(value: object) -> float:
@@ -264,6 +245,10 @@ def _time(value: object) -> float:
         return float(value)  # type: ignore[arg-type]
     except Exception:  # whatever a caller's object raises: the flight goes on
         return math.nan
+
+
+def _told(status: Status, reason: str, corrected: Corrected, landing: float, momentum: float) -> Correction:
+    return Correction(status, reason, landing, momentum, corrected.motion, corrected.miss, corrected.torque_peak)
 
 
 def _judged(corrected: Corrected) -> tuple[Status, str]:

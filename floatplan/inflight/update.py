@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,13 @@ from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate, Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.prediction import Instants, LimitRows, Views
+from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.kernel.bodies import Bodies, filled_robot
 from floatplan.kernel.constraints import CompiledConstraints
 from floatplan.kernel.layout import ENUMERATIONS, Filled, constants
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -39,6 +39,7 @@ SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whol
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
+FILTER = ("state", "covariance", "surprises", "wander", "deviations")  # what is of an estimate
 STEPS = ENUMERATIONS["Step"].__members__
 
 
@@ -65,80 +66,44 @@ class Update:
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views, self._first, self._instants = views, rewriting.first, views.instants
         self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
-        blocks = views.rows
+        blocks, grid, first = views.rows, views.instants, rewriting.first
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
         bodies, n, width = constraints.bodies, constraints.joints, len(views.whitening)
-        columns = CONDITIONS + width
+        columns, motors = CONDITIONS + width, tree.motor_turns.shape[1]
         self._constraints, self._path = constraints.filled, constraints.path
         # Of the masses found: the robot's too.
-        found = {
-            "real": np.zeros_like(bodies.real),
-            "imaginary": np.zeros_like(bodies.imaginary),
-            "link_real": np.zeros(bodies.links.shape),
-            "link_imaginary": np.zeros(bodies.links.shape),
-        }
+        found = {name: np.zeros(bodies.real.shape) for name in ("real", "imaginary")}
+        found |= {name: np.zeros(bodies.links.shape) for name in ("link_real", "link_imaginary")}
         self._robot = filled_robot(bodies, [width] * n)
         self._robot.point_to(**found)
         self._robot.structure.is_real = False
-        self._called = {
-            "positions": np.zeros(n),
-            "velocities": np.zeros(n),
-            "map": np.zeros(n + 1),
-            "measured_positions": np.zeros(n),
-            "measured_velocities": np.zeros(n),
-            "coefficients": np.zeros((columns, n)),
-            "warm_start": np.zeros((width, n)),
-            "worst": np.zeros(len(blocks)),
-            "torque_peak": np.zeros(tree.motor_turns.shape[1]),
-            "row_values": np.zeros((constraints.rows, len(views.instants.grid.s))),
-        }
-        self._filled = Filled(
-            "Flight",
-            width=width,
-            instants=len(views.instants.grid.s),
-            nodes=views.instants.grid.nodes,
-            goal=views.flight.final_orientation,
-            motors=tree.motor_turns.shape[1],
-            motor_turns=tree.motor_turns,
-            **_of_motions(views, rewriting),
-            **self._of_instants(views.instants),
-            columns=width * np.arange(n + 1),
-            **_of_masses(tree, bodies),
-            **_of_limits(blocks, constraints.block_first),
-            sigma=sigma,
-            acceleration=acceleration,
-            law=constants("Law", vars(filtering), globals()),
-            **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
-            **found,
-            **self._called,
-            motions=np.zeros((MEMORY, 2 + 3 * columns * n)),
-            room=None,
-        )
-        self._filled.point_to(room=np.zeros(kernel().flight_room(*self._structures)))
+        shapes: dict[str, Any] = dict.fromkeys(("positions", "velocities"), n)
+        shapes |= {"measured_positions": n, "measured_velocities": n, "map": n + 1, "asked": (3, n)}
+        shapes |= {"torques": n + motors, "coefficients": (columns, n), "warm_start": (width, n)}
+        shapes |= {"worst": len(blocks), "torque_peak": motors, "row_values": (constraints.rows, len(grid.s))}
+        self._called = {name: np.zeros(shape) for name, shape in shapes.items()}
+        gap, law = gauss_legendre(GAP_NODES), constants("Law", vars(filtering), globals())
+        counts = {"width": width, "instants": len(grid.s), "nodes": grid.nodes, "motors": motors}
+        numbers = {"goal": views.flight.final_orientation, "sigma": sigma, "acceleration": acceleration, "law": law}
+        made = {"motions": np.zeros((MEMORY, 2 + 3 * columns * n)), "columns": width * np.arange(n + 1)}
+        made |= {"gap": gap.nodes, "gap_weights": gap.weights, "at_landing": rewriting.landing}
+        made["turns"] = np.concatenate((tree.turns, tree.motor_turns), axis=1)
+        later = dict.fromkeys((*FILTER, "room"))  # see begin()
+        rows, masses = _of_limits(blocks, constraints.block_first), _of_masses(tree, bodies)
+        arrays = {**self._of_instants(grid), **masses, **found, **self._called, **made, **later}
+        self._filled = Filled("Flight", first, rewriting, views, grid, tree, **counts, **numbers, **rows, **arrays)
+        given = self._robot.structure, self._constraints.structure, self._flight
+        self._filled.point_to(room=np.zeros(kernel().flight_room(*given)))
 
-    @cached_property
+    @property
     def _flight(self) -> Any:
         """What the kernel reads and writes."""
         return self._filled.structure
 
-    @cached_property
-    def _structures(self) -> tuple[Any, Any, Any]:
-        return self._robot.structure, self._constraints.structure, self._flight
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but where numbers lie in memory: a copy has its own."""
-        return {name: value for name, value in vars(self).items() if name not in ("_flight", "_structures")}
-
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
         inertial, flight = estimate.inertial, self._flight
-        self._filled.point_to(
-            state=inertial.state,
-            covariance=inertial.covariance,
-            surprises=inertial.surprises,
-            wander=inertial.wander,
-            deviations=inertial.deviations,
-        )
+        self._filled.point_to(**{name: getattr(inertial, name) for name in FILTER})
         flight.known, flight.turn_after = 0, 0.0
         self._step(STEPS["adapt_masses"])
         self.estimate = estimate
@@ -153,21 +118,19 @@ class Update:
         called["measured_velocities"][:] = measured.velocities
         self._step(STEPS["expect_state"])
         orientation = self.estimate.inertial.orientation + flight.turn_before
-        return Expected(
-            called["positions"],
-            called["velocities"],
-            orientation,
-            flight.expected_rate,
-            flight.aside,
-            flight.variance,
-            flight.noise,
-        )
+        base = orientation, flight.expected_rate, flight.aside, flight.variance, flight.noise
+        return Expected(called["positions"], called["velocities"], *base)
 
-    def learn(self, measured: Measurement, expected: Expected) -> None:
+    def learn(self, measured: Measurement) -> None:
         """Take in a measurement that is as it was expected."""
         self._flight.measured_orientation, self._flight.measured_rate = measured.orientation, measured.orientation_rate
         self._step(STEPS["learn_state"])
-        self.estimate.inertial.has_changed()
+
+    def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
+        """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the h and the masses found."""
+        self._called["asked"][:] = positions, velocities, accelerations
+        self._step(STEPS["find_torques"])
+        return self._called["torques"].copy()
 
     @property
     def turned(self) -> float:
@@ -197,7 +160,7 @@ class Update:
     def times(self) -> Array:
         """Times (K,), s since takeoff, at which the rest of the flight was looked at last."""
         begin, end = self._flight.now, self._flight.landing
-        return np.asarray(begin + (end - begin) * self._instants.grid.s)
+        return np.asarray(begin + (end - begin) * self._instants.s)
 
     @property
     def row_values(self) -> Array:
@@ -240,33 +203,16 @@ class Update:
 
     def _step(self, step: int) -> None:
         found = kernel()
-        found.flight(*self._structures, step, found.instructions)
+        given = self._robot.structure, self._constraints.structure, self._filled.structure
+        found.flight(*given, step, found.instructions)
 
-    def _of_instants(self, instants: Instants) -> dict[str, Array]:
-        grid, free = instants.grid, np.stack(instants.free)
-        basis = free[:, :, None, :] / self._first.amplitude[:, None]
-        return {
-            "s": grid.s,
-            "integrals": grid.integrals[grid.nodes :],
-            "basis": basis.reshape(*free.shape[:2], -1),
-            **{name: part.T for name, part in zip(("value", "first", "second"), instants.values, strict=True)},
-        }
-
-
-def _of_motions(views: Views, rewriting: Rewriting) -> dict[str, Any]:
-    gap, first = gauss_legendre(GAP_NODES), rewriting.first
-    return {
-        "centre": first.centre,
-        "amplitude": first.amplitude,
-        "weights": views.instants.grid.weights,
-        "whitening": views.whitening,
-        "table": first.table,
-        "points": rewriting.points,
-        "of_values": rewriting.of_values,
-        "at_landing": np.array(rewriting.landing),
-        "gap": gap.nodes,
-        "gap_weights": gap.weights,
-    }
+    def _of_instants(self, grid: GaussGrid) -> dict[str, Array]:
+        """What a motion, and its changes y, are made of where it is looked at."""
+        values = self.views.functions.values(grid.s)
+        free = np.stack([part[:, CONDITIONS:] @ self.views.whitening for part in values])
+        basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1)
+        of_basis = {name: part.T for name, part in zip(("value", "first", "second"), values, strict=True)}
+        return {"s": grid.s, "integrals": grid.integrals[grid.nodes :], "basis": basis, **of_basis}
 
 
 def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
@@ -281,17 +227,10 @@ def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
 
 
 def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
-    """C and the places of the centres of mass, by the rotations of the links and of the bodies that turn alike."""
-    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    own = weights * bodies.rotations.sum(axis=0)
-    parts = {
-        "own": own.conj() if bodies.is_mirrored else own,
-        "weights": bodies.of_points(weights),
-        "nominal": bodies.links,
-    }
-    return {
-        "mass": tree.mass,
-        "inertia": tree.inertia,
-        **{f"{name}_real": part.real for name, part in parts.items()},
-        **{f"{name}_imaginary": part.imag for name, part in parts.items()},
-    }
+    """C, what it changes by with each mass, and the places of the centres of mass, by the rotations of the bodies."""
+    by_links = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    own, weights = by_links * bodies.rotations.sum(axis=0), bodies.of_points(by_links)
+    back = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
+    parts = {"by_mass": back[:, :, None] * weights[:, None, :], "weights": weights, "nominal": bodies.links}
+    sides = {f"{name}_real": part.real for name, part in parts.items()}
+    return sides | {f"{name}_imaginary": part.imag for name, part in parts.items()}

@@ -2,9 +2,9 @@
 // motions, those that promise the least objective.
 
 // The boundary of a motion that lands on other branches of the arcsine: odd ones mirror p about pi/2.
-static inline void branched(const double *boundary, const std::int64_t *branch, std::int64_t n, double *result) {
-    std::memcpy(result, boundary, 6 * n * sizeof(double));
-    for (std::int64_t i = 0; i < n; ++i) {
+static inline void branched(const double *boundary, const Index *branch, Index n, double *result) {
+    copy(result, boundary, 6 * n);
+    for (Index i = 0; i < n; ++i) {
         double *end = result + 6 * i + 3;
         if (branch[i] % 2)
             for (int c = 0; c < 3; ++c) end[c] = -end[c];
@@ -18,7 +18,7 @@ class Starts {
     Starts(Planner &planner, const Robot &robot, const Settings &settings, Memory &memory)
         : planner(planner), robot(robot), settings(settings), m(memory) {
         all_branches = 1;
-        for (std::int64_t i = 0; i < robot.joints && all_branches <= settings.candidates; ++i) all_branches *= 3;
+        for (Index i = 0; i < robot.joints && all_branches <= settings.candidates; ++i) all_branches *= 3;
     }
 
     // Takes a problem, and the z that its start number 0 begins with; null: the plain motion's.
@@ -30,13 +30,11 @@ class Starts {
 
     // Puts start number 0, 1, 2, ... into m.x. Of the first rounds of candidates those are followed that miss (14)
     // least; where these fail, all are.
-    void follow(std::int64_t number) {
+    void follow(Index number) {
         if (number == 0) return first();
-        std::int64_t round = (number - 1) / settings.followed;
-        if (round >= settings.ranked_rounds) {
-            draw(number + settings.ranked_rounds * (settings.candidates - settings.followed));
-            return;
-        }
+        Index round = (number - 1) / settings.followed;
+        if (round >= settings.ranked_rounds)
+            return draw(number + settings.ranked_rounds * (settings.candidates - settings.followed));
         if (round != ranked) rank(round);
         ranked = round;
         draw(m.candidate[(number - 1) % settings.followed]);
@@ -48,23 +46,23 @@ class Starts {
     const Settings &settings;
     Memory &m;
     const double *boundary = nullptr, *given = nullptr;
-    std::int64_t ranked = -1;   // round of candidates that are in order
-    std::int64_t all_branches;  // 3^n, or more than there are candidates
+    Index ranked = -1;   // round of candidates that are in order
+    Index all_branches;  // 3^n, or more than there are candidates
 
     void first() {
-        std::int64_t n = robot.joints;
-        for (std::int64_t i = 0; i < n; ++i) m.branch[i] = 0;
+        Index n = robot.joints;
+        for (Index i = 0; i < n; ++i) m.branch[i] = 0;
         planner.set_boundary(boundary);
-        for (std::int64_t e = 0; e < n * robot.width; ++e) m.z[e] = given ? given[e] : 0;
+        for (Index e = 0; e < n * robot.width; ++e) m.z[e] = given ? given[e] : 0;
         planner.variables(m.z, m.x);
     }
 
-    void draw(std::int64_t candidate) {
-        std::int64_t n = robot.joints;
+    void draw(Index candidate) {
+        Index n = robot.joints;
         Random random{settings.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(candidate)};
-        std::int64_t digits = candidate % all_branches;
-        for (std::int64_t i = 0; i < n; ++i, digits /= 3) {
-            std::int64_t way = digits % 3;
+        Index digits = candidate % all_branches;
+        for (Index i = 0; i < n; ++i, digits /= 3) {
+            Index way = digits % 3;
             if (all_branches > settings.candidates) {
                 double drawn = random.uniform() / settings.changed_branches;
                 way = drawn < 0.5 ? 1 : drawn < 1 ? 2 : 0;
@@ -74,16 +72,16 @@ class Starts {
         branched(boundary, m.branch, n, m.boundary);
         planner.set_boundary(m.boundary);
         double spread = candidate <= settings.candidates ? 0 : settings.spreads_of_starts[candidate % 6];
-        for (std::int64_t e = 0; e < n * robot.width; ++e) m.z[e] = spread * random.normal();
+        for (Index e = 0; e < n * robot.width; ++e) m.z[e] = spread * random.normal();
         planner.variables(m.z, m.x);
     }
 
-    void rank(std::int64_t round) {
-        for (std::int64_t place = 0; place < settings.candidates; ++place) {
-            std::int64_t candidate = 1 + round * settings.candidates + place;
+    void rank(Index round) {
+        for (Index place = 0; place < settings.candidates; ++place) {
+            Index candidate = 1 + round * settings.candidates + place;
             draw(candidate);
             double merit = missed();
-            std::int64_t at = place;
+            Index at = place;
             for (; at > 0 && m.merit[at - 1] > merit; --at) {
                 m.merit[at] = m.merit[at - 1];
                 m.candidate[at] = m.candidate[at - 1];
@@ -96,32 +94,30 @@ class Starts {
     // By how much (14) is missed after one step towards where it would hold, were it linear.
     double missed() {
         planner.at_level(settings.level_of_starts);
-        for (std::int64_t step = 0; step < settings.steps_to_rank; ++step) {
+        for (Index step = 0; step < settings.steps_to_rank; ++step) {
             Point point = planner.evaluate(m.x);
             planner.differentiate(point, m.row);
             double square = dot(m.row, m.row, planner.size);
             if (!(square > 0)) return HUGE_VAL;
             double part = (dot(m.row, m.x, planner.size) - point.equality) / square;
-            for (std::int64_t k = 0; k < planner.size; ++k) m.direction[k] = part * m.row[k] - m.x[k];
+            for (Index k = 0; k < planner.size; ++k) m.direction[k] = part * m.row[k] - m.x[k];
             double way = larger(planner.metric(m.direction), 1e-300);
-            double length = smaller(1.0, settings.step_to_rank / way);
-            for (std::int64_t k = 0; k < planner.size; ++k) m.x[k] += length * m.direction[k];
+            add(smaller(1.0, settings.step_to_rank / way), m.direction, planner.size, m.x);
         }
         double missed = std::fabs(planner.evaluate(m.x).equality);
         return planner.unresolved() > settings.too_wild ? HUGE_VAL : missed;
     }
 };
 
-static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Settings &settings, std::int64_t nodes,
-                           std::int64_t size) {
-    std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
+static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Settings &settings, Index nodes,
+                           Index size) {
+    Index n = robot.joints, width = robot.width, columns = 6 + width;
     lay_out_turn(arena, m.motion, robot, nodes);
     for (double **each : {&m.fixed, &m.fixed_rate}) arena.take(*each, n * nodes);
     arena.take(m.by_z, n * width * LANES);
     for (double **each : {&m.z, &m.z_gradient}) arena.take(*each, n * width);
     arena.take(m.scaling, (width + 1) * width * width);
     arena.take(m.offset_map, (width + 1) * width * 6);
-    arena.take(m.rest, (width + 1) * columns * 6);
     for (double **each : {&m.offset, &m.x, &m.row, &m.previous_row, &m.trial, &m.direction, &m.lagrangian, &m.mapped,
                           &m.change, &m.product, &m.half})
         arena.take(*each, size);
@@ -134,11 +130,11 @@ static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Se
     arena.take(m.candidate, settings.candidates);
 }
 
-static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, const std::int64_t *nodes,
+static inline Index plan_batch(const Robot &robot, const Grid *grids, const Index *nodes,
                                       const Powers &powers, const Settings &settings, Batch &batch) {
-    const std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
-    std::int64_t size = 0, most_nodes = nodes[settings.levels - 1];
-    for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
+    const Index n = robot.joints, width = robot.width, columns = 6 + width;
+    Index size = 0, most_nodes = nodes[settings.levels - 1];
+    for (Index i = 0; i < n; ++i) size += robot.free[i];
     Memory m;
     Room room;
     if (!room.make([&](Arena &arena) { lay_out(arena, m, robot, settings, most_nodes, size); })) return 1;
@@ -147,12 +143,12 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
     Starts starts(planner, robot, settings, m);
     Double2 time[MOST_COLUMNS];
     double duration = 0;
-    for (std::int64_t row = 0; row < batch.count; ++row) {
+    for (Index row = 0; row < batch.count; ++row) {
         if (batch.duration[row] != duration) {
             duration = batch.duration[row];
             planner.whiten(duration, powers);
             time[0] = {1, 0};
-            for (std::int64_t k = 1; k < columns; ++k) time[k] = time[k - 1] * duration;
+            for (Index k = 1; k < columns; ++k) time[k] = time[k - 1] * duration;
         }
         planner.h0 = batch.momentum[row];
         planner.change = batch.change[row];
@@ -160,12 +156,12 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
         const double *boundary = batch.boundary + row * 6 * n;
         bool quick = false;
         double nearest = HUGE_VAL;
-        std::int64_t as_near = 0;  // starts that ended as near to (14) as any
+        Index as_near = 0;  // starts that ended as near to (14) as any
         batch.status[row] = infeasible;
         batch.residual[row] = batch.objective[row] = HUGE_VAL;
         batch.iterations[row] = batch.starts[row] = batch.solved[row] = 0;
         starts.begin(boundary, batch.start ? batch.start + row * n * width : nullptr);
-        for (std::int64_t number = settings.first_start; number < settings.most_starts; ++number) {
+        for (Index number = settings.first_start; number < settings.most_starts; ++number) {
             starts.follow(number);
             Solution solution = planner.solve(m.x, number ? settings.hopeless_way : HUGE_VAL);
             if (solution.status == needs_grid) {
@@ -175,9 +171,9 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             batch.iterations[row] += solution.iterations;
             batch.starts[row] += 1;
             // Judged with twice the nodes, or as many as there are.
-            std::int64_t reached = planner.current_level();
-            std::int64_t needed = planner.level_needed(settings.stages[2].quadrature_error);
-            std::int64_t judging = (needed > reached ? needed : reached) + settings.finer;
+            Index reached = planner.current_level();
+            Index needed = planner.level_needed(settings.stages[2].quadrature_error);
+            Index judging = (needed > reached ? needed : reached) + settings.finer;
             if (!planner.at_level(judging < settings.levels ? judging : settings.levels - 1)) {
                 batch.status[row] = needs_grid;
                 break;
@@ -193,22 +189,20 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             batch.solved[row] += holds;
             bool first = batch.status[row] == infeasible;
             if (holds || (first && (number == settings.first_start || residual < batch.residual[row]))) {
-                double square = 0;
-                for (std::int64_t i = 0; i < n; ++i) {
+                for (Index i = 0; i < n; ++i) {
                     double combination[MOST_COLUMNS];
-                    std::memcpy(combination, m.boundary + 6 * i, 6 * sizeof(double));
-                    std::memcpy(combination + 6, m.z + i * width, width * sizeof(double));
+                    copy(combination, m.boundary + 6 * i, 6);
+                    copy(combination + 6, m.z + i * width, width);
                     write_coefficients(combination, time, powers, columns, m.b + i * columns);
                 }
-                for (std::int64_t e = 0; e < n * columns; ++e) square += m.b[e] * m.b[e];
-                double objective = std::sqrt(square);
+                double objective = std::sqrt(dot(m.b, m.b, n * columns));
                 if (first || objective < batch.objective[row]) {
                     batch.status[row] = solution.status;
                     batch.residual[row] = residual;
                     batch.objective[row] = objective;
-                    std::memcpy(batch.coefficients + row * n * columns, m.b, n * columns * sizeof(double));
-                    std::memcpy(batch.z + row * n * width, m.z, n * width * sizeof(double));
-                    std::memcpy(batch.branch + row * n, m.branch, n * sizeof(std::int64_t));
+                    copy(batch.coefficients + row * n * columns, m.b, n * columns);
+                    copy(batch.z + row * n * width, m.z, n * width);
+                    for (Index i = 0; i < n; ++i) batch.branch[row * n + i] = m.branch[i];
                 }
             }
             if (size == 0) break;  // degree 5: there is but one motion
@@ -216,8 +210,7 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             if (residual < nearest * (1 + settings.agreement)) ++as_near;
             nearest = smaller(nearest, residual);
             if (!batch.solved[row] && number >= settings.starts_to_agree && as_near >= settings.agreeing) break;
-            if (batch.solved[row] >= settings.starts &&
-                (quick || batch.solved[row] >= settings.wanted_after_failure))
+            if (batch.solved[row] >= settings.starts && (quick || batch.solved[row] >= settings.wanted_after_failure))
                 break;
         }
         batch.evaluations[row] = planner.evaluations;

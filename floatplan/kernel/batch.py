@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.bodies import filled_grid, filled_robot, merged_bodies
-from floatplan.kernel.layout import ENUMERATIONS, Filled, FilledArray, Structure, address, constants
+from floatplan.kernel.bodies import Bodies, filled_grid, filled_robot
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address, constants, structure_array
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar import flight
@@ -55,6 +55,7 @@ STARTS_TO_AGREE = 16  # [-] after so many a problem is given up, where
 AGREEING = 4  # [-] of them came equally near to (14), and none nearer:
 AGREEMENT = 0.003  # [-] relative difference of what is left of it
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
+NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
 
 
@@ -143,7 +144,7 @@ class Solver:
         self.bodies = len(tree.mass)
         self._most_nodes = USUAL_NODES
         low, high = position_limits.T
-        self._robot = filled_robot(merged_bodies(tree, (low + high) / 2, (high - low) / 2), free)
+        self._robot = filled_robot(Bodies(tree, (low + high) / 2, (high - low) / 2), free)
 
     def plan(self, rows: Rows, search: Search) -> Answers:
         """Plan a batch; the answer to a row depends on that row and on the search alone."""
@@ -158,39 +159,22 @@ class Solver:
 
     def _plan(self, rows: Rows, search: Search, most_nodes: int) -> Answers:
         count, n, width = len(rows.duration), self._n, self._width
-        counts: Any = {name: np.zeros(count, dtype=np.int64) for name in Answers.__annotations__ if name in COUNTS}
-        answers = Answers(
-            **counts,
-            branch=np.zeros((count, n), dtype=np.int64),
-            objective=np.full(count, np.nan),
-            residual=np.full(count, np.nan),
-            z=np.zeros((count, n, width)),
-            coefficients=np.zeros((count, n, CONDITIONS + width)),
-        )
-        batch = Filled("Batch", count=count, **vars(rows), **vars(answers))
-        grids, nodes = _grids(width, most_nodes)
-        failed = self._kernel.plan(
-            self._robot.structure,
-            grids.structures,
-            address(nodes),
-            _powers(width).structure,
-            _settings(search),
-            batch.structure,
-            self._kernel.instructions,
-        )
-        if failed:
+        shapes = {"branch": (n,), "z": (n, width), "coefficients": (n, CONDITIONS + width)}
+        kinds = {name: STRUCTURES["Batch"].arrays[name][0] for name in Answers.__annotations__}
+        made: Any = {name: np.zeros((count, *shapes.get(name, ())), kind) for name, kind in kinds.items()}
+        answers = Answers(**made)
+        batch, powers, compiled = Filled("Batch", rows, answers, count=count), _powers(width), self._kernel
+        given = self._robot.structure, *_grids(width, most_nodes), powers.structure, _settings(search), batch.structure
+        if compiled.plan(*given, compiled.instructions):
             raise MemoryError("no memory for a batch of plans")
         return answers
 
 
-COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
-
-
 @lru_cache(maxsize=32)
-def _grids(width: int, most_nodes: int) -> tuple[FilledArray, IntArray]:
-    """Grids of all levels, those of too many nodes left out; and their numbers of nodes."""
+def _grids(width: int, most_nodes: int) -> tuple[Any, int]:
+    """Grids of all levels, those of too many nodes left out; and where their numbers of nodes are."""
     grids = [filled_grid(width, count) if count <= most_nodes else None for count in NODE_COUNTS]
-    return FilledArray("Grid", grids), np.array(NODE_COUNTS, dtype=np.int64)
+    return structure_array("Grid", grids), address(NODES_OF_LEVELS)
 
 
 @cache
@@ -211,11 +195,7 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 def _settings(search: Search) -> Structure:
     """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
     fine = replace(FINE, longest_step=search.longest_step)
-    steps = (
-        (ROUGH, NEARLY_RESOLVED),
-        (nearly_resolved(fine), NEARLY_RESOLVED),
-        (fine, QUADRATURE_ERROR),
-    )
+    steps = (ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR)
     stages = tuple(
         (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations) for each, error in steps
     )

@@ -15,13 +15,13 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address
 from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.problem.limits import Shares
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.problem import Shares
 
 SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
 RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Wanted"]
@@ -55,6 +55,7 @@ class SumRows:
     weights: Mapping[str, Array]
 
 
+Written = list[tuple[int, int, int, float, float]]  # of rows: kind, two indices, least value, inverse scale
 Block = ObstacleRows | PairRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
 
 
@@ -80,7 +81,7 @@ class CompiledConstraints:
         self.links, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.links
         self.bodies, self.robot = unscaled_robot(tree)
-        written: list[tuple[int, int, int, float, float]] = []
+        written: Written = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
         counts = [
@@ -103,44 +104,21 @@ class CompiledConstraints:
         is_differentiated = opposite < 0
         self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
         self.path = np.array([*path.position0, *path.velocity0, path.gravity])
-        self.filled = Filled(
-            "Constraints",
-            capsules=len(ends),
-            rows=self.rows,
-            needs_moments=self.needs_moments,
-            needs_accelerations=self.needs_accelerations,
-            needs_places=self.needs_places,
-            turn=tree.turn,
-            ends_real=ends.real,
-            ends_imaginary=ends.imag,
-            radius=shapes.radius,
-            path=self.path,
-            obstacles=np.array(obstacles),
-            kind=kind,
-            first=first,
-            second=second,
-            opposite=opposite,
-            least=columns[3],
-            per_scale=columns[4],
-            sums=of_sums,
-        )
+        needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
+        rows = {"kind": kind, "first": first, "second": second, "least": columns[3], "per_scale": columns[4]}
+        capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
+        about = {"obstacles": np.array(obstacles), "sums": of_sums, "opposite": opposite, "rows": self.rows}
+        self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
-    def _write(
-        self,
-        block: Block,
-        rows: list[tuple[int, int, int, float, float]],
-        obstacles: list[list[float]],
-        sums: list[Array],
-    ) -> int:
-        """Write kind, two indices, least value and inverse scale of each row; how many there are."""
+    def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> int:
+        """Write the rows of a block; how many there are."""
         before = len(rows)
         if isinstance(block, SumRows | Shares):
-            parts = [self.sums(block)] if isinstance(block, SumRows) else [self._sum(block.used)]
-            if isinstance(block, Shares) and block.also:
-                parts.append(self._sum(block.also))
-            begin, count = len(sums), len(parts[0])
             kind = SUM if isinstance(block, SumRows) else SHARE
+            shares = [] if isinstance(block, SumRows) else filter(None, (block.used, block.also))
+            parts = [self.sums(block)] if isinstance(block, SumRows) else list(map(self._sum, shares))
+            begin, count = len(sums), len(parts[0])
             rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
             sums.extend(np.concatenate(parts))
         elif isinstance(block, PairRows):
@@ -231,7 +209,8 @@ def quantity_rows(flight: FlightDynamics, quantity: str, s: Array) -> RowTargets
 class RowTargets:
     """Where rows are evaluated: instants ``s`` (K,), and where each goes: ``target`` (K, rows), negative: nowhere.
 
-    ``count`` rows go somewhere; each value is lower by ``back_off``.
+    ``count`` rows go somewhere; each value is lower by ``back_off``. Motions have copies of the ``template``, with
+    ``room`` numbers of memory.
     """
 
     def __init__(
@@ -239,21 +218,11 @@ class RowTargets:
     ) -> None:
         self.constraints, self.count, self.instants = constraints, count, len(s)
         self._kept = constraints.flight.duration * s, target
-        self._template = STRUCTURES["Evaluation"](back_off=back_off)
-        self._template.motion.instants = len(s)
-        self._template.motion.per_second = 1 / constraints.flight.duration
-        self._template.point_to(times=self._kept[0], target=target)
-        self._room = self._placed(self._template, 0)
-
-    def _placed(self, structure: Structure, memory: int) -> int:
-        constraints = self.constraints
-        return constraints.kernel.motion_room(*constraints.references, structure, memory)
-
-    def fresh(self) -> tuple[Structure, Array]:
-        """Return a structure for a motion, and the memory that it points to."""
-        room, structure = np.empty(self._room), type(self._template).from_buffer_copy(self._template)
-        self._placed(structure, address(room))
-        return structure, room
+        self.template = STRUCTURES["Evaluation"](back_off=back_off)
+        self.template.motion.instants = self.template.variables.instants = len(s)
+        self.template.motion.per_second = 1 / constraints.flight.duration
+        self.template.point_to(times=self._kept[0], target=target)
+        self.room = constraints.kernel.motion_room(*constraints.references, self.template, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,11 +244,13 @@ class MotionRows:
 
     def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
         assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
-        self._instants, self._flown, self._constraints = instants, flown, instants.constraints
-        joints = flown.joints
-        self._structure, self._memory = instants.fresh()
+        joints, constraints = flown.joints, instants.constraints
+        self._instants, self._flown, self._constraints = instants, flown, constraints
+        self._memory = np.empty(instants.room)
+        self._structure = type(instants.template).from_buffer_copy(instants.template)
+        constraints.kernel.motion_room(*constraints.references, self._structure, address(self._memory))
         motion = self._structure.motion
-        self._rate, self._moment = np.empty(motion.stride), np.empty((self._constraints.links, motion.stride))
+        self._rate, self._moment = np.empty(motion.stride), np.empty((constraints.links, motion.stride))
         motion.point_to(rate=self._rate, moment=self._moment)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
@@ -306,28 +277,28 @@ class MotionRows:
 
     def drift(self, by_x: ByX, instants: int) -> Array:
         """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
-        structure, joints = self._structure, self._flown.joints
-        structure.size = by_x.basis.shape[2]
+        structure, joints, variables = self._structure, self._flown.joints, self._structure.variables
+        variables.size = by_x.basis.shape[2]
         structure.point_to(sine=joints.sine, cosine=joints.position_by_p, p_rate=joints.p_rate)
         if self._constraints.needs_accelerations:
             structure.point_to(p_curvature=joints.p_curvature)
-        structure.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
+        variables.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
         if by_x.of_axes is not None:
-            structure.point_to(of_axes=by_x.of_axes)
-        drift = np.empty((instants, by_x.basis.shape[2]))
+            variables.point_to(of_axes=by_x.of_axes)
+        drift = np.empty((instants, variables.size))
         self._call(DRIFT, count=instants, result=address(drift))
         return drift
 
     def jacobian(self, attitude_slopes: Array) -> Array:
         """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
         self._structure.point_to(attitude_slopes=attitude_slopes)
-        jacobian = np.empty((self._instants.count, self._structure.size))
+        jacobian = np.empty((self._instants.count, self._structure.variables.size))
         self._call(JACOBIAN, result=address(jacobian))
         return jacobian
 
     def gradient(self, weights: Array) -> Array:
         """Derivatives (size,) by x of quantities times ``weights`` (instants, terms), summed; after :meth:`drift`."""
-        gradient = np.empty(self._structure.size)
+        gradient = np.empty(self._structure.variables.size)
         self._call(GRADIENT, address(weights), len(weights), address(gradient))
         return gradient
 
@@ -356,25 +327,14 @@ def minima(
     """
     assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
     p, p_rate, p_curvature = basis(polynomials.form).series @ flown.joints.coefficients
+    series = {"p": p, "p_rate": p_rate, "p_curvature": p_curvature, "turned": flown.turned}
+    terms = {"terms": len(p), "turned_terms": len(series["turned"])}
+    flight = {"duration": constraints.flight.duration, "momentum": flown.angular_momentum[0, 0]}
+    motion = Filled("Series", polynomials, **terms, **flight, **series)
     most = len(look.grid) * constraints.rows
-    motion = Filled(
-        "Series",
-        terms=len(p),
-        turned_terms=len(flown.turned),
-        duration=constraints.flight.duration,
-        momentum=flown.angular_momentum[0, 0],
-        p=p,
-        p_rate=p_rate,
-        p_curvature=p_curvature,
-        turned=flown.turned,
-        centre=polynomials.centre,
-        amplitude=polynomials.amplitude,
-    )
     row, s, least = np.empty(most, dtype=np.int64), np.empty(most), np.empty(most)
-    found = Filled(
-        "Minima", instants=len(look.grid), near=near, span=span, **vars(look), row=row, s=s, least=least
-    ).structure
-    compiled = constraints.kernel
+    filled = Filled("Minima", look, instants=len(look.grid), near=near, span=span, row=row, s=s, least=least)
+    compiled, found = constraints.kernel, filled.structure
     if compiled.minima(*constraints.references, motion.structure, found, compiled.instructions):
         raise MemoryError("no memory to look between the nodes")
     kept = slice(0, found.found)

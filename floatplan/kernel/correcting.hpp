@@ -9,35 +9,35 @@
 
 class Correcting {
   public:
-    Correcting(const Flight &flight, RestOfFlight &rest, std::int64_t joints)
+    Correcting(const Flight &flight, RestOfFlight &rest, Index joints)
         : f(flight), rest(rest), n(joints), width(f.width), size(n * width) {}
 
     void lay_out(Arena &arena) {
-        const std::int64_t most = 1 + f.law.most_rows * f.blocks;
+        const Index most = 1 + f.law.most_rows * f.blocks;
         for (double **each : {&best, &y, &step}) arena.take(*each, size);
         arena.take(hessian, size * size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
         arena.take(first, (6 + width) * n);
         arena.take(worst, f.blocks);
+        arena.take(sorted, f.block_first[f.blocks] * f.instants);
         for (Predicted *each : {present, tried}) rest.lay_out(arena, *each);
     }
 
     // What comes of a motion as it is.
     void predict(const double *coefficients, Corrected &found) {
-        std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
+        copy(present->coefficients, coefficients, (6 + width) * n);
         rest.evaluate(*present);
         found.share = found.evaluated = 1;
-        std::memcpy(f.row_values, present->value, f.block_first[f.blocks] * f.instants * sizeof(double));
+        copy(f.row_values, present->value, f.block_first[f.blocks] * f.instants);
         report(found);
     }
 
     // Corrects the motion whose coefficients are given; leaves the new ones, and what comes of them, in `f`.
-    void correct(const double *coefficients, std::int64_t evaluations, Corrected &found) {
-        std::memcpy(first, coefficients, (6 + width) * n * sizeof(double));
-        std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
+    void correct(const double *coefficients, Index evaluations, Corrected &found) {
+        copy(present->coefficients, coefficients, (6 + width) * n);
         rest.evaluate(*present);
-        std::memcpy(worst, present->worst, f.blocks * sizeof(double));
+        begin_at_present();
         found.evaluated = 1;
         const bool warm = f.is_warm && warm_start(found);
         const double missed = present->miss;
@@ -48,24 +48,24 @@ class Correcting {
         if (!landed) solve(evaluations, found);
         found.share = 1;
         if (!landed && !keeps(*present)) {
-            std::memcpy(y, best, size * sizeof(double));
+            copy(y, best, size);
             found.share = 0;
             for (double scale : {f.law.scales[0], f.law.scales[1]}) {
-                for (std::int64_t k = 0; k < size; ++k) step[k] = scale * y[k];
+                for (Index k = 0; k < size; ++k) step[k] = scale * y[k];
                 change(*tried, step, found);
                 if (!keeps(*tried) || !(std::fabs(tried->miss) < std::fabs(missed))) continue;
                 found.share = scale;
-                std::memcpy(best, step, size * sizeof(double));
+                copy(best, step, size);
                 std::swap(present, tried);
                 break;
             }
             if (found.share == 0) {
-                for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
+                zero(best, size);
                 change(*present, best, found);
                 found.share = warm;
             }
         }
-        std::memcpy(f.coefficients, present->coefficients, (6 + width) * n * sizeof(double));
+        copy(f.coefficients, present->coefficients, (6 + width) * n);
         report(found);
     }
 
@@ -73,32 +73,37 @@ class Correcting {
     const Flight &f;
     RestOfFlight &rest;
     Predicted two[2] = {}, *present = two, *tried = two + 1;
-    std::int64_t n, width, size, rows = 0;
+    Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst;
+    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst, *sorted;
+
+    // What is kept, and what changes are of: the present motion.
+    void begin_at_present() {
+        copy(first, present->coefficients, (6 + width) * n);
+        copy(worst, present->worst, f.blocks);
+    }
 
     void report(Corrected &found) {
         found.miss = present->miss;
-        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
+        copy(f.worst, present->worst, f.blocks);
         rest.find_torque_peaks(*present);
     }
 
     // Begins at the motion that is prepared, where that lands nearer; what is left is corrected from there.
     bool warm_start(Corrected &found) {
-        std::memcpy(tried->coefficients, first, (6 + width) * n * sizeof(double));
-        for (std::int64_t k = 0; k < size; ++k) tried->coefficients[6 * n + k] += f.warm_start[k];
+        copy(tried->coefficients, first, (6 + width) * n);
+        add(1, f.warm_start, size, tried->coefficients + 6 * n);
         rest.evaluate(*tried);
         ++found.evaluated;
         if (!(std::fabs(tried->miss) < smaller(std::fabs(present->miss), f.law.far) && keeps(*tried))) return false;
         std::swap(present, tried);
-        std::memcpy(first, present->coefficients, (6 + width) * n * sizeof(double));
-        std::memcpy(worst, present->worst, f.blocks * sizeof(double));
+        begin_at_present();
         return true;
     }
 
     // With distances as if the base were to reach the goal, so that feet in the ground do not keep it from turning
     // there; false, and back at the first motion, where it is no nearer then or something is broken.
-    bool solve_as_landed(std::int64_t evaluations, double missed, Corrected &found) {
+    bool solve_as_landed(Index evaluations, double missed, Corrected &found) {
         rest.landed = true;
         rest.evaluate(*present);
         solve(evaluations, found);
@@ -106,24 +111,21 @@ class Correcting {
         rest.evaluate(*present);
         found.evaluated += 2;
         if (std::fabs(present->miss) < std::fabs(missed) && keeps(*present)) return true;
-        std::memcpy(present->coefficients, first, (6 + width) * n * sizeof(double));
+        copy(present->coefficients, first, (6 + width) * n);
         rest.evaluate(*present);
         return false;
     }
 
     bool keeps(const Predicted &a) const {
-        for (std::int64_t b = 0; b < f.blocks; ++b)
+        for (Index b = 0; b < f.blocks; ++b)
             if (!(a.worst[b] >= -f.law.kept || worst[b] < -f.law.kept)) return false;
         return true;
     }
 
     void change(Predicted &a, const double *by, Corrected &found) const {
-        for (std::int64_t c = 0; c < 6 + width; ++c)
-            for (std::int64_t i = 0; i < n; ++i) {
-                double part = 0;
-                if (c >= 6)
-                    for (std::int64_t k = 0; k < width; ++k)
-                        part += f.whitening[(c - 6) * width + k] * by[i * width + k];
+        for (Index c = 0; c < 6 + width; ++c)
+            for (Index i = 0; i < n; ++i) {
+                const double part = c < 6 ? 0 : dot(f.whitening + (c - 6) * width, by + i * width, width);
                 a.coefficients[c * n + i] = first[c * n + i] + part / f.amplitude[i];
             }
         rest.evaluate(a);
@@ -135,31 +137,29 @@ class Correcting {
     }
 
     double cost(const Predicted &a, const double *of, double sigma) const {
-        double length = 0, part = a.miss / sigma;
-        for (std::int64_t k = 0; k < size; ++k) length += of[k] * of[k];
-        return part * part + stiffness * length + a.square;
+        const double part = a.miss / sigma;
+        return part * part + stiffness * dot(of, of, size) + a.square;
     }
 
     // Gauss-Newton steps from the present motion, which is left the best one, changed by `best`.
-    void solve(std::int64_t evaluations, Corrected &found) {
+    void solve(Index evaluations, Corrected &found) {
         const double enough = f.law.settled * f.law.settled, square = f.acceleration * rest.T * rest.T;
         stiffness = 1 / (square * square);
-        for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
+        zero(best, size);
         double sigma = tolerance(present->miss), least = cost(*present, best, sigma);
         next_step(sigma);
-        for (std::int64_t number = 0; number < evaluations; ++number) {
+        for (Index number = 0; number < evaluations; ++number) {
             if (least - expected < enough) break;
-            for (std::int64_t k = 0; k < size; ++k) y[k] = best[k] + step[k];
+            for (Index k = 0; k < size; ++k) y[k] = best[k] + step[k];
             change(*tried, y, found);
             double now = cost(*tried, y, sigma);
             if (!(now < least)) {
-                double moved = 0;
-                for (std::int64_t k = 0; k < size; ++k) step[k] *= f.law.shorter, moved += step[k] * step[k];
-                if (!std::isfinite(now) || stiffness * moved < enough) break;
+                for (Index k = 0; k < size; ++k) step[k] *= f.law.shorter;
+                if (!std::isfinite(now) || stiffness * dot(step, step, size) < enough) break;
                 continue;
             }
             bool settled = now - expected <= f.law.settled * now + enough;
-            std::memcpy(best, y, size * sizeof(double));
+            copy(best, y, size);
             std::swap(present, tried);
             double nearer = tolerance(present->miss);
             if (settled && nearer > sigma / 2) break;
@@ -172,73 +172,59 @@ class Correcting {
     // The step, and the cost that it would have if everything were linear.
     void next_step(double sigma) {
         rest.differentiate_miss(*present, jacobian);
-        for (std::int64_t k = 0; k < size; ++k) jacobian[k] /= sigma;
+        for (Index k = 0; k < size; ++k) jacobian[k] /= sigma;
         residual[0] = present->miss / sigma;
         rows = 1;
-        for (std::int64_t block = 0; block < f.blocks; ++block) gather(block);
+        for (Index block = 0; block < f.blocks; ++block) gather(block);
         if (rows == 1) step_along_miss();
         else step_along_all();
         expected = 0;
-        for (std::int64_t r = 0; r < rows; ++r) {
-            double left = residual[r];
-            for (std::int64_t a = 0; a < size; ++a) left += jacobian[r * size + a] * step[a];
+        for (Index r = 0; r < rows; ++r) {
+            const double left = dot(jacobian + r * size, step, size, residual[r]);
             expected += left * left;
         }
-        for (std::int64_t a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
+        for (Index a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
     }
 
     // No limit is near: in closed form.
     void step_along_miss() {
-        double along = 0, square = 0;
-        for (std::int64_t a = 0; a < size; ++a) along += jacobian[a] * best[a], square += jacobian[a] * jacobian[a];
+        const double along = dot(jacobian, best, size), square = dot(jacobian, jacobian, size);
         const double share = (along - residual[0]) / (stiffness + square);
-        for (std::int64_t a = 0; a < size; ++a) step[a] = jacobian[a] * share - best[a];
+        for (Index a = 0; a < size; ++a) step[a] = jacobian[a] * share - best[a];
     }
 
     void step_along_all() {
-        for (std::int64_t a = 0; a < size; ++a) {
-            for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] = a == b ? stiffness : 0;
-            step[a] = -stiffness * best[a];
-        }
-        for (std::int64_t r = 0; r < rows; ++r) {
+        zero(hessian, size * size);
+        for (Index a = 0; a < size; ++a) hessian[a * size + a] = stiffness, step[a] = -stiffness * best[a];
+        for (Index r = 0; r < rows; ++r) {
             const double *row = jacobian + r * size;
-            for (std::int64_t a = 0; a < size; ++a) {
-                step[a] -= row[a] * residual[r];
-                for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] += row[a] * row[b];
-            }
+            add(-residual[r], row, size, step);
+            for (Index a = 0; a < size; ++a) add(row[a], row, size, hessian + a * size);
         }
         eliminate(hessian, step, size);
     }
 
     // The rows of a block that are below their aim, at most so many, the worst.
-    void gather(std::int64_t block) {
-        const std::int64_t K = f.instants, begin = f.block_first[block] * K, end = f.block_first[block + 1] * K;
+    void gather(Index block) {
+        const Index K = f.instants, begin = f.block_first[block] * K, end = f.block_first[block + 1] * K;
         double *violation = present->violation, floor = 0;
-        std::int64_t near = 0;
-        for (std::int64_t e = begin; e < end; ++e) near += violation[e] > 0;
-        if (near > f.law.most_rows) floor = at_rank(violation + begin, end - begin, near - f.law.most_rows);
-        std::int64_t left = f.law.most_rows;
+        Index near = 0;
+        for (Index e = begin; e < end; ++e) near += violation[e] > 0;
+        if (near > f.law.most_rows) {
+            double *end_sorted = sorted, *place;
+            for (Index e = begin; e < end; ++e) *end_sorted++ = violation[e] > 0 ? violation[e] : 0;  // none is NaN
+            std::nth_element(sorted, place = end_sorted - f.law.most_rows - 1, end_sorted);
+            floor = *place;
+        }
+        Index left = f.law.most_rows;
         for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
-            for (std::int64_t e = begin; e < end && left; ++e) {
+            for (Index e = begin; e < end && left; ++e) {
                 if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
                 --left;
                 double *row = jacobian + rows * size;
                 rest.differentiate(*present, e / K, e % K, row);
-                for (std::int64_t a = 0; a < size; ++a) row[a] /= f.softness[block];
+                for (Index a = 0; a < size; ++a) row[a] /= f.softness[block];
                 residual[rows++] = -violation[e];
             }
-    }
-
-    // The value that so many positive ones are not above.
-    static double at_rank(const double *values, std::int64_t count, std::int64_t below) {
-        double floor = 0;
-        for (std::int64_t passed = 0; passed < below;) {
-            double next = HUGE_VAL;
-            for (std::int64_t e = 0; e < count; ++e)
-                if (values[e] > floor && values[e] < next) next = values[e];
-            floor = next;
-            for (std::int64_t e = 0; e < count; ++e) passed += values[e] == floor;
-        }
-        return floor;
     }
 };

@@ -55,7 +55,7 @@ static inline Nearest between(Place start, Place end, Place other_start, Place o
 }
 
 // From a segment to an obstacle at a time, s since takeoff, radii left out; the half-plane's normal is the other place.
-static inline Nearest to_obstacle(std::int64_t kind, const double *obstacle, double time, Place start, Place end) {
+static inline Nearest to_obstacle(Index kind, const double *obstacle, double time, Place start, Place end) {
     Place moved = time * Place{obstacle[4], obstacle[5]}, one = Place{obstacle[0], obstacle[1]} + moved;
     Place other{obstacle[2], obstacle[3]};
     if (kind == circle_row) return point_to_segment(one, start, end);

@@ -13,7 +13,7 @@ class FlightUpdate {
         correcting.lay_out(arena);
     }
 
-    std::int64_t room() const { return arena.numbers(); }
+    Index room() const { return arena.numbers(); }
 
     // Takes in a motion from `begin` to `end`, s; the oldest is forgotten.
     void remember(double begin, double end, const double *coefficients) {
@@ -21,39 +21,34 @@ class FlightUpdate {
         if (f.known < f.law.memory) ++f.known;
         double *motion = f.motions + f.newest * motion_size();
         motion[0] = begin, motion[1] = end;
+        multiply(f.table, 3 * columns, columns, coefficients, n, motion + 2);
         double scale = 1;
-        for (std::int64_t order = 0; order < 3; ++order, scale /= end - begin)
-            for (std::int64_t r = 0; r < columns; ++r)
-                for (std::int64_t i = 0; i < n; ++i) {
-                    double part = 0;
-                    for (std::int64_t c = 0; c < columns; ++c)
-                        part += f.table[(order * columns + r) * columns + c] * coefficients[c * n + i];
-                    motion[2 + (order * columns + r) * n + i] = scale * part;
-                }
+        for (Index order = 0; order < 3; ++order, scale /= end - begin)
+            for (Index e = 0; e < columns * n; ++e) motion[2 + order * columns * n + e] *= scale;
     }
 
     // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
     void expect() {
-        const std::int64_t nodes = f.law.gap_nodes, here = nodes, measured = 2 * nodes + 1;
-        for (std::int64_t k = 0; k < nodes; ++k) {
+        const Index nodes = f.law.gap_nodes, here = nodes, measured = 2 * nodes + 1;
+        for (Index k = 0; k < nodes; ++k) {
             look_at(k, f.began + (f.measured - f.began) * f.gap[k]);
             look_at(nodes + 1 + k, f.measured + (f.now - f.measured) * f.gap[k]);
         }
         look_at(here, f.measured);
-        for (std::int64_t i = 0; i < n; ++i) {
+        for (Index i = 0; i < n; ++i) {
             look.position[i * look.stride + measured] = f.measured_positions[i];
             look.speed[i * look.stride + measured] = f.measured_velocities[i];
         }
         turn(robot, look, f.state[1]);
         f.turn_before = turned(0, f.measured - f.began);
         double *inertia = other;
-        for (std::int64_t b = 0; b < g; ++b) inertia[b] = look.inertia[b * look.stride + here];
+        for (Index b = 0; b < g; ++b) inertia[b] = look.inertia[b * look.stride + here];
         gather(robot, inertia, f.map + 1);
         f.map[0] = inertia[0];
         f.expected_rate = look.rate[here];
         f.aside = 0;
         f.noise = 1;
-        for (std::int64_t i = 0; i < n; ++i) {
+        for (Index i = 0; i < n; ++i) {
             f.positions[i] = look.position[i * look.stride + here];
             f.velocities[i] = look.speed[i * look.stride + here];
             const double ratio = f.map[1 + i] / f.map[0];
@@ -63,9 +58,8 @@ class FlightUpdate {
         momentum_row(f.expected_rate, here, row);
         const double per_row = (f.measured - f.began) / f.map[0];
         f.variance = f.covariance[0];
-        for (std::int64_t e = 0; e < state_size; ++e) {
+        for (Index e = 0; e < state_size; ++e)
             f.variance += per_row * row[e] * (2 * f.covariance[e] + per_row * covaried(e, row));
-        }
     }
 
     // The filter, see floatplan/inflight/estimate.py; right after expect(), whose row it takes.
@@ -74,19 +68,19 @@ class FlightUpdate {
         f.state[0] += f.turn_before;
         momentum_row(f.measured_rate, 2 * f.law.gap_nodes + 1, other);
         double momentum = 0;
-        for (std::int64_t e = 2; e < state_size; ++e) momentum -= other[e];
+        for (Index e = 2; e < state_size; ++e) momentum -= other[e];
         predict(row, dt / f.map[0], dt, gain);
-        for (std::int64_t e = 0; e < state_size; ++e) other[e] = e == 0;
+        for (Index e = 0; e < state_size; ++e) other[e] = e == 0;
         const double angle_variance = f.law.angle_noise * f.law.angle_noise * f.noise;
         correct(other, f.measured_orientation - f.aside - f.state[0], angle_variance, gain);
         double innovation = momentum, deviation = 0;
-        for (std::int64_t e = 0; e < state_size; ++e) {
+        for (Index e = 0; e < state_size; ++e) {
             innovation -= row[e] * f.state[e];
             deviation += row[e] * covaried(e, row);
         }
         const double variance = f.law.rate_noise * f.law.rate_noise * f.noise * f.map[0] * f.map[0];
         if (believed(innovation, std::sqrt(deviation + variance))) correct(row, innovation, variance, gain);
-        for (std::int64_t e = 2; e < state_size; ++e)
+        for (Index e = 2; e < state_size; ++e)
             f.state[e] = smaller(larger(f.state[e], -f.law.largest_error), f.law.largest_error);
         adapt();
         turn(robot, look, f.state[1]);
@@ -96,23 +90,19 @@ class FlightUpdate {
     // C of the masses found, and of the bodies that turn alike.
     void adapt() {
         const double *masses = f.state + 2, *inertias = masses + m;
-        for (std::int64_t e = 0; e < g * g; ++e) f.real[e] = f.imaginary[e] = 0;
-        for (std::int64_t b = 0; b < m; ++b) {
-            const std::int64_t own = robot.group[b];
-            for (std::int64_t o = 0; o < g; ++o) {
-                double x = f.nominal_real[b * g + o], y = f.nominal_imaginary[b * g + o];
-                for (std::int64_t e = 0; e < m; ++e) {
-                    double part = masses[e] * f.mass[e], re = f.own_real[e * m + b], im = -f.own_imaginary[e * m + b];
-                    double body_re = f.weights_real[e * g + o], body_im = f.weights_imaginary[e * g + o];
-                    x += part * (re * body_re - im * body_im);
-                    y += part * (re * body_im + im * body_re);
-                }
-                if (o == own) x += f.inertia[b] * inertias[b];
-                f.link_real[b * g + o] = x;
-                f.link_imaginary[b * g + o] = y;
-                f.real[own * g + o] += x;
-                f.imaginary[own * g + o] += y;
-            }
+        copy(f.link_real, f.nominal_real, m * g);
+        copy(f.link_imaginary, f.nominal_imaginary, m * g);
+        for (Index e = 0; e < m; ++e) {
+            add(masses[e], f.by_mass_real + e * m * g, m * g, f.link_real);
+            add(masses[e], f.by_mass_imaginary + e * m * g, m * g, f.link_imaginary);
+        }
+        zero(f.real, g * g);
+        zero(f.imaginary, g * g);
+        for (Index b = 0; b < m; ++b) {
+            const Index own = robot.group[b];
+            f.link_real[b * g + own] += f.inertia[b] * inertias[b];
+            add(1, f.link_real + b * g, g, f.real + own * g);
+            add(1, f.link_imaginary + b * g, g, f.imaginary + own * g);
         }
     }
 
@@ -120,22 +110,30 @@ class FlightUpdate {
     void rewrite() {
         const double left = f.landing - f.now;
         const double *motion = motion_at(f.now);
-        for (std::int64_t r = 0; r < columns; ++r)
+        for (Index r = 0; r < columns; ++r)
             argument(motion, f.now + f.points[r] * (motion[1] - f.now), 0, values + r * n);
-        for (std::int64_t r = 0; r < columns; ++r)
-            for (std::int64_t i = 0; i < n; ++i) {
-                double part = 0;
-                for (std::int64_t c = 0; c < columns; ++c) part += f.of_values[r * columns + c] * values[c * n + i];
-                f.coefficients[r * n + i] = part;
-            }
+        multiply(f.of_values, columns, columns, values, n, f.coefficients);
         double scale = 1;
-        for (std::int64_t order = 0; order < 3; ++order, scale *= left) {
+        for (Index order = 0; order < 3; ++order, scale *= left) {
             argument(motion, f.now, order, f.coefficients + order * n);
-            for (std::int64_t i = 0; i < n; ++i) {
+            for (Index i = 0; i < n; ++i) {
                 f.coefficients[order * n + i] *= scale;
                 f.coefficients[(3 + order) * n + i] = scale * f.at_landing[order * n + i];
             }
         }
+    }
+
+    // Torques of joints and motors in the state that is asked about.
+    void find_torques() {
+        for (Index i = 0; i < n; ++i) {
+            look.position[i * look.stride] = f.asked[i];
+            look.speed[i * look.stride] = f.asked[n + i];
+            look.acceleration[i * look.stride] = f.asked[2 * n + i];
+        }
+        turn(robot, look, f.state[1]);
+        move_bodies(robot, look);
+        const Index torques = n + f.motors;
+        for (Index e = 0; e < torques; ++e) f.torques[e] = motor_torque(robot, look, f.turns + e, torques, 0)[0];
     }
 
     // What comes of the motion whose coefficients are given, or of the present one, corrected.
@@ -153,17 +151,17 @@ class FlightUpdate {
   private:
     const Robot &robot;
     Flight &f;
-    const std::int64_t n, g, m, columns, state_size;
+    const Index n, g, m, columns, state_size;
     RestOfFlight rest;
     Correcting correcting;
     Arena arena;
     Motion look{};  // between measurements, at the last one, and where that says the joints are
     double *row, *other, *gain, *values;  // (state_size), the last one (columns + 1, n)
 
-    std::int64_t motion_size() const { return 2 + 3 * columns * n; }
+    Index motion_size() const { return 2 + 3 * columns * n; }
 
     const double *motion_at(double time) const {
-        for (std::int64_t back = 0; back < f.known; ++back) {
+        for (Index back = 0; back < f.known; ++back) {
             const double *motion = f.motions + ((f.newest + f.law.memory - back) % f.law.memory) * motion_size();
             if (back == f.known - 1 || time >= motion[0]) return motion;
         }
@@ -171,47 +169,37 @@ class FlightUpdate {
     }
 
     // p (n), or a derivative of it by time; at the nearer end outside of the motion's time.
-    void argument(const double *motion, double time, std::int64_t order, double *p) const {
-        double u = smaller(larger((time - motion[0]) / (motion[1] - motion[0]), 0), 1), x = 2 * u - 1;
-        const double *polynomials = motion + 2 + order * columns * n;
-        double before = 1, polynomial = x;
-        for (std::int64_t i = 0; i < n; ++i) p[i] = polynomials[i];
-        for (std::int64_t r = 1; r < columns; ++r) {
-            for (std::int64_t i = 0; i < n; ++i) p[i] += polynomial * polynomials[r * n + i];
-            double next = 2 * x * polynomial - before;
-            before = polynomial;
-            polynomial = next;
-        }
+    void argument(const double *motion, double time, Index order, double *p) const {
+        const double u = smaller(larger((time - motion[0]) / (motion[1] - motion[0]), 0), 1);
+        chebyshev_sums(motion + 2 + order * columns * n, columns, n, u, 1, p);
     }
 
-    void look_at(std::int64_t k, double time) {
+    void look_at(Index k, double time) {
         const double *motion = motion_at(time);
         double *p = values, *rate = values + n;
         argument(motion, time, 0, p);
         argument(motion, time, 1, rate);
         const bool outside = time > motion[1] || time < motion[0];
-        for (std::int64_t i = 0; i < n; ++i) {
+        for (Index i = 0; i < n; ++i) {
             look.position[i * look.stride + k] = f.centre[i] + f.amplitude[i] * std::sin(p[i]);
             look.speed[i * look.stride + k] = outside ? 0 : f.amplitude[i] * std::cos(p[i]) * rate[i];
         }
     }
 
     // By how much the base turns in `dt` s, from the nodes `from` on.
-    double turned(std::int64_t from, double dt) const {
+    double turned(Index from, double dt) const {
         if (dt == 0) return 0;
-        double total = 0;
-        for (std::int64_t k = 0; k < f.law.gap_nodes; ++k) total += f.gap_weights[k] * look.rate[from + k];
-        return dt * total;
+        return dt * dot(f.gap_weights, look.rate + from, f.law.gap_nodes);
     }
 
     // How h less the momentum with the plan's masses depends on the state, at instant k and a rate of the base.
-    void momentum_row(double rate, std::int64_t k, double *row) const {
+    void momentum_row(double rate, Index k, double *row) const {
         row[0] = 0;
         row[1] = 1;
-        for (std::int64_t e = 0; e < m; ++e) {
+        for (Index e = 0; e < m; ++e) {
             double x = 0, y = 0, moving_x = 0, moving_y = 0;
-            for (std::int64_t o = 0; o < g; ++o) {
-                const std::int64_t at = o * look.stride + k;
+            for (Index o = 0; o < g; ++o) {
+                const Index at = o * look.stride + k;
                 double re = f.weights_real[e * g + o], im = f.weights_imaginary[e * g + o];
                 double part_x = re * look.body_cosine[at] - im * look.body_sine[at];
                 double part_y = re * look.body_sine[at] + im * look.body_cosine[at];
@@ -226,58 +214,52 @@ class FlightUpdate {
     }
 
     // Of the covariance times a row, an entry.
-    double covaried(std::int64_t e, const double *row) const {
-        double total = 0;
-        for (std::int64_t o = 0; o < state_size; ++o) total += f.covariance[e * state_size + o] * row[o];
-        return total;
-    }
+    double covaried(Index e, const double *row) const { return dot(f.covariance + e * state_size, row, state_size); }
 
     void predict(const double *row, double per_row, double dt, double *change) {
         double *covariance = f.covariance, again = 0;
-        for (std::int64_t e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
-        for (std::int64_t e = 0; e < state_size; ++e) change[e] = per_row * covaried(e, row);
-        for (std::int64_t e = 0; e < state_size; ++e) {
+        for (Index e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
+        for (Index e = 0; e < state_size; ++e) change[e] = per_row * covaried(e, row);
+        for (Index e = 0; e < state_size; ++e) {
             covariance[e] += change[e];
             again += row[e] * per_row * change[e];
         }
-        for (std::int64_t e = 0; e < state_size; ++e) covariance[e * state_size] += change[e];
+        for (Index e = 0; e < state_size; ++e) covariance[e * state_size] += change[e];
         covariance[0] += again;
     }
 
     void correct(const double *row, double innovation, double variance, double *gain) {
         double total = variance;
-        for (std::int64_t e = 0; e < state_size; ++e) {
+        for (Index e = 0; e < state_size; ++e) {
             gain[e] = covaried(e, row);
             total += row[e] * gain[e];
         }
-        for (std::int64_t e = 0; e < state_size; ++e) {
-            double along = gain[e] / total;
-            f.state[e] += along * innovation;
-            for (std::int64_t o = 0; o < state_size; ++o) f.covariance[e * state_size + o] -= along * gain[o];
+        for (Index e = 0; e < state_size; ++e) {
+            f.state[e] += gain[e] / total * innovation;
+            add(-(gain[e] / total), gain, state_size, f.covariance + e * state_size);
         }
     }
 
     bool believed(double innovation, double deviation) {
-        std::int64_t &surprises = *f.surprises;
+        Index &surprises = *f.surprises;
         if (std::fabs(innovation) <= f.law.surprising * deviation) {
             surprises = 0;
             return true;
         }
-        std::int64_t side = innovation > 0 ? 1 : -1;
+        Index side = innovation > 0 ? 1 : -1;
         surprises = surprises * side > 0 ? surprises + side : side;
         if (surprises * side < f.law.most_surprises) return false;
-        for (std::int64_t e = 0; e < state_size; ++e)
-            for (std::int64_t known = 0; known < 2; ++known)
+        for (Index known = 0; known < 2; ++known) {
+            for (Index e = 0; e < state_size; ++e)
                 f.covariance[known * state_size + e] = f.covariance[e * state_size + known] = 0;
-        for (std::int64_t known = 0; known < 2; ++known)
             f.covariance[known * state_size + known] = f.deviations[known] * f.deviations[known];
+        }
         surprises = 0;
         return true;
     }
 };
 
-static inline void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight,
-                                 std::int64_t what) {
+static inline void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what) {
     FlightUpdate update(robot, constraints, flight, flight.room);
     switch (what) {
     case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);
@@ -285,6 +267,7 @@ static inline void update_flight(const Robot &robot, const Constraints &constrai
     case learn_state: return update.learn();
     case adapt_masses: return update.adapt();
     case rewrite_motion: return update.rewrite();
+    case find_torques: return update.find_torques();
     case predict_motion: return update.follow(false);
     default: update.follow(true);
     }

@@ -4,6 +4,7 @@
 // Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <initializer_list>
 #include <cstdlib>
@@ -40,11 +41,11 @@ struct Random {
 struct Arena {
     char *memory = nullptr;
     std::size_t used = 0;
-    template <typename T> void take(T *&array, std::int64_t count) {
+    template <typename T> void take(T *&array, Index count) {
         if (memory) array = reinterpret_cast<T *>(memory + used);
         used += (count * sizeof(T) + 63) / 64 * 64;
     }
-    std::int64_t numbers() const { return used / sizeof(double) + 8; }  // some are left out, see aligned()
+    Index numbers() const { return used / sizeof(double) + 8; }  // some are left out, see aligned()
 };
 
 // In memory that Python gives, from where whole vectors may begin.
@@ -146,7 +147,7 @@ EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 // The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA,
 // 2 AVX-512.
 // Asked of the processor itself: what __builtin_cpu_supports() reads is not in every compiler's library.
-EXPORT std::int64_t floatplan_instructions() {
+EXPORT Index floatplan_instructions() {
 #ifdef FLOATPLAN_X86
     constexpr unsigned fma_xsave_avx = 1u << 12 | 1u << 27 | 1u << 28, avx2 = 1u << 5;
     constexpr unsigned avx512_f_dq_vl = 1u << 16 | 1u << 17 | 1u << 31, wide = 0x6, widest = 0xe6;  // registers kept
@@ -168,29 +169,28 @@ EXPORT std::int64_t floatplan_instructions() {
 #endif
 
 // Plans a batch; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const std::int64_t *nodes,
+EXPORT Index floatplan_plan(const Robot *robot, const Grid *grids, const Index *nodes,
                                    const Powers *powers, const Settings *settings, Batch *batch,
-                                   std::int64_t instructions) {
+                                   Index instructions) {
     return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
 }
 
 // Measures a batch of plans; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Interpolation *interpolations, Peaks *peaks,
-                                    std::int64_t instructions) {
+EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, Peaks *peaks,
+                                    Index instructions) {
     return CHOSEN(measure_batch(*robot, interpolations, *peaks));
 }
 
 // Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.
-EXPORT std::int64_t floatplan_motion_room(const Robot *robot, const Constraints *constraints, Evaluation *at,
-                                          double *memory) {
+EXPORT Index floatplan_motion_room(const Robot *robot, const Constraints *constraints, Evaluation *at, double *memory) {
     Arena arena = aligned(memory);
     baseline::lay_out_motion(arena, at->motion, *robot, constraints->capsules, at->motion.instants);
     return arena.numbers();
 }
 
 // Rows of constraints, see rows.hpp.
-EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, Evaluation *at, std::int64_t wanted,
-                           const double *given, std::int64_t count, double *result, std::int64_t instructions) {
+EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, Evaluation *at, Index wanted,
+                           const double *given, Index count, double *result, Index instructions) {
     switch (static_cast<Wanted>(wanted)) {
     case Wanted::rates: return CHOSEN(evaluate_rates(*robot, *at));
     case Wanted::values: return CHOSEN(evaluate_rows(*robot, *constraints, *at, result));
@@ -201,23 +201,23 @@ EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, E
 }
 
 // Local minima of rows over a whole flight; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_minima(const Robot *robot, const Constraints *constraints, const Series *series,
-                                     Minima *minima, std::int64_t instructions) {
+EXPORT Index floatplan_minima(const Robot *robot, const Constraints *constraints, const Series *series,
+                                     Minima *minima, Index instructions) {
     return CHOSEN(find_minima(*robot, *constraints, *series, *minima));
 }
 
 // How many numbers an update of a flight's corrections works in.
-EXPORT std::int64_t floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight) {
+EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight) {
     return baseline::FlightUpdate(*robot, *constraints, *flight, nullptr).room();
 }
 
 // One step of an update of a flight's corrections.
-EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, std::int64_t step,
-                             std::int64_t instructions) {
+EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
+                             Index instructions) {
     CHOSEN(update_flight(*robot, *constraints, *flight, step));
 }
 
 // Solves a quadratic program; returns 1, or 0 where it does not.
-EXPORT std::int64_t floatplan_quadratic(Quadratic *qp, std::int64_t instructions) {
+EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }

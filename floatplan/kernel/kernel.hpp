@@ -2,29 +2,31 @@
 #pragma once
 #include <cstdint>
 
+using Index = std::int64_t;
+
 // Counts that must be multiples of 8: several instants are computed at once, none of them alone.
-using Eights = std::int64_t;
+using Eights = Index;
 
 // A planar tree, see bodies.py. Bodies that turn alike are one; body 0 is the base and turns by nothing.
 struct Robot {
-    std::int64_t joints, bodies, width;  // width: free polynomials of the joint that has most
-    const std::int64_t *free;            // (joints)
+    Index joints, bodies, width;  // width: free polynomials of the joint that has most
+    const Index *free;            // (joints)
     const double *real, *imaginary;      // C (bodies, bodies), kg m^2, moments of inertia on its diagonal
-    std::int64_t is_real;                // whether C is
+    Index is_real;                // whether C is
     // The angle of body a is that of body parent[a] < a, and ratio[e] sin p of joint[e], e from first[a] to first[a+1].
-    const std::int64_t *parent, *first, *joint;
+    const Index *parent, *first, *joint;
     const double *ratio;
     // Each link on its own, for the moments that turn them: link i turns as body group[i].
-    std::int64_t links;
-    const std::int64_t *group;
+    Index links;
+    const Index *group;
     const double *link_real, *link_imaginary;  // (links, bodies): rows of C, moments of inertia with the own body
-    std::int64_t has_rotors;
+    Index has_rotors;
     const double *rotors;  // (links, joints): moments on the links that turn the motors' rotors, by accelerations
 };
 
 // A motion at some instants: arrays (.., stride), stride a multiple of 8 so that several instants are computed at once.
 struct Motion {
-    std::int64_t instants, stride;
+    Index instants, stride;
     double per_second;
     double *position, *sine, *cosine, *p_rate, *p_curvature, *speed, *acceleration;  // (joints), see swing_joints()
     double *angle, *body_cosine, *body_sine, *swing, *inertia, *turned;  // (bodies), see turn() of tree.hpp
@@ -53,7 +55,7 @@ struct Powers {
 
 struct Stage {
     double feasibility, optimality, quadrature_error;
-    std::int64_t iterations;
+    Index iterations;
 };
 
 struct Settings {
@@ -62,21 +64,21 @@ struct Settings {
     double armijo, penalty_factor, penalty_kept, shortest_step, shortening[2], largest_multiplier;
     double damping, slack_penalty, largest_curvature, polished;
     double hopeless_way, changed_branches, step_to_rank, agreement;
-    std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
-    std::int64_t first_level, levels, finer;  // finer: levels to twice the nodes
-    std::int64_t level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
-    std::int64_t starts, first_start, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
+    Index slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
+    Index first_level, levels, finer;  // finer: levels to twice the nodes
+    Index level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
+    Index starts, first_start, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
     std::uint64_t seed;
     double spreads_of_starts[6];
 };
 
 // One row for each problem; coefficients (joints, 6 + width), z (joints, width), boundary (joints, 6).
 struct Batch {
-    std::int64_t count;
+    Index count;
     const double *duration, *momentum, *change, *boundary;
     const double *start;  // z to begin from; null: the plain motion
-    std::int64_t *status, *iterations, *evaluations, *instants, *starts, *solved;
-    std::int64_t *branch;  // (joints), at landing, against the boundary given
+    Index *status, *iterations, *evaluations, *instants, *starts, *solved;
+    Index *branch;  // (joints), at landing, against the boundary given
     double *objective, *residual, *z, *coefficients;
 };
 
@@ -89,54 +91,59 @@ struct Interpolation {
 
 // One row for each plan; coefficients (joints, columns) in powers of seconds.
 struct Peaks {
-    std::int64_t count, levels, columns, motors, velocities;  // velocities: whether they are measured too
+    Index count, levels, columns, motors, velocities;  // velocities: whether they are measured too
     double resolved;
     const double *turns, *centre, *amplitude;  // (links, motors), (joints), rad
     const double *duration, *momentum, *coefficients;
     double *peaks;  // (motors), or (motors + joints)
 };
 
-enum RowKind : std::int64_t {
+enum RowKind : Index {
     sum_row, share_row, circle_row, bar_row, half_plane_start_row, half_plane_end_row, pair_row
 };
 
 // Rows of constraints of a robot's flights: distances of its capsules, sums of moments and rates, and what two sums'
 // magnitudes leave of 1. Units m, kg, s, rad.
 struct Constraints {
-    std::int64_t capsules, rows, needs_moments, needs_accelerations, needs_places;
+    Index capsules, rows, needs_moments, needs_accelerations, needs_places;
     double turn;                                     // 1, or -1 where the robot's bodies are mirrored
     const double *ends_real, *ends_imaginary;        // (capsules, 2, bodies): weights of start and end
     const double *radius;                            // (capsules)
     const double *path;                              // of the CM: place, velocity, gravity
     const double *obstacles;                         // (obstacles, 7): place, end or normal, velocity, radius
-    const std::int64_t *kind, *first, *second;       // (rows): capsule or sum; obstacle, capsule, or sum (-1: none)
-    const std::int64_t *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
+    const Index *kind, *first, *second;       // (rows): capsule or sum; obstacle, capsule, or sum (-1: none)
+    const Index *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
     const double *least, *per_scale;                 // (rows) of distances
     const double *sums;  // (sums, 2 + 2 joints + links): constant, of theta0', velocities, accelerations, moments
 };
 
 // What is wanted of a motion's rows.
-enum class Wanted : std::int64_t { rates, values, drift, jacobian, gradient };
+enum class Wanted : Index { rates, values, drift, jacobian, gradient };
+
+// How joints and h depend on so many variables x.
+struct Variables {
+    Index size, instants;
+    const double *basis;      // (3, instants, size): by x, of p and its derivatives
+    const Index *columns;     // (joints + 1): where each joint's x begin; then h
+    const double *axes;       // of h, by the rest of x
+    const double *of_axes;    // (3, instants, joints, axes): p by these too, or null
+};
 
 // One motion of a search at some instants, and by what its rows change.
 struct Evaluation {
-    std::int64_t size;
+    Variables variables;
     double momentum, back_off;
     const double *positions, *velocities, *accelerations;  // (instants, joints)
     const double *times, *attitude;                        // (instants)
-    const std::int64_t *target;                            // (instants, rows): where a row goes, negative: nowhere
+    const Index *target;                                   // (instants, rows): where a row goes, negative: nowhere
     const double *sine, *cosine, *p_rate, *p_curvature;    // (instants, joints) of JointMotion
-    const double *basis;                                   // (3, instants, size): by x, of p and its derivatives
-    const std::int64_t *columns;                           // (joints + 1): where each joint's x begin; then h
-    const double *axes;                                    // of h, by the rest of x
-    const double *of_axes;                                 // (3, instants, joints, axes): p by these too, or null
     const double *attitude_slopes;                         // (instants, size)
     Motion motion;
 };
 
 // A whole motion, as sums of Chebyshev polynomials in 2 s - 1; of the orientation too.
 struct Series {
-    std::int64_t terms, turned_terms;
+    Index terms, turned_terms;
     double duration, momentum;
     const double *p, *p_rate, *p_curvature;  // (terms, joints)
     const double *turned;                    // (turned_terms)
@@ -145,33 +152,33 @@ struct Series {
 
 // Local minima of rows: those of each row between low and high, from a look at a grid of instants.
 struct Minima {
-    std::int64_t instants;
+    Index instants;
     double near, span;
     const double *grid, *low, *high;  // (instants), (rows), (rows)
-    std::int64_t found, looked;  // looked: at so many instants beside the grid
-    std::int64_t *row;  // (found), of instants times rows
+    Index found, looked;  // looked: at so many instants beside the grid
+    Index *row;  // (found), of instants times rows
     double *s, *least;  // (found), the same
 };
 
 // minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, from rows of C that may be active.
 struct Quadratic {
-    std::int64_t size, equalities, rows, changes;
+    Index size, equalities, rows, changes;
     double accuracy, tolerance;
     const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
-    std::int64_t count;     // of the active rows
-    std::int64_t *active;   // (size + 1)
+    Index count;     // of the active rows
+    Index *active;   // (size + 1)
     double *solution;       // (2 size + equalities): x and multipliers, those of active rows <= 0
 };
 
 // What a correction leads to.
 struct Corrected {
     double miss, share;
-    std::int64_t evaluated;
+    Index evaluated;
 };
 
 // Constants of corrections and of the filter.
 struct Law {
-    std::int64_t gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
+    Index gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
     double far, weighed, settled, shorter, kept, scales[2];
     double angle_noise, rate_noise, largest_error, surprising;
 };
@@ -180,49 +187,51 @@ struct Law {
 // n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p.
 struct Flight {
     Eights instants;
-    std::int64_t width, nodes, blocks, motors;
+    Index width, nodes, blocks, motors;
     Law law;
     double goal, sigma, acceleration;
     const double *centre, *amplitude;                // (n)
     const double *weights;                           // (nodes)
     const double *value, *first, *second;            // (columns, K)
     const double *basis;                             // (3, K, n width), of changes y
-    const std::int64_t *columns;                     // (n + 1): where each joint's y begin
+    const Index *columns;                     // (n + 1): where each joint's y begin
     const double *whitening;                         // (width, width)
     const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
     const double *at_landing;                        // (3, n)
     const double *gap, *gap_weights;                 // (gap_nodes)
-    const std::int64_t *block_first;                 // (blocks + 1): rows of the constraints, block by block
+    const Index *block_first;                 // (blocks + 1): rows of the constraints, block by block
     const double *aim, *softness;                    // (blocks)
     const double *row_window;                        // (rows, 2), s
-    const double *motor_turns;                       // (m, motors)
+    const double *turns;                             // (m, n + motors): of the links, by joints and motors
     const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
     // The filter's.
     const double *mass, *inertia;                    // (m)
-    const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the links' rotations
+    const double *by_mass_real, *by_mass_imaginary;  // (m, m, g): what C changes by, of relative errors of masses
     const double *weights_real, *weights_imaginary;  // (m, g): the same by the bodies'
     const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
     const double *wander, *deviations;               // (2 + 2 m)
     // What changes.
     double *state, *covariance;                      // (2 + 2 m), square
-    std::int64_t *surprises;
+    Index *surprises;
     double *link_real, *link_imaginary, *real, *imaginary;  // the robot's, of the masses found
     double *motions;                                 // (memory, 2 + 3 columns n): begin, end, p and two derivatives
-    std::int64_t newest, known;
+    Index newest, known;
     // Of one call: what is measured and when, s, and what comes of it.
     double began, measured, now, landing, measured_orientation, measured_rate;
     double *measured_positions, *measured_velocities;  // (n)
     double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
     double turn_before, turn_after, expected_rate, aside, variance, noise;
-    std::int64_t evaluations, is_warm;
+    Index evaluations, is_warm;
     double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
     double *row_values, *torque_peak;                // (rows, K), (motors)
     Corrected corrected;
     double *room;                                    // what floatplan_flight_room() says
 };
 
-enum Step : std::int64_t {
-    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, predict_motion, correct_motion
+enum Step : Index {
+    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion,
+    correct_motion
 };
 
-enum Status : std::int64_t { infeasible, feasible, optimal, needs_grid };
+enum Status : Index { infeasible, feasible, optimal, needs_grid };

@@ -3,7 +3,7 @@
 static inline double larger(double a, double b) { return a > b ? a : b; }
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 
-using Bits = std::int64_t __attribute__((vector_size(8 * LANES)));
+using Bits = Index __attribute__((vector_size(8 * LANES)));
 
 typedef Vector Anywhere __attribute__((aligned(8)));  // not only where a whole vector would begin
 
@@ -25,6 +25,34 @@ static inline Vector select(Bits mask, Vector one, Vector other) {
 
 static inline Vector larger(Vector a, Vector b) { return select(a > b, a, b); }
 static inline Vector magnitude(Vector a) { return (Vector)((Bits)a & INT64_MAX); }
+
+static inline double largest(Vector value) {  // of numbers that are not negative
+    double most = 0;
+    for (int lane = 0; lane < LANES; ++lane) most = larger(value[lane], most);
+    return most;
+}
+
+// Dense algebra, in this order: what is the same sum is the same double.
+
+static inline double dot(const double *a, const double *b, Index size, double result = 0) {
+    for (Index k = 0; k < size; ++k) result += a[k] * b[k];
+    return result;
+}
+
+static inline void add(double factor, const double *values, Index size, double *result) {
+    for (Index k = 0; k < size; ++k) result[k] += factor * values[k];
+}
+
+static inline void zero(double *values, Index size) { std::memset(values, 0, size * sizeof(double)); }
+static inline void copy(double *to, const double *from, Index size) { std::memcpy(to, from, size * sizeof(double)); }
+
+// left (rows, inner) times right (inner, columns); sums over rows of `right` first, so that they are vectorised.
+static inline void multiply(const double *left, Index rows, Index inner, const double *right, Index columns,
+                            double *result) {
+    zero(result, rows * columns);
+    for (Index r = 0; r < rows; ++r)
+        for (Index k = 0; k < inner; ++k) add(left[r * inner + k], right + k * columns, columns, result + r * columns);
+}
 
 // Sine and cosine to about 1e-16, after the nearest multiple of pi/2 is taken away: the polynomials of FDLIBM's k_sin.c
 // and k_cos.c (Sun Microsystems 1993).

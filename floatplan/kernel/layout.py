@@ -14,11 +14,11 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import FOLDER
 
 HEADER = "kernel.hpp"
-NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
-ARRAYS = {"double": np.dtype(np.float64), "std::int64_t": np.dtype(np.int64)}
+NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "Index": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
+ARRAYS = {"double": np.dtype(np.float64), "Index": np.dtype(np.int64)}
 MULTIPLES = {"Eights": 8}  # kinds of counts
 HEAD = object.__basicsize__  # bytes
-RETURNED: dict[str, Any] = {"void": None, "std::int64_t": ctypes.c_int64, "const char *": ctypes.c_char_p}
+RETURNED: dict[str, Any] = {"void": None, "Index": ctypes.c_int64, "const char *": ctypes.c_char_p}
 
 
 _begins = ctypes.c_void_p.from_address
@@ -94,7 +94,7 @@ def structures(text: str) -> dict[str, type[Structure]]:
 
 def enumerations(text: str) -> dict[str, type[IntEnum]]:
     """Read the enumerations of C++, numbered from 0."""
-    listed = re.findall(r"enum (?:class )?(\w+) : std::int64_t \{(.*?)\};", text, re.DOTALL)
+    listed = re.findall(r"enum (?:class )?(\w+) : Index \{(.*?)\};", text, re.DOTALL)
     return {name: IntEnum(name, re.findall(r"\w+", members), start=0) for name, members in listed}  # type: ignore[misc]
 
 
@@ -127,10 +127,15 @@ def constants(name: str, *modules: Mapping[str, Any], **others: Any) -> Structur
 
 
 class Filled:
-    """A structure of the headers with what it points to: each of its arrays, or None where there is none."""
+    """A structure of the headers with what it points to: each of its arrays, or None where there is none.
 
-    def __init__(self, name: str, **values: Any) -> None:
+    An array that is not given is that of its name of the first of the ``sources`` that has one.
+    """
+
+    def __init__(self, name: str, *sources: object, **values: Any) -> None:
         kind = STRUCTURES[name]
+        for source in sources:
+            values = {field: getattr(source, field) for field in kind.arrays if hasattr(source, field)} | values
         if missing := kind.arrays.keys() - values.keys():
             raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
         arrays: dict[str, Array | IntArray] = {}
@@ -157,12 +162,8 @@ class Filled:
         self.structure.point_to(**self._kept)
 
 
-class FilledArray:
-    """An array of structures of one name with what they point to; empty where there is None."""
-
-    def __init__(self, name: str, filled: Sequence[Filled | None]) -> None:
-        self._kept = filled
-        self.structures: Any = (STRUCTURES[name] * len(filled))()
-        for index, each in enumerate(filled):
-            if each:
-                self.structures[index] = each.structure
+def structure_array(name: str, filled: Sequence[Filled | None]) -> Any:
+    """Return an array of structures of one name that keeps what they point to; empty where there is None."""
+    array: Any = (STRUCTURES[name] * len(filled))(*(each.structure if each else STRUCTURES[name]() for each in filled))
+    array.kept = filled
+    return array

@@ -1,12 +1,12 @@
 // Local minima of rows of constraints over the whole flight.
 
 // Sums of Chebyshev polynomials at s in [0, 1]: series (terms, count), one sum every `stride` numbers.
-static inline void chebyshev_sums(const double *series, std::int64_t terms, std::int64_t count, double s,
-                                  std::int64_t stride, double *sums) {
+static inline void chebyshev_sums(const double *series, Index terms, Index count, double s,
+                                  Index stride, double *sums) {
     const double x = 4 * s - 2;
-    for (std::int64_t i = 0; i < count; ++i) {
+    for (Index i = 0; i < count; ++i) {
         double next = 0, after = 0;
-        for (std::int64_t k = terms - 1; k > 0; --k) {
+        for (Index k = terms - 1; k > 0; --k) {
             double now = series[k * count + i] + x * next - after;
             after = next;
             next = now;
@@ -17,10 +17,10 @@ static inline void chebyshev_sums(const double *series, std::int64_t terms, std:
 
 // The motion at so many instants s, as far as the rows need it.
 static inline void follow(const Robot &robot, const Constraints &constraints, const Series &series, const double *s,
-                          std::int64_t instants, Motion &m) {
-    const std::int64_t n = robot.joints;
+                          Index instants, Motion &m) {
+    const Index n = robot.joints;
     m.instants = instants;
-    for (std::int64_t k = 0; k < instants; ++k) {
+    for (Index k = 0; k < instants; ++k) {
         chebyshev_sums(series.p, series.terms, n, s[k], m.stride, m.sine + k);
         chebyshev_sums(series.p_rate, series.terms, n, s[k], m.stride, m.p_rate + k);
         if (constraints.needs_accelerations)
@@ -78,10 +78,10 @@ static inline void narrow(Value value_at, double low, double high, double &where
 }
 
 // Local minima, lower than near but for what a row falls between two instants of the grid, and where; 1 without memory.
-static inline std::int64_t find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
+static inline Index find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
                                        Minima &minima) {
     constexpr int around = 17;
-    const std::int64_t rows = constraints.rows, count = minima.instants;
+    const Index rows = constraints.rows, count = minima.instants;
     Motion m{}, close{};
     double *values;  // (rows, stride)
     Room room;
@@ -93,19 +93,19 @@ static inline std::int64_t find_minima(const Robot &robot, const Constraints &co
         return 1;
     for (Motion *each : {&m, &close}) {
         each->per_second = 1 / series.duration;
-        std::memset(each->p_curvature, 0, robot.joints * each->stride * sizeof(double));
+        zero(each->p_curvature, robot.joints * each->stride);
     }
-    auto everywhere = [](std::int64_t) { return true; };
+    auto everywhere = [](Index) { return true; };
     follow(robot, constraints, series, minima.grid, count, m);
-    for (std::int64_t row = 0; row < rows; ++row) {
+    for (Index row = 0; row < rows; ++row) {
         double *value = values + row * m.stride;
         row_values(robot, constraints, m, row, everywhere, value);
-        for (std::int64_t k = 0; k < count; ++k)
+        for (Index k = 0; k < count; ++k)
             if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) value[k] = HUGE_VAL;
     }
     minima.found = minima.looked = 0;
-    for (std::int64_t k = 0; k < count; ++k)
-        for (std::int64_t row = 0; row < rows; ++row) {
+    for (Index k = 0; k < count; ++k)
+        for (Index row = 0; row < rows; ++row) {
             const double *value = values + row * m.stride + k;
             double here = value[0], before = k > 0 ? value[-1] : HUGE_VAL, after = k + 1 < count ? value[1] : HUGE_VAL;
             if (!(std::isfinite(here) && here <= before && here <= after)) continue;
@@ -115,13 +115,13 @@ static inline std::int64_t find_minima(const Robot &robot, const Constraints &co
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;
         }
-    for (std::int64_t found = 0; found < minima.found; ++found) {
-        const std::int64_t row = minima.row[found];
+    for (Index found = 0; found < minima.found; ++found) {
+        const Index row = minima.row[found];
         double &where = minima.s[found], &least = minima.least[found], s[around];
         const double low = larger(where - minima.span, minima.low[row]);
         const double high = smaller(where + minima.span, minima.high[row]);
         const double step = (high - low) / (around - 1), center = where;
-        auto look = [&](const double *s, std::int64_t instants) {
+        auto look = [&](const double *s, Index instants) {
             follow(robot, constraints, series, s, instants, close);
             row_values(robot, constraints, close, row, everywhere, close.value);
         };

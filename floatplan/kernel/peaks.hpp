@@ -4,9 +4,9 @@ class Measured {
   public:
     Measured(const Robot &robot, const Peaks &peaks) : robot(robot), peaks(peaks) {}
 
-    std::int64_t quantities() const { return peaks.motors + (peaks.velocities ? robot.joints : 0); }
+    Index quantities() const { return peaks.motors + (peaks.velocities ? robot.joints : 0); }
 
-    void lay_out(Arena &arena, std::int64_t nodes) {
+    void lay_out(Arena &arena, Index nodes) {
         lay_out_motion(arena, motion, robot, 0, nodes);
         lay_out_motion(arena, close, robot, 0, 1);
         arena.take(b, peaks.columns * robot.joints);
@@ -15,36 +15,33 @@ class Measured {
     }
 
     // Takes a plan.
-    void begin(std::int64_t row) {
-        const std::int64_t n = robot.joints, columns = peaks.columns;
+    void begin(Index row) {
+        const Index n = robot.joints, columns = peaks.columns;
         momentum = peaks.momentum[row];
         motion.per_second = close.per_second = 1 / peaks.duration[row];
         double power = 1;
-        for (std::int64_t c = 0; c < columns; ++c, power *= peaks.duration[row])
-            for (std::int64_t i = 0; i < n; ++i)
+        for (Index c = 0; c < columns; ++c, power *= peaks.duration[row])
+            for (Index i = 0; i < n; ++i)
                 b[c * n + i] = peaks.coefficients[(row * n + i) * columns + c] * power;
-        std::memset(powers, 0, 3 * columns * close.stride * sizeof(double));
+        zero(powers, 3 * columns * close.stride);
     }
 
     // Takes the quantities at the nodes: torques of the motors, then rates of the joints where they are wanted.
     void evaluate(const Interpolation &at) {
         motion.instants = motion.stride = at.nodes;
         follow_powers(motion, at.value, at.slope, at.curvature);
-        for (std::int64_t quantity = 0; quantity < quantities(); ++quantity)
+        for (Index quantity = 0; quantity < quantities(); ++quantity)
             look(motion, quantity, values + quantity * at.nodes);
     }
 
     // The torques are resolved where their largest tail is small against the largest of them; so are the rates.
     bool is_resolved(const Interpolation &at) const {
-        auto of = [&](std::int64_t first, std::int64_t stop) {
+        auto of = [&](Index first, Index stop) {
             double most = 0, left = 0;
             for (const double *value = values + first * at.nodes; first < stop; ++first, value += at.nodes) {
-                for (std::int64_t k = 0; k < at.nodes; ++k) most = larger(std::fabs(value[k]), most);
-                for (const double *tail = at.tail; tail < at.tail + 3 * at.nodes; tail += at.nodes) {
-                    double part = 0;
-                    for (std::int64_t k = 0; k < at.nodes; ++k) part += tail[k] * value[k];
-                    left = larger(std::fabs(part), left);
-                }
+                for (Index k = 0; k < at.nodes; ++k) most = larger(std::fabs(value[k]), most);
+                for (const double *tail = at.tail; tail < at.tail + 3 * at.nodes; tail += at.nodes)
+                    left = larger(std::fabs(dot(tail, value, at.nodes)), left);
             }
             return left <= peaks.resolved * most;
         };
@@ -52,12 +49,12 @@ class Measured {
     }
 
     // Largest magnitude of a quantity: narrowed down from every node that its neighbours let be near the largest.
-    double largest(std::int64_t quantity, const Interpolation &at) {
+    double largest(Index quantity, const Interpolation &at) {
         const double *value = values + quantity * at.nodes;
-        auto magnitude = [&](std::int64_t k) { return k < 0 || k == at.nodes ? 0 : std::fabs(value[k]); };
+        auto magnitude = [&](Index k) { return k < 0 || k == at.nodes ? 0 : std::fabs(value[k]); };
         double found = 0;
-        for (std::int64_t k = 0; k < at.nodes; ++k) found = larger(magnitude(k), found);
-        for (std::int64_t k = 1; k + 1 < at.nodes; ++k) {
+        for (Index k = 0; k < at.nodes; ++k) found = larger(magnitude(k), found);
+        for (Index k = 1; k + 1 < at.nodes; ++k) {
             const double here = magnitude(k), before = magnitude(k - 1), after = magnitude(k + 1);
             if (here < before || here < after || 2 * here - smaller(before, after) <= found) continue;
             double where = at.s[k], least = -here;
@@ -80,17 +77,16 @@ class Measured {
         move_bodies(robot, m);
     }
 
-    void look(const Motion &m, std::int64_t quantity, double *result) const {
-        for (std::int64_t k = 0; k < m.instants; k += LANES)
-            store(result + k, quantity < peaks.motors
-                                  ? motor_torque(robot, m, peaks.turns + quantity, peaks.motors, k)
+    void look(const Motion &m, Index quantity, double *result) const {
+        for (Index k = 0; k < m.instants; k += LANES)
+            store(result + k, quantity < peaks.motors ? motor_torque(robot, m, peaks.turns + quantity, peaks.motors, k)
                                   : load(m.speed + (quantity - peaks.motors) * m.stride + k));
     }
 
-    double magnitude_at(std::int64_t quantity, double s) {
-        const std::int64_t columns = peaks.columns, apart = columns * close.stride;
+    double magnitude_at(Index quantity, double s) {
+        const Index columns = peaks.columns, apart = columns * close.stride;
         double power = 1, before = 0, earlier = 0, there[LANES];
-        for (std::int64_t c = 0; c < columns; ++c, earlier = before, before = power, power *= s) {
+        for (Index c = 0; c < columns; ++c, earlier = before, before = power, power *= s) {
             double *of = powers + c * close.stride;
             of[0] = power, of[apart] = c * before, of[2 * apart] = c * (c - 1) * earlier;
         }
@@ -100,18 +96,18 @@ class Measured {
     }
 };
 
-static inline std::int64_t measure_batch(const Robot &robot, const Interpolation *interpolations, Peaks &peaks) {
-    const std::int64_t last = peaks.levels - 1;
+static inline Index measure_batch(const Robot &robot, const Interpolation *interpolations, Peaks &peaks) {
+    const Index last = peaks.levels - 1;
     Room room;
     Measured measured(robot, peaks);
     if (!room.make([&](Arena &arena) { measured.lay_out(arena, interpolations[last].nodes); })) return 1;
-    const std::int64_t quantities = measured.quantities();
-    for (std::int64_t row = 0; row < peaks.count; ++row) {
+    const Index quantities = measured.quantities();
+    for (Index row = 0; row < peaks.count; ++row) {
         measured.begin(row);
-        std::int64_t level = 0;
+        Index level = 0;
         for (measured.evaluate(interpolations[0]); level < last && !measured.is_resolved(interpolations[level]);)
             measured.evaluate(interpolations[++level]);
-        for (std::int64_t quantity = 0; quantity < quantities; ++quantity)
+        for (Index quantity = 0; quantity < quantities; ++quantity)
             peaks.peaks[row * quantities + quantity] = measured.largest(quantity, interpolations[level]);
     }
     return 0;

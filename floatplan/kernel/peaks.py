@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.bodies import unscaled_robot
-from floatplan.kernel.layout import Filled, FilledArray
+from floatplan.kernel.layout import Filled, structure_array
 from floatplan.kernel.library import kernel
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
 from floatplan.problem.problem import Problem
@@ -45,31 +46,18 @@ def many_peaks(
     peaks = np.empty((count, motors + n if velocities else motors))
     low, high = like.position_limits.T
     interpolations = _interpolations(size, NODES)
-    batch = Filled(
-        "Peaks",
-        count=count,
-        levels=len(interpolations.structures),
-        columns=size,
-        motors=motors,
-        velocities=velocities,
-        resolved=RESOLVED,
-        turns=like.robot.tree.motor_turns,
-        centre=(low + high) / 2,
-        amplitude=(high - low) / 2,
-        duration=duration,
-        momentum=angular_momentum,
-        coefficients=np.nan_to_num(coefficients, nan=0.0),
-        peaks=peaks,
-    )
+    counts = {"count": count, "levels": len(NODES), "columns": size, "motors": motors, "velocities": velocities}
+    ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
+    plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
+    batch = Filled("Peaks", resolved=RESOLVED, peaks=peaks, **counts, **ranges, **plans)
     robot = unscaled_robot(like.robot.tree)[1].structure
-    failed = found.peaks(robot, interpolations.structures, batch.structure, found.instructions)
-    if failed:
+    if found.peaks(robot, interpolations, batch.structure, found.instructions):
         raise MemoryError("no memory to measure plans")
     return ManyPeaks(peaks[:, :motors], peaks[:, motors:] if velocities else None)
 
 
 @lru_cache(maxsize=16)
-def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
+def _interpolations(size: int, counts: tuple[int, ...]) -> Any:
     """Powers of s and their derivatives at the nodes, and the last Chebyshev coefficients from values there."""
     found = []
     k = np.arange(size)
@@ -81,4 +69,4 @@ def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
         curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
         of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
         found.append(Filled("Interpolation", nodes=nodes, s=s, tail=coefficient_map(nodes)[-3:], **of_powers))
-    return FilledArray("Interpolation", found)
+    return structure_array("Interpolation", found)

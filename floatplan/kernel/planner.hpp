@@ -6,28 +6,27 @@ struct Memory {
     double *fixed, *fixed_rate;                            // (joints, nodes): p and dp/ds of the motion with z = 0
     double *by_z;                                          // (joints, width, LANES)
     double *z, *z_gradient;                                // (joints, width)
-    // By number of free polynomials: (width, width), (width, 6), (columns, 6).
-    double *scaling, *offset_map, *rest;
+    double *scaling, *offset_map;                          // by number of free polynomials: (width, width), (width, 6)
     double *offset;                                        // (size)
     double *x, *row, *previous_row, *trial, *direction, *lagrangian, *mapped, *change, *product, *half;  // (size)
     double *h, *h_initial;                                 // (size, size) inverse Hessian
     double *b;                                             // (joints, 6 + width)
     double *boundary;                                      // (joints, 6)
     double *matrix;
-    std::int64_t *branch;
+    Index *branch;
     double *merit;                                         // (candidates)
-    std::int64_t *candidate;
+    Index *candidate;
 };
 
 struct Point {
     double objective = 0, equality = 0;
     bool differentiated = false;
-    std::int64_t number = 0;  // of its evaluation
+    Index number = 0;  // of its evaluation
 };
 
 struct Solution {
     Status status;
-    std::int64_t iterations;
+    Index iterations;
 };
 
 class Planner {
@@ -35,12 +34,12 @@ class Planner {
     Planner(const Robot &robot, const Grid *grids, const Settings &settings, Memory &memory)
         : robot(robot), grids(grids), settings(settings), m(memory), n(robot.joints), width(robot.width),
           columns(6 + robot.width) {
-        for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
+        for (Index i = 0; i < n; ++i) size += robot.free[i];
     }
 
-    std::int64_t size = 0, evaluations = 0, instants = 0;
+    Index size = 0, evaluations = 0, instants = 0;
     double h0 = 0, change = 0;               // h, kg m^2/s; the orientation's change asked for, rad
-    const std::int64_t *node_counts = nullptr;  // (levels), also of grids that there are not yet
+    const Index *node_counts = nullptr;  // (levels), also of grids that there are not yet
 
     // scaling.hpp: the variables x, for a duration and a boundary (joints, 6)
     void whiten(double duration, const Powers &powers);
@@ -49,17 +48,17 @@ class Planner {
     void variables(const double *z, double *x) const;  // the inverse
     double metric(const double *d) const;
 
-    std::int64_t current_level() const { return level; }
+    Index current_level() const { return level; }
 
     // Takes the grid of a level; false where there is none.
-    bool at_level(std::int64_t wanted) {
+    bool at_level(Index wanted) {
         if (grids[wanted].nodes == 0) return false;
         if (wanted == level) return true;
         level = wanted;
         const Grid &grid = grids[level];
-        const std::int64_t nodes = m.motion.instants = m.motion.stride = grid.nodes;
-        for (std::int64_t i = 0; i < n; ++i)
-            for (std::int64_t k = 0; k < nodes; k += LANES) {
+        const Index nodes = m.motion.instants = m.motion.stride = grid.nodes;
+        for (Index i = 0; i < n; ++i)
+            for (Index k = 0; k < nodes; k += LANES) {
                 Vector p = all(0), rate = all(0);
                 for (int c = 0; c < 6; ++c) {
                     Vector b = all(m.boundary[6 * i + c]);
@@ -78,53 +77,45 @@ class Planner {
         point.equality = T * fly() - change;
         point.number = ++evaluations;
         instants += grids[level].nodes;
-        for (std::int64_t k = 0; k < size; ++k) point.objective += x[k] * x[k];
-        point.objective /= 2;
+        point.objective = dot(x, x, size) / 2;
         return point;
     }
 
     // Derivatives of the equality by x, of the point evaluated last.
     void differentiate(Point &point, double *row) {
-        if (robot.is_real) backward<true>();
-        else backward<false>();
-        const double *z = m.z_gradient;
-        for (std::int64_t i = 0; i < n; ++i, z += width) {
-            std::int64_t f = robot.free[i];
-            const double *inverse = m.scaling + f * width * width;
-            for (std::int64_t c = 0; c < f; ++c) {
+        robot.is_real ? backward<true>() : backward<false>();
+        each_joint([&](Index i, Index f, const double *inverse, Index first) {
+            for (Index c = 0; c < f; ++c) {
                 double part = 0;
-                for (std::int64_t r = 0; r <= c; ++r) part += inverse[r * f + c] * z[r];
-                row[c] = unit * part;
+                for (Index r = 0; r <= c; ++r) part += inverse[r * f + c] * m.z_gradient[i * width + r];
+                row[first + c] = unit * part;
             }
-            row += f;
-        }
+        });
         point.differentiated = true;
     }
 
     // Tail of the Legendre coefficients of theta0', relative to its largest value.
     double unresolved() {
         const Grid &grid = grids[level];
-        const std::int64_t nodes = grid.nodes;
-        Vector most = all(0), last = all(0), next = all(0), third = all(0);
-        for (std::int64_t k = 0; k < nodes; k += LANES) {
+        const Index nodes = grid.nodes;
+        Vector most = all(0), last[3] = {all(0), all(0), all(0)};
+        for (Index k = 0; k < nodes; k += LANES) {
             Vector rate = load(m.motion.rate + k);
             most = larger(magnitude(rate), most);
-            last = multiply_add(load(grid.tail + k), rate, last);
-            next = multiply_add(load(grid.tail + nodes + k), rate, next);
-            third = multiply_add(load(grid.tail + 2 * nodes + k), rate, third);
+            for (int c = 0; c < 3; ++c) last[c] = multiply_add(load(grid.tail + c * nodes + k), rate, last[c]);
         }
-        fastest = 0;
-        for (int lane = 0; lane < LANES; ++lane) fastest = larger(most[lane], fastest);
-        double tail = larger(std::fabs(sum(last)), larger(std::fabs(sum(next)), std::fabs(sum(third))));
+        fastest = largest(most);
+        double tail = 0;
+        for (Vector each : last) tail = larger(tail, std::fabs(sum(each)));
         return tail / larger(fastest, 1e-300);
     }
 
     // Level at which theta0(T) is exact to an error, see PlanarFlown.level_needed().
-    std::int64_t level_needed(double error) {
+    Index level_needed(double error) {
         double tail = smaller(larger(unresolved(), settings.smallest_tail), settings.largest_tail);
         double decay = std::log(tail) / grids[level].nodes;
         double count = std::log(error / larger(fastest * T, error)) / (2 * decay);
-        for (std::int64_t candidate = 0; candidate + 1 < settings.levels; ++candidate)
+        for (Index candidate = 0; candidate + 1 < settings.levels; ++candidate)
             if (node_counts[candidate] >= count) return candidate;
         return settings.levels - 1;
     }
@@ -140,22 +131,29 @@ class Planner {
     const Grid *grids;
     const Settings &settings;
     Memory &m;
-    std::int64_t n, width, columns, level = -1;
-    double T = 0, unit = 1, metric_norm = 1, fastest = 0, least = 0;
+    Index n, width, columns, level = -1;
+    double T = 0, unit = 1, metric_norm = 1, fastest = 0;
+
+    // Calls with each joint, its number f of free polynomials, its R^-1 (f, f), and where its entries of x begin.
+    template <typename Each> void each_joint(Each each) const {
+        Index first = 0;
+        for (Index i = 0; i < n; first += robot.free[i++])
+            each(i, robot.free[i], m.scaling + robot.free[i] * width * width, first);
+    }
 
     // Integral of theta0' over [0, 1]; keeps what its derivatives need.
     double fly() {
         const Grid &grid = grids[level];
-        const std::int64_t nodes = grid.nodes;
+        const Index nodes = grid.nodes;
         Motion &motion = m.motion;
         const Vector per_second = all(1 / T);
-        for (std::int64_t i = 0; i < n; ++i) {
-            const std::int64_t free = robot.free[i];
+        for (Index i = 0; i < n; ++i) {
+            const Index free = robot.free[i];
             const double *z = m.z + i * width;
-            for (std::int64_t k = 0; k < nodes; k += LANES) {
+            for (Index k = 0; k < nodes; k += LANES) {
                 Vector p = load(m.fixed + i * nodes + k), rate = load(m.fixed_rate + i * nodes + k), s, c;
                 const double *value = grid.value + 6 * nodes + k, *slope = grid.slope + 6 * nodes + k;
-                for (std::int64_t f = 0; f < free; ++f, value += nodes, slope += nodes) {
+                for (Index f = 0; f < free; ++f, value += nodes, slope += nodes) {
                     p = multiply_add(all(z[f]), load(value), p);
                     rate = multiply_add(all(z[f]), load(slope), rate);
                 }
@@ -168,7 +166,7 @@ class Planner {
         }
         robot.is_real ? turn<true>(robot, motion, motion.sine, h0) : turn<false>(robot, motion, motion.sine, h0);
         Vector total = all(0);
-        for (std::int64_t k = 0; k < nodes; k += LANES)
+        for (Index k = 0; k < nodes; k += LANES)
             total = multiply_add(load(grid.weights + k), load(motion.rate + k), total);
         return sum(total);
     }
@@ -176,29 +174,29 @@ class Planner {
     // Adjoint of fly(): z_gradient, times the duration.
     template <bool is_real> void backward() {
         const Grid &grid = grids[level];
-        const std::int64_t nodes = grid.nodes;
+        const Index nodes = grid.nodes;
         Motion &motion = m.motion;
         const Vector per_second = all(1 / T);
         Vector *by_sine = (Vector *)motion.by_joint, *by_rate = (Vector *)motion.by_joint_rate;
         Vector *by_z = (Vector *)m.by_z;
-        for (std::int64_t e = 0; e < n * width; ++e) by_z[e] = all(0);
-        for (std::int64_t k = 0; k < nodes; k += LANES) {
+        for (Index e = 0; e < n * width; ++e) by_z[e] = all(0);
+        for (Index k = 0; k < nodes; k += LANES) {
             Vector factor = -all(T) * load(grid.weights + k) * load(motion.inverse + k);
             differentiate_turn<is_real>(robot, motion, k, factor);
-            for (std::int64_t i = 0; i < n; ++i) {
+            for (Index i = 0; i < n; ++i) {
                 Vector s = load(motion.sine + i * nodes + k), c = load(motion.cosine + i * nodes + k);
                 Vector rate = by_rate[i] * per_second;
                 Vector by_p = multiply_add(by_sine[i], c, -rate * s * load(motion.p_rate + i * nodes + k));
                 rate = rate * c;
                 const double *value = grid.value + 6 * nodes + k, *slope = grid.slope + 6 * nodes + k;
-                for (std::int64_t f = 0; f < robot.free[i]; ++f, value += nodes, slope += nodes)
+                for (Index f = 0; f < robot.free[i]; ++f, value += nodes, slope += nodes)
                     by_z[i * width + f] =
                         multiply_add(by_p, load(value), multiply_add(rate, load(slope), by_z[i * width + f]));
             }
         }
-        for (std::int64_t e = 0; e < n * width; ++e) m.z_gradient[e] = sum(by_z[e]);
+        for (Index e = 0; e < n * width; ++e) m.z_gradient[e] = sum(by_z[e]);
     }
 
-    void factor(std::int64_t f, const Powers &powers);
-    double norm(const double *matrix, std::int64_t f) const;
+    void factor(Index f, const Powers &powers);
+    double norm(const double *matrix, Index f) const;
 };

@@ -39,7 +39,7 @@ class RestOfFlight {
         turn(robot, m, h);
         if (constraints.needs_moments) move_bodies(robot, m);
         a.miss = -change;
-        for (std::int64_t k = 0; k < f.nodes; ++k) a.miss += T * f.weights[k] * m.rate[k];
+        for (Index k = 0; k < f.nodes; ++k) a.miss += T * f.weights[k] * m.rate[k];
         if (constraints.needs_places) place_capsules(a);
         evaluate_rows(a);
     }
@@ -48,12 +48,11 @@ class RestOfFlight {
     void find_torque_peaks(Predicted &a) const {
         Motion &m = a.motion;
         if (!constraints.needs_moments) move_bodies(robot, m);
-        for (std::int64_t motor = 0; motor < f.motors; ++motor) {
+        for (Index motor = 0; motor < f.motors; ++motor) {
             Vector most = all(0);
-            for (std::int64_t k = 0; k < K; k += LANES)
-                most = larger(magnitude(motor_torque(robot, m, f.motor_turns + motor, f.motors, k)), most);
-            f.torque_peak[motor] = 0;
-            for (int lane = 0; lane < LANES; ++lane) f.torque_peak[motor] = larger(f.torque_peak[motor], most[lane]);
+            for (Index k = 0; k < K; k += LANES)
+                most = larger(magnitude(motor_torque(robot, m, f.turns + n + motor, n + f.motors, k)), most);
+            f.torque_peak[motor] = largest(most);
         }
     }
 
@@ -61,21 +60,21 @@ class RestOfFlight {
     void differentiate_miss(Predicted &a, double *row) const {
         Motion &m = a.motion;
         differentiate_turn(robot, m);
-        std::memset(row, 0, size * sizeof(double));
-        std::memset(drift, 0, f.nodes * size * sizeof(double));
-        for (std::int64_t k = 0; k < f.nodes; ++k) {
+        zero(row, size);
+        zero(drift, f.nodes * size);
+        for (Index k = 0; k < f.nodes; ++k) {
             chain_rate(variables, m, n, k, drift + k * size);
-            for (std::int64_t e = 0; e < size; ++e) row[e] += T * f.weights[k] * drift[k * size + e];
+            add(T * f.weights[k], drift + k * size, size, row);
         }
     }
 
     // Derivative (n width) of a row at an instant.
-    void differentiate(Predicted &a, std::int64_t row, std::int64_t k, double *slopes) const {
+    void differentiate(Predicted &a, Index row, Index k, double *slopes) const {
         if (k >= f.nodes && constraints.kind[row] > share_row) {
-            std::memset(attitude_slopes, 0, size * sizeof(double));
-            for (std::int64_t j = 0; j < f.nodes; ++j) {
+            zero(attitude_slopes, size);
+            for (Index j = 0; j < f.nodes; ++j) {
                 const double integral = f.integrals[(k - f.nodes) * f.nodes + j] - landed * f.s[k] * f.weights[j];
-                for (std::int64_t e = 0; e < size; ++e) attitude_slopes[e] += T * integral * drift[j * size + e];
+                add(T * integral, drift + j * size, size, attitude_slopes);
             }
         }
         differentiate_row(robot, constraints, a.motion, variables, row, k, attitude_slopes, slopes);
@@ -85,15 +84,13 @@ class RestOfFlight {
     const Robot &robot;
     const Constraints &constraints;
     const Flight &f;
-    const std::int64_t n, K, columns, size;
+    const Index n, K, columns, size;
     const Variables variables;
 
     void place_capsules(Predicted &a) const {
         Motion &m = a.motion;
-        for (std::int64_t k = f.nodes; k < K; ++k) {
-            const double *integral = f.integrals + (k - f.nodes) * f.nodes;
-            double turned = 0;
-            for (std::int64_t j = 0; j < f.nodes; ++j) turned += integral[j] * m.rate[j];
+        for (Index k = f.nodes; k < K; ++k) {
+            const double turned = dot(f.integrals + (k - f.nodes) * f.nodes, m.rate, f.nodes);
             m.attitude[k] = orientation + T * turned - landed * a.miss * f.s[k];
             m.time[k] = f.now + T * f.s[k];
         }
@@ -104,16 +101,16 @@ class RestOfFlight {
     void evaluate_rows(Predicted &a) const {
         const double *time = a.motion.time;
         a.square = 0;
-        for (std::int64_t block = 0; block < f.blocks; ++block) {
+        for (Index block = 0; block < f.blocks; ++block) {
             a.worst[block] = HUGE_VAL;
-            for (std::int64_t r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
+            for (Index r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
                 double *value = a.value + r * K, *violation = a.violation + r * K;
                 if (constraints.kind[r] > share_row)
-                    for (std::int64_t k = 0; k < K; ++k) value[k] = HUGE_VAL;
-                row_values(robot, constraints, a.motion, r, [&](std::int64_t k) {
+                    for (Index k = 0; k < K; ++k) value[k] = HUGE_VAL;
+                row_values(robot, constraints, a.motion, r, [&](Index k) {
                     return k >= f.nodes && time[k] >= f.row_window[2 * r] && time[k] <= f.row_window[2 * r + 1];
                 }, value);
-                for (std::int64_t k = 0; k < K; ++k) {
+                for (Index k = 0; k < K; ++k) {
                     violation[k] = 0;
                     if (value[k] < a.worst[block] || std::isnan(value[k])) a.worst[block] = value[k];
                     if (value[k] >= f.aim[block]) continue;

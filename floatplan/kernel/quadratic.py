@@ -8,12 +8,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.layout import Filled
 from floatplan.kernel.library import kernel
 from floatplan.optimization.nonlinear_program import AnyEvaluation
-from floatplan.optimization.quadratic_program import (
-    QP_ACCURACY,
-    ROW_TOLERANCE,
-    Multipliers,
-    Step,
-)
+from floatplan.optimization.quadratic_program import QP_ACCURACY, ROW_TOLERANCE, Multipliers, Step
 
 CHANGES = 16  # [-] of the active rows, after which ProxQP solves the QP
 
@@ -30,24 +25,11 @@ def step_by_active_rows(current: AnyEvaluation, hessian: Array, active: IntArray
     rows = np.empty(size + 1, dtype=np.int64)
     rows[: active.size] = active
     solution = np.empty(2 * size + equalities)
-    filled = Filled(
-        "Quadratic",
-        size=size,
-        equalities=equalities,
-        rows=len(current.inequality),
-        changes=CHANGES,
-        accuracy=QP_ACCURACY,
-        tolerance=ROW_TOLERANCE,
-        hessian=hessian,
-        gradient=current.gradient,
-        equality=current.equality,
-        equality_rows=current.equality_jacobian,
-        inequality=current.inequality,
-        inequality_rows=current.inequality_jacobian,
-        count=active.size,
-        active=rows,
-        solution=solution,
-    )
+    counts = {"size": size, "equalities": equalities, "rows": len(current.inequality), "count": active.size}
+    bounds = {"changes": CHANGES, "accuracy": QP_ACCURACY, "tolerance": ROW_TOLERANCE}
+    slopes = {"equality_rows": current.equality_jacobian, "inequality_rows": current.inequality_jacobian}
+    given = {"hessian": hessian, "active": rows, "solution": solution}
+    filled = Filled("Quadratic", current, **counts, **bounds, **slopes, **given)
     structure = filled.structure
     if not found.quadratic(structure, found.instructions):
         return None

@@ -4,147 +4,113 @@
 inline void Planner::whiten(double duration, const Powers &powers) {
     T = duration;
     double longest = 0;
-    for (std::int64_t f = 0; f <= width; ++f) {
+    for (Index f = 0; f <= width; ++f) {
         bool used = false;
-        for (std::int64_t i = 0; i < n; ++i) used = used || robot.free[i] == f;
+        for (Index i = 0; i < n; ++i) used = used || robot.free[i] == f;
         if (!used) continue;
         factor(f, powers);
         if (f) longest = larger(longest, norm(m.scaling + f * width * width, f));
     }
     unit = longest > 0 ? 1 / longest : 1;
     double square = 0;
-    for (std::int64_t i = 0; i < n; ++i) {
+    for (Index i = 0; i < n; ++i) {
         const double *inverse = m.scaling + robot.free[i] * width * width;
-        for (std::int64_t e = 0; e < robot.free[i] * robot.free[i]; ++e) square += inverse[e] * inverse[e];
+        for (Index e = 0; e < robot.free[i] * robot.free[i]; ++e) square += inverse[e] * inverse[e];
     }
     metric_norm = unit * std::sqrt(square / n);
 }
 
 inline void Planner::set_boundary(const double *boundary) {
-    std::memcpy(m.boundary, boundary, 6 * n * sizeof(double));
-    double *offset = m.offset;
-    least = 0;
-    for (std::int64_t i = 0; i < n; ++i) {
-        std::int64_t f = robot.free[i];
-        const double *map = m.offset_map + f * width * 6, *rest = m.rest + f * columns * 6;
-        auto mapped = [&](const double *row) {
-            double part = 0;
-            for (int c = 0; c < 6; ++c) part += row[c] * boundary[6 * i + c];
-            return part;
-        };
-        for (std::int64_t r = 0; r < f; ++r) *offset++ = mapped(map + 6 * r);
-        for (std::int64_t r = f; r < columns; ++r) least += mapped(rest + 6 * r) * mapped(rest + 6 * r);
-    }
+    copy(m.boundary, boundary, 6 * n);
+    each_joint([&](Index i, Index f, const double *, Index first) {
+        multiply(m.offset_map + f * width * 6, f, 6, boundary + 6 * i, 1, m.offset + first);
+    });
     level = -1;
 }
 
 inline void Planner::free_coefficients(const double *x) {
-    const double *offset = m.offset;
-    for (std::int64_t i = 0; i < n; ++i) {
-        std::int64_t f = robot.free[i];
-        const double *inverse = m.scaling + f * width * width;
-        for (std::int64_t r = 0; r < f; ++r) {
-            double part = 0;
-            for (std::int64_t c = r; c < f; ++c) part += inverse[r * f + c] * x[c];
-            m.z[i * width + r] = offset[r] + unit * part;
-        }
-        for (std::int64_t r = f; r < width; ++r) m.z[i * width + r] = 0;
-        x += f, offset += f;
-    }
+    zero(m.z, n * width);
+    each_joint([&](Index i, Index f, const double *inverse, Index first) {
+        for (Index r = 0; r < f; ++r)
+            m.z[i * width + r] = m.offset[first + r] + unit * dot(inverse + r * f + r, x + first + r, f - r);
+    });
 }
 
 inline void Planner::variables(const double *z, double *x) const {
-    const double *offset = m.offset;
-    for (std::int64_t i = 0; i < n; ++i) {
-        std::int64_t f = robot.free[i];
-        const double *inverse = m.scaling + f * width * width;
-        for (std::int64_t r = f - 1; r >= 0; --r) {
-            double rest = (z[i * width + r] - offset[r]) / unit;
-            for (std::int64_t c = r + 1; c < f; ++c) rest -= inverse[r * f + c] * x[c];
-            x[r] = rest / inverse[r * f + r];
+    each_joint([&](Index i, Index f, const double *inverse, Index first) {
+        for (Index r = f - 1; r >= 0; --r) {
+            double rest = (z[i * width + r] - m.offset[first + r]) / unit;
+            for (Index c = r + 1; c < f; ++c) rest -= inverse[r * f + c] * x[first + c];
+            x[first + r] = rest / inverse[r * f + r];
         }
-        x += f, offset += f;
-    }
+    });
 }
 
 inline double Planner::metric(const double *d) const {
     double square = 0;
-    for (std::int64_t i = 0; i < n; ++i) {
-        std::int64_t f = robot.free[i];
-        const double *inverse = m.scaling + f * width * width;
-        for (std::int64_t r = 0; r < f; ++r) {
-            double part = 0;
-            for (std::int64_t c = r; c < f; ++c) part += inverse[r * f + c] * d[c];
+    each_joint([&](Index, Index f, const double *inverse, Index first) {
+        for (Index r = 0; r < f; ++r) {
+            const double part = dot(inverse + r * f + r, d + first + r, f - r);
             square += part * part;
         }
-        d += f;
-    }
+    });
     return unit * std::sqrt(square / n);
 }
 
-// Householder's C = Q R of the columns of f free polynomials in powers of seconds: R^-1, -R^-1 Q^T b_0, and what of b_0
-// no z reaches.
-inline void Planner::factor(std::int64_t f, const Powers &powers) {
-    std::int64_t rows = columns, across = f + 6;
+// Householder's C = Q R of the columns of f free polynomials in powers of seconds: R^-1 and -R^-1 Q^T b_0.
+inline void Planner::factor(Index f, const Powers &powers) {
+    Index rows = columns, across = f + 6;
     double *a = m.matrix;  // (rows, f + 6): free columns, then those of the boundary
     double per_power = 1;
-    for (std::int64_t r = 0; r < rows; ++r, per_power /= T)
-        for (std::int64_t c = 0; c < across; ++c)
+    for (Index r = 0; r < rows; ++r, per_power /= T)
+        for (Index c = 0; c < across; ++c)
             a[r * across + c] = powers.columns[r * columns + (c < f ? 6 + c : c - f)] * per_power;
-    for (std::int64_t c = 0; c < f; ++c) {
+    for (Index c = 0; c < f; ++c) {
         double square = 0, largest = 0;
-        for (std::int64_t r = c; r < rows; ++r) largest = larger(largest, std::fabs(a[r * across + c]));
-        for (std::int64_t r = c; r < rows; ++r) {
+        for (Index r = c; r < rows; ++r) largest = larger(largest, std::fabs(a[r * across + c]));
+        for (Index r = c; r < rows; ++r) {
             double part = a[r * across + c] / largest;
             square += part * part;
         }
         double length = std::copysign(largest * std::sqrt(square), a[c * across + c]);
         double head = a[c * across + c] + length;  // the reflection's vector is (1, a[r] / head)
-        for (std::int64_t r = c + 1; r < rows; ++r) a[r * across + c] /= head;
-        for (std::int64_t k = c + 1; k < across; ++k) {
+        for (Index r = c + 1; r < rows; ++r) a[r * across + c] /= head;
+        for (Index k = c + 1; k < across; ++k) {
             double part = a[c * across + k];
-            for (std::int64_t r = c + 1; r < rows; ++r) part += a[r * across + c] * a[r * across + k];
+            for (Index r = c + 1; r < rows; ++r) part += a[r * across + c] * a[r * across + k];
             part *= head / length;
             a[c * across + k] -= part;
-            for (std::int64_t r = c + 1; r < rows; ++r) a[r * across + k] -= part * a[r * across + c];
+            for (Index r = c + 1; r < rows; ++r) a[r * across + k] -= part * a[r * across + c];
         }
         a[c * across + c] = -length;
     }
-    double *rest = m.rest + f * columns * 6;
-    for (std::int64_t r = f; r < rows; ++r) std::memcpy(rest + 6 * r, a + r * across + f, 6 * sizeof(double));
     double *inverse = m.scaling + f * width * width, *map = m.offset_map + f * width * 6;
-    for (std::int64_t c = 0; c < f; ++c)
-        for (std::int64_t r = f - 1; r >= 0; --r) {
+    for (Index c = 0; c < f; ++c)
+        for (Index r = f - 1; r >= 0; --r) {
             double rest = r == c;
-            for (std::int64_t k = r + 1; k <= c; ++k) rest -= a[r * across + k] * inverse[k * f + c];
+            for (Index k = r + 1; k <= c; ++k) rest -= a[r * across + k] * inverse[k * f + c];
             inverse[r * f + c] = r > c ? 0 : rest / a[r * across + r];
         }
-    for (std::int64_t r = 0; r < f; ++r)
+    for (Index r = 0; r < f; ++r)
         for (int c = 0; c < 6; ++c) {
             double part = 0;
-            for (std::int64_t k = r; k < f; ++k) part -= inverse[r * f + k] * a[k * across + f + c];
+            for (Index k = r; k < f; ++k) part -= inverse[r * f + k] * a[k * across + f + c];
             map[6 * r + c] = part;
         }
 }
 
 // Largest singular value of an upper triangular matrix (f, f), by the power method.
-inline double Planner::norm(const double *matrix, std::int64_t f) const {
+inline double Planner::norm(const double *matrix, Index f) const {
     double *v = m.matrix, *w = v + f, value = 0;
-    for (std::int64_t k = 0; k < f; ++k) v[k] = 1;
+    for (Index k = 0; k < f; ++k) v[k] = 1;
     for (int step = 0; step < 200; ++step) {
-        double square = 0, length = 0;
-        for (std::int64_t r = 0; r < f; ++r) {
-            w[r] = 0;
-            for (std::int64_t c = r; c < f; ++c) w[r] += matrix[r * f + c] * v[c];
-            square += w[r] * w[r];
-        }
-        for (std::int64_t k = 0; k < f; ++k) length += v[k] * v[k];
-        double before = value;
-        value = std::sqrt(square / length);
+        for (Index r = 0; r < f; ++r) w[r] = dot(matrix + r * f + r, v + r, f - r);
+        const double before = value, square = dot(w, w, f);
+        value = std::sqrt(square / dot(v, v, f));
         if (std::fabs(value - before) <= 1e-14 * value) break;
-        for (std::int64_t c = 0; c < f; ++c) {
+        for (Index c = 0; c < f; ++c) {
             v[c] = 0;
-            for (std::int64_t r = 0; r <= c; ++r) v[c] += matrix[r * f + c] * w[r];
+            for (Index r = 0; r <= c; ++r) v[c] += matrix[r * f + c] * w[r];
             v[c] /= square;  // only against overflow
         }
     }

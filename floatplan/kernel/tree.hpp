@@ -12,10 +12,10 @@ static inline double add_product(double factor, double value, double sum) { retu
 
 // A row of C (bodies) times rotations of the bodies, weighted or not: real and imaginary part.
 template <bool is_real>
-static inline void couple(const double *re, const double *im, std::int64_t bodies, const double *cosine,
-                          const double *sine, std::int64_t stride, Vector &x, Vector &y) {
+static inline void couple(const double *re, const double *im, Index bodies, const double *cosine,
+                          const double *sine, Index stride, Vector &x, Vector &y) {
     x = y = all(0);
-    for (std::int64_t b = 0; b < bodies; ++b, cosine += stride, sine += stride) {
+    for (Index b = 0; b < bodies; ++b, cosine += stride, sine += stride) {
         Vector c = load(cosine), s = load(sine), real = all(re[b]);
         x = multiply_add(real, c, x);
         y = multiply_add(real, s, y);
@@ -30,10 +30,10 @@ static inline void couple(const double *re, const double *im, std::int64_t bodie
 // Takes what something changes by with the bodies (bodies) to the joints (joints); by[0] is then what the base does.
 template <typename Number>
 static inline void gather(const Robot &robot, Number *by, Number *by_joint) {
-    for (std::int64_t i = 0; i < robot.joints; ++i) by_joint[i] = Number{};
-    for (std::int64_t a = robot.bodies - 1; a > 0; --a) {
+    for (Index i = 0; i < robot.joints; ++i) by_joint[i] = Number{};
+    for (Index a = robot.bodies - 1; a > 0; --a) {
         by[robot.parent[a]] += by[a];
-        for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e)
+        for (Index e = robot.first[a]; e < robot.first[a + 1]; ++e)
             by_joint[robot.joint[e]] = add_product(robot.ratio[e], by[a], by_joint[robot.joint[e]]);
     }
 }
@@ -42,17 +42,17 @@ static inline void gather(const Robot &robot, Number *by, Number *by_joint) {
 // of them waits for is computed while others are.
 template <bool is_real>
 static inline void turn(const Robot &robot, Motion &m, const double *position, double momentum) {
-    const std::int64_t instants = m.instants, stride = m.stride, bodies = robot.bodies;
+    const Index instants = m.instants, stride = m.stride, bodies = robot.bodies;
     const Vector h = all(momentum);
-    for (std::int64_t k = 0; k < instants; k += LANES) {
+    for (Index k = 0; k < instants; k += LANES) {
         store(m.body_cosine + k, all(1));
         for (double *each : {m.body_sine, m.angle, m.swing}) store(each + k, all(0));
     }
-    for (std::int64_t a = 1; a < bodies; ++a)
-        for (std::int64_t k = 0; k < instants; k += LANES) {
+    for (Index a = 1; a < bodies; ++a)
+        for (Index k = 0; k < instants; k += LANES) {
             Vector angle = load(m.angle + robot.parent[a] * stride + k);
             Vector swing = load(m.swing + robot.parent[a] * stride + k), s, c;
-            for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e) {
+            for (Index e = robot.first[a]; e < robot.first[a + 1]; ++e) {
                 angle = add_product(robot.ratio[e], load(position + robot.joint[e] * stride + k), angle);
                 swing = add_product(robot.ratio[e], load(m.speed + robot.joint[e] * stride + k), swing);
             }
@@ -62,9 +62,9 @@ static inline void turn(const Robot &robot, Motion &m, const double *position, d
             store(m.body_cosine + a * stride + k, c);
             store(m.body_sine + a * stride + k, s);
         }
-    for (std::int64_t k = 0; k < instants; k += LANES) {
+    for (Index k = 0; k < instants; k += LANES) {
         Vector locked = all(0), moving = all(0);
-        for (std::int64_t a = 0; a < bodies; ++a) {
+        for (Index a = 0; a < bodies; ++a) {
             Vector x, y;
             couple<is_real>(robot.real + a * bodies, robot.imaginary + a * bodies, bodies, m.body_cosine + k,
                             m.body_sine + k, stride, x, y);
@@ -88,17 +88,17 @@ static inline void turn(const Robot &robot, Motion &m, double momentum) {
 // What theta0' changes by with the positions and speeds of the joints, in m.by_joint and m.by_joint_rate, at the
 // instants from k on that are computed at once; times -factor D_0.
 template <bool is_real>
-static inline void differentiate_turn(const Robot &robot, Motion &m, std::int64_t k, Vector factor) {
-    const std::int64_t bodies = robot.bodies, stride = m.stride;
+static inline void differentiate_turn(const Robot &robot, Motion &m, Index k, Vector factor) {
+    const Index bodies = robot.bodies, stride = m.stride;
     Vector *moving_cosine = (Vector *)m.moving_cosine, *moving_sine = (Vector *)m.moving_sine;
     Vector *by_angle = (Vector *)m.by_angle, *by_swing = (Vector *)m.by_swing;
     Vector twice = all(2) * load(m.rate + k);
-    for (std::int64_t a = 0; a < bodies; ++a) {
+    for (Index a = 0; a < bodies; ++a) {
         Vector swing = load(m.swing + a * stride + k);
         moving_cosine[a] = load(m.body_cosine + a * stride + k) * swing;
         moving_sine[a] = load(m.body_sine + a * stride + k) * swing;
     }
-    for (std::int64_t a = 0; a < bodies; ++a) {
+    for (Index a = 0; a < bodies; ++a) {
         Vector x, y;
         couple<is_real>(robot.real + a * bodies, robot.imaginary + a * bodies, bodies, m.moving_cosine, m.moving_sine,
                         LANES, x, y);
@@ -114,10 +114,10 @@ static inline void differentiate_turn(const Robot &robot, Motion &m, std::int64_
 
 // Derivatives of theta0' by positions and speeds, at all instants.
 static inline void differentiate_turn(const Robot &robot, Motion &m) {
-    for (std::int64_t k = 0; k < m.instants; k += LANES) {
+    for (Index k = 0; k < m.instants; k += LANES) {
         Vector factor = -load(m.inverse + k);
         robot.is_real ? differentiate_turn<true>(robot, m, k, factor) : differentiate_turn<false>(robot, m, k, factor);
-        for (std::int64_t i = 0; i < robot.joints; ++i) {
+        for (Index i = 0; i < robot.joints; ++i) {
             store(m.by_position + i * m.stride + k, ((Vector *)m.by_joint)[i]);
             store(m.by_speed + i * m.stride + k, ((Vector *)m.by_joint_rate)[i]);
         }
@@ -125,9 +125,9 @@ static inline void differentiate_turn(const Robot &robot, Motion &m) {
 }
 
 // Adds what turns the motors' rotors to the moments at the instants from k on.
-static inline void turn_rotors(const Robot &robot, Motion &m, std::int64_t k) {
-    for (std::int64_t link = 0; link < robot.links; ++link)
-        for (std::int64_t i = 0; i < robot.joints; ++i) {
+static inline void turn_rotors(const Robot &robot, Motion &m, Index k) {
+    for (Index link = 0; link < robot.links; ++link)
+        for (Index i = 0; i < robot.joints; ++i) {
             const double rotor = robot.rotors[link * robot.joints + i];
             double *moment = m.moment + link * m.stride + k;
             if (rotor != 0) store(moment, add_product(rotor, load(m.acceleration + i * m.stride + k), load(moment)));
@@ -137,13 +137,13 @@ static inline void turn_rotors(const Robot &robot, Motion &m, std::int64_t k) {
 // theta0'' and the moments that turn the links, from m.acceleration; their sum vanishes. x + i y is E_a (phi_a'' + i
 // phi_a'^2).
 static inline void move_bodies(const Robot &robot, Motion &m) {
-    const std::int64_t bodies = robot.bodies, stride = m.stride;
-    for (std::int64_t k = 0; k < m.instants; k += LANES) {
+    const Index bodies = robot.bodies, stride = m.stride;
+    for (Index k = 0; k < m.instants; k += LANES) {
         Vector base_rate = load(m.rate + k), pull = all(0);
-        for (std::int64_t a = 0; a < bodies; ++a) {
+        for (Index a = 0; a < bodies; ++a) {
             Vector relative = a ? load(m.relative + robot.parent[a] * stride + k) : all(0);
             Vector rate = load(m.swing + a * stride + k) + base_rate;
-            for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e)
+            for (Index e = robot.first[a]; e < robot.first[a + 1]; ++e)
                 relative = add_product(robot.ratio[e], load(m.acceleration + robot.joint[e] * stride + k), relative);
             store(m.relative + a * stride + k, relative);
             store(m.y + a * stride + k, rate * rate);
@@ -152,17 +152,17 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
         }
         Vector base_acceleration = -pull * load(m.inverse + k);
         store(m.base_acceleration + k, base_acceleration);
-        for (std::int64_t a = 0; a < bodies; ++a) {
+        for (Index a = 0; a < bodies; ++a) {
             Vector c = load(m.body_cosine + a * stride + k), s = load(m.body_sine + a * stride + k);
             Vector x = load(m.relative + a * stride + k) + base_acceleration, y = load(m.y + a * stride + k);
             store(m.x + a * stride + k, c * x - s * y);
             store(m.y + a * stride + k, s * x + c * y);
         }
-        for (std::int64_t link = 0; link < robot.links; ++link) {
+        for (Index link = 0; link < robot.links; ++link) {
             Vector x, y;
             couple<false>(robot.link_real + link * bodies, robot.link_imaginary + link * bodies, bodies, m.x + k,
                           m.y + k, stride, x, y);
-            const std::int64_t own = robot.group[link] * stride + k;
+            const Index own = robot.group[link] * stride + k;
             Vector c = load(m.body_cosine + own), s = load(m.body_sine + own);
             store(m.moment + link * stride + k, multiply_add(c, x, s * y));
         }
@@ -172,36 +172,35 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
 
 // Derivatives by position, speed and acceleration of the joints and by h, m.by (3 joints + 1), at instant k, of a sum:
 // weights (terms) of 1, theta0', velocities, accelerations and, where it has some, moments. After differentiate_turn().
-static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t k, const double *weights,
-                                     bool moments) {
-    const std::int64_t n = robot.joints, bodies = robot.bodies, stride = m.stride;
+static inline void differentiate_sum(const Robot &robot, Motion &m, Index k, const double *weights, bool moments) {
+    const Index n = robot.joints, bodies = robot.bodies, stride = m.stride;
     double *by = m.by, by_base_rate = weights[1];
     if (moments) {
         const double *of_moments = weights + 2 + 2 * n;
         double *by_angle = m.by_angle, *by_swing = m.by_swing, *by_acceleration = m.moving_cosine, pulled = 0;
-        for (std::int64_t o = 0; o < bodies; ++o) by_angle[o] = by_swing[o] = by_acceleration[o] = 0;
-        for (std::int64_t b = 0; b < robot.links; ++b) {
+        for (Index o = 0; o < bodies; ++o) by_angle[o] = by_swing[o] = by_acceleration[o] = 0;
+        for (Index b = 0; b < robot.links; ++b) {
             const double *re = robot.link_real + b * bodies, *im = robot.link_imaginary + b * bodies;
             const double c = m.body_cosine[robot.group[b] * stride + k], s = m.body_sine[robot.group[b] * stride + k];
             const double weight = of_moments[b];
             m.gathered[b] = 0;
-            for (std::int64_t o = 0; o < bodies; ++o) {  // conj(E_b) C_bo
+            for (Index o = 0; o < bodies; ++o) {  // conj(E_b) C_bo
                 double real = c * re[o] + s * im[o], imaginary = c * im[o] - s * re[o];
                 m.gathered[b] += real * m.y[o * stride + k] + imaginary * m.x[o * stride + k];
                 by_acceleration[o] += weight * real;
                 by_swing[o] += weight * imaginary;
             }
         }
-        for (std::int64_t o = 0; o < bodies; ++o) {
+        for (Index o = 0; o < bodies; ++o) {
             const double c = m.body_cosine[o * stride + k], s = m.body_sine[o * stride + k], x = by_acceleration[o];
             by_acceleration[o] = x * c - by_swing[o] * s;
             by_swing[o] = x * s + by_swing[o] * c;
             pulled += by_acceleration[o];
         }
         pulled *= m.inverse[k];  // what the base's acceleration does to the sum is taken off its weights
-        for (std::int64_t b = 0; b < robot.links; ++b)
+        for (Index b = 0; b < robot.links; ++b)
             by_angle[robot.group[b]] += (of_moments[b] - pulled) * m.gathered[b];
-        for (std::int64_t o = 0; o < bodies; ++o) {
+        for (Index o = 0; o < bodies; ++o) {
             const double real = by_acceleration[o] - pulled * m.inertia[o * stride + k];
             const double imaginary = by_swing[o] + pulled * m.turned[o * stride + k];
             const double rate = m.swing[o * stride + k] + m.rate[k];
@@ -212,13 +211,13 @@ static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t
         gather(robot, by_angle, by);
         gather(robot, by_swing, by + n);
         gather(robot, by_acceleration, by + 2 * n);
-        for (std::int64_t e = 0; robot.has_rotors && e < robot.links * n; ++e)
+        for (Index e = 0; robot.has_rotors && e < robot.links * n; ++e)
             by[2 * n + e % n] += of_moments[e / n] * robot.rotors[e];
         by_base_rate += by_swing[0];
     } else {
         std::memset(by, 0, 3 * n * sizeof(double));
     }
-    for (std::int64_t i = 0; i < n; ++i) {
+    for (Index i = 0; i < n; ++i) {
         by[i] += by_base_rate * m.by_position[i * stride + k];
         by[n + i] += by_base_rate * m.by_speed[i * stride + k] + weights[2 + i];
         by[2 * n + i] += weights[2 + n + i];
@@ -227,10 +226,9 @@ static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t
 }
 
 // The torque of a motor at the instants from k on that are computed at once; it turns link b by turns[b * motors].
-static inline Vector motor_torque(const Robot &robot, const Motion &m, const double *turns, std::int64_t motors,
-                                  std::int64_t k) {
+static inline Vector motor_torque(const Robot &robot, const Motion &m, const double *turns, Index motors, Index k) {
     Vector torque = all(0);
-    for (std::int64_t link = 0; link < robot.links; ++link)
+    for (Index link = 0; link < robot.links; ++link)
         if (turns[link * motors] != 0)
             torque = add_product(turns[link * motors], load(m.moment + link * m.stride + k), torque);
     return torque;
@@ -238,12 +236,12 @@ static inline Vector motor_torque(const Robot &robot, const Motion &m, const dou
 
 // p of n joints and its derivatives in m.sine, m.p_rate and m.p_curvature: sums of functions, with coefficients
 // (columns, n), from the functions' values and derivatives (columns, stride).
-static inline void combine(Motion &m, std::int64_t n, const double *coefficients, std::int64_t columns,
+static inline void combine(Motion &m, Index n, const double *coefficients, Index columns,
                            const double *value, const double *first, const double *second) {
-    for (std::int64_t i = 0; i < n; ++i)
-        for (std::int64_t k = 0; k < m.instants; k += LANES) {
+    for (Index i = 0; i < n; ++i)
+        for (Index k = 0; k < m.instants; k += LANES) {
             Vector p = all(0), rate = all(0), curvature = all(0);
-            for (std::int64_t c = 0; c < columns; ++c) {
+            for (Index c = 0; c < columns; ++c) {
                 const double z = coefficients[c * n + i];
                 p = add_product(z, load(value + c * m.stride + k), p);
                 rate = add_product(z, load(first + c * m.stride + k), rate);
@@ -258,9 +256,9 @@ static inline void combine(Motion &m, std::int64_t n, const double *coefficients
 // Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and m.p_curvature its derivatives.
 static inline void swing_joints(const Robot &robot, Motion &m, const double *centre, const double *amplitude) {
     const Vector per_second = all(m.per_second);
-    for (std::int64_t i = 0; i < robot.joints; ++i)
-        for (std::int64_t k = 0; k < m.instants; k += LANES) {
-            const std::int64_t at = i * m.stride + k;
+    for (Index i = 0; i < robot.joints; ++i)
+        for (Index k = 0; k < m.instants; k += LANES) {
+            const Index at = i * m.stride + k;
             Vector s, c, rate = load(m.p_rate + at);
             sine_cosine(load(m.sine + at), s, c);
             s = all(amplitude[i]) * s, c = all(amplitude[i]) * c;
@@ -272,8 +270,8 @@ static inline void swing_joints(const Robot &robot, Motion &m, const double *cen
         }
 }
 
-static inline void lay_out_turn(Arena &arena, Motion &m, const Robot &robot, std::int64_t instants) {
-    const std::int64_t n = robot.joints, bodies = robot.bodies;
+static inline void lay_out_turn(Arena &arena, Motion &m, const Robot &robot, Index instants) {
+    const Index n = robot.joints, bodies = robot.bodies;
     m.instants = instants;
     m.stride = (instants + 7) / 8 * 8;
     for (double **each : {&m.sine, &m.cosine, &m.p_rate, &m.speed}) arena.take(*each, n * m.stride);
@@ -284,9 +282,8 @@ static inline void lay_out_turn(Arena &arena, Motion &m, const Robot &robot, std
     for (double **each : {&m.by_joint, &m.by_joint_rate}) arena.take(*each, n * 8);
 }
 
-static inline void lay_out_motion(Arena &arena, Motion &m, const Robot &robot, std::int64_t capsules,
-                                  std::int64_t instants) {
-    const std::int64_t n = robot.joints;
+static inline void lay_out_motion(Arena &arena, Motion &m, const Robot &robot, Index capsules, Index instants) {
+    const Index n = robot.joints;
     lay_out_turn(arena, m, robot, instants);
     for (double **each : {&m.position, &m.p_curvature, &m.acceleration, &m.by_position, &m.by_speed})
         arena.take(*each, n * m.stride);

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import webbrowser
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import flag, function, in_short, made, optional, positive, text
+from floatplan.arguments import in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.motion.flight import Ballistics, Contact, angular_momentum_interval, ballistics, landing, takeoff
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
+from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import PlanRecord
-from floatplan.plans.schema import check_asked
+from floatplan.plans.record import PlanRecord, check_asked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -36,18 +34,10 @@ if TYPE_CHECKING:
 LONGEST_EXPLANATION = 300  # [characters] in a representation
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
 ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
-# Pictures and exports, loaded by name when they are asked for: the one place where a lower room calls upper ones.
-OUTPUTS = {
-    "figures": "floatplan.view.figures.figures",
-    "animate": "floatplan.view.figures.animation",
-    "write_report": "floatplan.view.report.report",
-    "notebook_frame": "floatplan.view.report.report",
-    "export": "floatplan.export.formats",
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(PlannedMotion):
+class Plan(Outputs, PlannedMotion):
     """A planned flight: a motion that can be evaluated at any time, and what was found out about it.
 
     Attributes
@@ -192,48 +182,8 @@ class Plan(PlannedMotion):
     def figures(self, compare: Plan | None = None) -> dict[str, Figure]:
         """Return the paper's figures, by name, as matplotlib figures; the curves of a plan to compare are dashed."""
         optional(made(Plan))(compare, "compare")
-        found: dict[str, Figure] = _output("figures")(self, compare=compare)
+        found: dict[str, Figure] = output("figures")(self, compare=compare)
         return found
-
-    def animate(
-        self, path: str | Path = "flight.gif", *, speed: float = 0.5, progress: Callable[[int, int], None] | None = None
-    ) -> Path:
-        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path.
-
-        ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
-        """
-        path, speed = as_path(path, "path"), positive()(speed, "speed")
-        progress = optional(function)(progress, "progress")
-        return Path(_output("animate")(self, path, speed=speed, progress=progress))
-
-    def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
-        """Write the report, a page that plays the flight, and open it in the browser unless ``browse`` is false."""
-        browse = flag(browse, "browse")
-        page = Path(_output("write_report")(self, as_path(path, "path")))
-        if browse:
-            webbrowser.open(page.resolve().as_uri())
-        return page
-
-    def export(self, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-        """Write the plan in another format.
-
-        Parameters
-        ----------
-        form : str
-            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree" or "unitree-sdk";
-            see ``floatplan export --help``.
-        path : path, optional
-            The file; left out, the format's own name in the working directory.
-        rate : float, optional
-            Instants per second, Hz; left out, what suits the format.
-
-        Raises
-        ------
-        InputError
-            The format is unknown, or the rate is wrong.
-        """
-        path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
-        return Path(_output("export")(self, text(form, "format"), path, rate))
 
     def __repr__(self) -> str:
         """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
@@ -242,10 +192,6 @@ class Plan(PlannedMotion):
             f"Plan({self.status}{proved}, angular_momentum={self.angular_momentum:.6g} kg m^2/s,"
             f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
         )
-
-    def _repr_html_(self) -> str:
-        """The report, as notebooks show it: it plays."""
-        return str(_output("notebook_frame")(self))
 
 
 def _motion(
@@ -262,11 +208,6 @@ def _motion(
         "coefficients": read_only(polynomials.powers_of_seconds(z) if coefficients is None else coefficients),
         "angular_momentum": float(angular_momentum[0]),
     }
-
-
-def _output(name: str) -> Callable[..., Any]:
-    function: Callable[..., Any] = getattr(import_module(OUTPUTS[name]), name)
-    return function
 
 
 @one_thread

@@ -11,12 +11,14 @@ import numpy.typing as npt
 
 from floatplan.arguments import Check, Checked, Outlined, by_name, made, numbers
 from floatplan.errors import InputError
+from floatplan.keys import in_files
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import motor_limits
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 MOST_PROBLEMS = 10_000_000  # of a family
-TABLES = ("start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance")
+TABLES = ("start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance", "jump")
 BY_JOINT = ("positions", "velocities", "accelerations")
 BY_MOTOR: Mapping[str, LimitRow] = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
 
@@ -110,17 +112,18 @@ def _set(current: Any, parts: Sequence[str], value: float, base: Problem, path: 
         return value
     key, *rest = parts
     if isinstance(current, Mapping):
-        if key not in (*base.robot.joints, *base.robot.motors):
+        if key not in (*current, *base.robot.joints, *base.robot.motors):
             known = dict.fromkeys((*base.robot.joints, *base.robot.motors))
             raise InputError(f"no joint {key!r}", element=path, advice=f"joints: {', '.join(known)}")
         if key not in current and rest:
             raise InputError(f"the base problem gives {key!r} nothing that could be varied", element=path)
         return {**current, key: _set(current.get(key), rest, value, base, path)}
     if isinstance(current, Checked):
-        if key not in current.checks:
+        field = next((name for name in current.checks if in_files(name) == key), None)
+        if field is None:
             raise InputError(f"there is no {key!r}", element=path)
-        inner = _spelt_out(base, path, key, getattr(current, key))
-        return current.changed(**{key: _set(inner, rest, value, base, path)})
+        inner = _spelt_out(base, path, key, getattr(current, field))
+        return current.changed(**{field: _set(inner, rest, value, base, path)})
     if isinstance(current, tuple | list):
         names = base.robot.joints
         index = names.index(key) if key in names and len(names) == len(current) else _index(key, len(current), path)
@@ -143,6 +146,10 @@ def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
         if isinstance(value, Mapping):
             return value
         return dict(zip(robot.joints, np.broadcast_to(value, len(robot.joints)).tolist(), strict=True))
+    if head == "jump" and not key:
+        return value or JumpRequest()
+    if value == "standing":
+        return {}
     if head == "flight" and key in ("takeoff", "landing"):
         return value or getattr(base, key)
     if head == "limits" and key == "position" and path.count(".") > 1:

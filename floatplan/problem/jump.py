@@ -138,7 +138,9 @@ class JumpRequest(Keyed):
     """
 
     friction: Annotated[float, Key(numbers=Range(LEAST, STEEPEST, ""))] = 0.6
-    margin: Annotated[Mapping[str, float], Key(check=_margin)] = field(default_factory=lambda: dict(MARGIN))
+    margin: Annotated[Mapping[str, float], Key(numbers=Range(LEAST, 1.0, ""), check=_margin)] = field(
+        default_factory=lambda: dict(MARGIN)
+    )
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)

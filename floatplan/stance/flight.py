@@ -61,21 +61,32 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*there, _ground(problem, program, solution, ground)),
+        obstacles=(*there, *_grounds(problem, program, solution, ground)),
         ground=False,
         written=None,
     )
 
 
-def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> HalfPlane:
-    """The half-plane below the links' capsules at both ends, which are thicker than what stands."""
-    index, depth, robot = program.flight, 0.0, problem.robot
-    for side, node in ((index - 1, program.starts[index]), (index + 1, program.starts[index + 1])):
-        anchor = program.phases[side].anchor
-        y = solution.y[:, node]
-        lowest = undersides(robot, corners(robot.shapes), y).min()
-        depth = max(depth, ground_below(robot, anchor, y) - float(lowest))
-    return HalfPlane(point=(0.0, round(ground - depth - POINT_FEET, 4)))
+def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> list[HalfPlane]:
+    """Half-planes below the links' capsules, which are thicker than what stands: as deep as these are at both ends.
+
+    Another is as high as the ground, as long as the program's capsules are above it: so long its feet are lifted.
+    """
+    index, robot, shares = program.flight, problem.robot, program.phases[program.flight].shares
+    flown = solution.y[:, program.starts[index] : program.starts[index + 1] + 1].T
+    anchors = program.phases[index - 1].anchor, program.phases[index + 1].anchor
+    before, after = (ground_below(robot, *each) for each in zip(anchors, flown[[0, -1]], strict=True))
+    time = float(solution.durations[index])
+    rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
+    heights = rise + [undersides(robot, corners(robot.shapes), y).min() for y in flown]
+    levels, lifted = [min(0.0, *heights[[0, -1]])], np.flatnonzero(heights > POINT_FEET)
+    windows: list[tuple[float, float] | None] = [None]
+    if len(lifted) > 1:
+        first, last = lifted[[0, -1]]
+        levels.append(min(POINT_FEET, heights[first : last + 1].min()))
+        windows.append((time * shares[first], time * shares[last]))
+    pairs = zip(levels, windows, strict=True)
+    return [HalfPlane(point=(0.0, round(ground + low - POINT_FEET, 4)), window=window) for low, window in pairs]
 
 
 def planned_flight(problem: Problem, seed: int) -> Plan:

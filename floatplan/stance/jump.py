@@ -18,6 +18,7 @@ from typing import Any
 from floatplan.arguments import path as as_path
 from floatplan.files import plain, write_atomically
 from floatplan.planning.repair import judged
+from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.reading import robot_record
 from floatplan.plans.verdicts import Certificate, verdict_in_words
 from floatplan.pool.threads import one_thread
@@ -32,7 +33,7 @@ LONGEST_EXPLANATION = 300  # [characters] in a representation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Jump(JumpMotion):
+class Jump(Outputs, JumpMotion):
     """A jump from standing to standing: a motion that can be evaluated at any time, and whether it holds.
 
     Attributes
@@ -77,6 +78,11 @@ class Jump(JumpMotion):
         flight, _ = verdict_in_words(self.flight.ok, self.flight.certificate, False)
         stances = "stances checked" if self.check.ok else "stances not within limits"
         return ", ".join([flight, stances, *(["with warnings"] if self.flight.warnings else [])])
+
+    @property
+    def view(self) -> Any:
+        """The jump as pictures take it; InputError where none was found."""
+        return output("JumpView")(self, self.check, self.verdict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""

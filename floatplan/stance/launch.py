@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from floatplan.arguments import SEED, made, one_of, optional, whole
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.motion.planar.contact_rates import ContactEquations, rates_at
 from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.presentation import Row
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
@@ -27,11 +30,10 @@ from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE, Range
 
+End: TypeAlias = Literal["takeoff", "landing"]
+
 STARTS = 3
-SETTINGS = (
-    ("max_iter", 130),
-    ("max_hessian_perturbation", 1e6),
-)  # of IPOPT: beyond, iterations are few but take minutes
+SETTINGS = (("max_iter", 130), ("max_hessian_perturbation", 1e6))  # of IPOPT; with more, iterations take seconds
 MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 SLIPS = 0.01  # [-] of the weight, beyond the cone: what is less more nodes mend
@@ -65,13 +67,19 @@ class Launch:
     impossible: bool = False
     broken: tuple[str, ...] = ()
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found out, as plain data: what ``floatplan plan --launch --json`` prints of an end."""
+        told = {name: getattr(self, name) for name in ("ok", "joint", "limit", "impossible")}
+        ratio = self.ratio if math.isfinite(self.ratio) else None
+        return {**told, "ratio": ratio, "sentences": list(self.sentences)}
+
 
 @one_thread
 def launch(
     plan: Plan | str | Path,
     request: JumpRequest | None = None,
     *,
-    end: Literal["takeoff", "landing"] = "takeoff",
+    end: End = "takeoff",
     seed: int = 0,
     starts: int = STARTS,
 ) -> Launch:
@@ -117,10 +125,7 @@ def launch(
         return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
-
-    def complete(program: JumpProgram, solution: Solution) -> tuple[Launch, dict[str, float] | None]:
-        return _answer(plan, request, end, program, solution)
-
+    complete = partial(_answer, plan, request, end)
     answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
     program = partial(setup.program, settings=SETTINGS)
     first = program(ROOM)
@@ -135,6 +140,26 @@ def launch(
     return replace(answer, sentences=(*answer.sentences, told))
 
 
+def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row], dict[str, Any]]:
+    """Rows for a person, and facts by end, of the stances that reach a plan's takeoff and follow its landing."""
+    rows: list[Row] = []
+    facts: dict[str, Any] = {}
+    stands = [contact.end for contact in plan.contacts]
+    ends: tuple[End, ...] = get_args(End)
+    for end in ends:
+        if end not in stands:
+            rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
+            continue
+        try:
+            found = launch(plan, end=end, seed=seed, starts=starts)
+        except InputError as error:
+            rows.append(Row(f"{end} stance", f"none was looked for: {error}", "open"))
+            continue
+        facts[end] = found.to_dict()
+        rows.append(Row(f"{end} stance", found.sentences[0], "good" if found.ok else "open"))
+    return rows, facts
+
+
 def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
     """What a plan's takeoff or landing asks; its rates and accelerations where they are those of a foot at rest."""
     full = flight_state(plan, np.array([0.0 if end == "takeoff" else plan.duration]), 0.0)
@@ -146,11 +171,9 @@ def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
     from_com = [model.com_from(anchor.spots[0], order) for order in (1, 2)]
     rate, change = (np.array(model.function("moves", each)(y, v, a), np.float64).ravel() for each in from_com)
     unit = np.sqrt(1.0 / gravity)
-    slides = float(np.abs(rate - state.com_velocity).max())
-    pushed = float(np.abs(change + np.array([0.0, gravity])).max()) * unit
     horizontal, vertical = map(float, state.com_velocity)
-    rests = slides < AT_REST
-    falls = rests and pushed < AT_REST
+    rests = np.abs(rate - state.com_velocity).max() < AT_REST
+    falls = rests and np.abs(change + np.array([0.0, gravity])).max() * unit < AT_REST
     known = (v if rests else None, a if falls else None, None if rests else (horizontal, vertical))
     return Meeting(0 if end == "takeoff" else -1, y, *known)
 
@@ -163,16 +186,13 @@ def _answer(
     com = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position)
     stances = exact_stances(program, solution, end, solution.y[:, node], float(solution.v[0, node]), com)
     sides = (stances, ()) if end == "takeoff" else ((), stances)
-    motion = JumpMotion(plan.problem, request, plan, *sides)
-    figures = stance_figures(motion)
+    figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     shares = {name: figures[name] for name in ("torque", "torque_speed", "velocity")}
     limit = max(shares, key=lambda name: shares[name])
-    ratio = shares[limit]
-    joint = _joint(plan, stances, limit)
+    ratio, joint = shares[limit], _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
     rest = {name: value for name, value in figures.items() if name not in shares}
-    said, _ = judged(request, rest)
-    broken = [", ".join(words) for words in said]
+    broken = [", ".join(words) for words in judged(request, rest)[0]]
     named = WORDS[limit].format(joint)
     if ratio <= 1 and not broken:
         first = f"reachable, with {1 - ratio:.0%} to spare ({named})" if ratio > 0 else "reachable; nothing is limited"
@@ -182,8 +202,8 @@ def _answer(
         first = f"no stance was found within the limits (least factor {ratio:.2f}, {named})"
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
-    slips = {"slip": rest["slip"]} if rest["slip"] > SLIPS else {}
-    mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")} | slips
+    little = {"friction"} | ({"slip"} if rest["slip"] < SLIPS else set())
+    mended = {name: value for name, value in rest.items() if name not in little}
     return answer, mended if broken else None
 
 
@@ -194,12 +214,11 @@ def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Lau
     of the rates alone in a posture that is known, whatever came before. Each contact's are a bound of their own.
     """
     com = plan.at(0.0 if end == "takeoff" else plan.duration).com_velocity
-    model, limits, size = PlanarModel(plan.robot), plan.problem.velocity_limits, len(met.y)
-    y, none = np.repeat(met.y[:, None], size, axis=1), np.zeros((size, size))
+    model, limits = PlanarModel(plan.robot), plan.problem.velocity_limits
     bounds, rates = list[tuple[float, str, str]](), list[Array]()
     for contact in setup.phases[-2 if end == "takeoff" else 1].contacts:
         moves = model.function("moves", [model.momentum(), *model.com_from(contact.spots[0], 1)])
-        momentum, x, z = (np.asarray(each).ravel() for each in moves(y, np.eye(size), none))
+        momentum, x, z = (np.asarray(each).ravel() for each in moves(met.y, np.eye(len(met.y)), 0 * met.y))
         equations = ContactEquations(np.stack((momentum, -x, -z)), com)
         found = rates_at(plan.robot, equations, limits, plan.angular_momentum)
         bounds.append((found.ratio or 0.0, found.joint or "", contact.name))

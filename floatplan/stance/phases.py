@@ -27,7 +27,7 @@ WIDEST = {
 }  # [-] of a phase's guessed duration, unless bounds are given
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
 SLOWEST = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
-GENTLE = 0.25  # [-] of a phase's duration, at its end next to the flight, in which forces may vanish gently
+GENTLE = 0.1  # [-] of a phase's duration, at its end next to the flight, in which forces may vanish gently
 ATTEMPTS = 10  # [-] random postures from which a standing one is looked for
 UNSTEADY = 1.0  # [-] cost of time on one point, over sqrt(height / g): there errors grow by a factor e in as much
 STILL = 1e-6  # [m] what counts as level

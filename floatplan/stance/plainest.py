@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from floatplan.arrays import Array
@@ -14,10 +12,8 @@ from floatplan.stance.program import JumpProgram
 
 SHORTER = 0.8  # [-] times the usual durations
 DRAWN = (0.3, 1.3)  # [-] times these, of each phase, at random
-BUMPS = 0.5  # [rad] of the base and the joints at most, at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
-FRICTION = 0.5  # [-] of the cone: more is taken by the other contact
 
 
 def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Generator | None = None) -> Array:
@@ -27,30 +23,26 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
 
     Parameters
     ----------
-    met : where the flight is met
-    v : (n+1,) rad/s there
-    rng : draws other durations and postures
+    met : where the flight is met, with rates ``v`` (n+1,) rad/s
+    rng : draws other durations
     """
     takes_off = met.node == 0
     home, plain = program.ends[0 if takes_off else 1], program.split(program.guess())
     stances = [index for index, phase in enumerate(program.phases) if phase.contacts][:: 1 if takes_off else -1]
-    least, most = np.array([phase.bounds for phase in program.phases])[stances].T
-    longer = SHORTER * (1.0 if rng is None else rng.uniform(*DRAWN, len(stances)))
-    plain[-3][stances, 0] = np.clip(longer * plain[-3][stances, 0], least, most)
+    shares = SHORTER * (1.0 if rng is None else rng.uniform(*DRAWN, len(stances)))
+    plain[-3][stances, 0] *= shares
     times = instants(program.phases, plain[-3].ravel())
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
     a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
     rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
     motion = _quintic(times[[0, -1]], (rest, flies) if takes_off else (flies, rest), times)
-    if rng is not None:
-        s = (times - times[0]) / np.ptp(times)
-        bump = 64 * np.polynomial.Polynomial([0, 1, -1]) ** 3
-        shapes = np.stack([(bump.deriv(order) if order else bump)(s) / np.ptp(times) ** order for order in range(3)])
-        motion += rng.uniform(-BUMPS, BUMPS, (len(v), 1)) * shapes[:, None]
     for index in stances:
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
-        closed = np.stack(dynamics.close(*motion[:, :, nodes])) if phase.others else motion[:, :, nodes]
+        try:
+            closed = np.stack(dynamics.close(*motion[:, :, nodes]))
+        except np.linalg.LinAlgError:  # a leg is straight
+            break
         if not np.abs(closed - motion[:, :, nodes])[0].max() < FARTHEST:
             break
         motion[:, :, nodes] = closed
@@ -61,7 +53,6 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
             motion[:, rows, beyond] = _quintic(times[beyond][[0, -1]], ends, times[beyond])[:, rows]
         y, v, a = closed
         grid = Grid(times[nodes], y, v, a, np.zeros((len(phase.others), y.shape[1])))
-        grid = replace(grid, ratios=dynamics.shared(grid, FRICTION * program.node.bounds.friction))
         forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
         for row, contact in enumerate(phase.others):
             plain[3 + index][2 * row : 2 * row + 2] = np.sum([forces[name] for name in contact.names], axis=0).T

@@ -48,37 +48,20 @@ class Here(Executor):
         return future
 
 
+@dataclass(frozen=True)
 class Engine:
     """Where chunks go.
 
-    Parameters
+    Attributes
     ----------
-    begin : callable
-        Begins an executor, as a context.
-    places : callable
-        Tells how many chunks it takes at a time.
-    alone : callable, optional
-        Begins an executor for one chunk that may end its process; left out, the one that there is survives that.
+    begin : begins an executor, as a context
+    places : tells how many chunks it takes at a time
+    alone : begins an executor for one chunk that may end its process
     """
 
-    def __init__(
-        self,
-        begin: Callable[[], AbstractContextManager[Executor]],
-        places: Callable[[], int],
-        alone: Callable[[], AbstractContextManager[Executor]] | None = None,
-    ) -> None:
-        self._begin, self.places, self._open = begin, places, ExitStack()
-        self.alone = alone or (lambda: nullcontext(self.executor))
-        self.renew()
-
-    def renew(self) -> None:
-        """Put another executor in the place of one that a dead process has broken."""
-        self.close()
-        self.executor = self._open.enter_context(self._begin())
-
-    def close(self) -> None:
-        """End it."""
-        self._open.close()
+    begin: Callable[[], AbstractContextManager[Executor]]
+    places: Callable[[], int]
+    alone: Callable[[], AbstractContextManager[Executor]]
 
 
 def processors() -> int:
@@ -88,7 +71,7 @@ def processors() -> int:
 
 @contextmanager
 def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engine]:
-    """Start an engine, and end it.
+    """Offer an engine as long as it lasts.
 
     Parameters
     ----------
@@ -106,19 +89,14 @@ def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engi
     if scheduler is not None and name != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
     count = processors() if jobs is None else jobs
-    with ExitStack() as opened:
-        if name == "dask":
-            client = opened.enter_context(_client(count, scheduler))
-            engine = Engine(
-                lambda: nullcontext(client.get_executor(pure=False)),
-                lambda: AHEAD * max(int(sum(client.nthreads().values())), 1),
-            )
-        elif count > 1:
-            engine = Engine(lambda: _pool(count), lambda: AHEAD * count, lambda: processes(1, LOADED))
-        else:
-            engine = Engine(lambda: nullcontext(Here()), lambda: 1)
-        opened.callback(engine.close)
-        yield engine
+    if name == "dask":
+        with _client(count, scheduler) as client:
+            cluster = nullcontext(client.get_executor(pure=False))  # which outlives its workers
+            yield Engine(lambda: cluster, lambda: AHEAD * max(sum(client.nthreads().values()), 1), lambda: cluster)
+    elif count > 1:
+        yield Engine(lambda: _pool(count), lambda: AHEAD * count, lambda: processes(1, LOADED))
+    else:
+        yield Engine(lambda: nullcontext(Here()), lambda: 1, lambda: nullcontext(Here()))
 
 
 @contextmanager
@@ -185,26 +163,28 @@ class StudyRun:
         waiting = list(reversed(gaps))
         running: dict[Future[PlannedChunk], Range] = {}
         lost: list[Range] = []
-        while waiting or running or lost:
-            if lost and not running:
-                self._engine.renew()
-                for chunk in lost:
-                    self._alone(chunk)
-                lost = []
-            places = self._engine.places()
-            while waiting and len(running) < places and not lost:
-                chunk = self._next(waiting, places)
-                try:
-                    running[self._submit(self._engine.executor, chunk)] = chunk
-                except BrokenExecutor:
-                    lost.append(chunk)
-            finished, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in finished:
-                chunk = running.pop(future)
-                if _is_lost(future):
-                    lost.append(chunk)
-                else:
-                    self._keep(chunk, future.result())
+        with ExitStack() as executors:
+            executor = executors.enter_context(self._engine.begin())
+            while waiting or running or lost:
+                if lost and not running:
+                    executors.close()
+                    for chunk in lost:
+                        self._alone(chunk)
+                    lost, executor = [], executors.enter_context(self._engine.begin())
+                places = self._engine.places()
+                while waiting and len(running) < places and not lost:
+                    chunk = self._next(waiting, places)
+                    try:
+                        running[self._submit(executor, chunk)] = chunk
+                    except BrokenExecutor:
+                        lost.append(chunk)
+                finished, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    chunk = running.pop(future)
+                    if _is_lost(future):
+                        lost.append(chunk)
+                    else:
+                        self._keep(chunk, future.result())
 
     def _next(self, waiting: list[Range], places: int) -> Range:
         """Take a chunk from what is waiting: about a second of work, less at the end, so that all end together."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
@@ -24,20 +24,13 @@ from floatplan.plans.reading import robot_record
 from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
-from floatplan.studies.schema import (
-    Kind,
-    PlanTable,
-    RangeTable,
-    StudyTables,
-    VariedNumber,
-    varied_number,
-    with_sampling,
-)
+from floatplan.studies import schema
 
 PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
 MOST_VARIED = 32  # numbers of a problem that a study varies
 LARGER_IS_BETTER = ("clearance",)  # of the columns that a map can show
+OF_JUMPS = {"height": "m", "jump_duration": "s", "friction_used": ""}  # columns of jumps alone, and their units
 
 Values: TypeAlias = dict[str, npt.NDArray[Any]]
 
@@ -47,7 +40,7 @@ class Axis:
     """A number that varies: the values of a grid, or the ends of its range, in the file's unit."""
 
     path: str
-    number: VariedNumber
+    number: schema.VariedNumber
     values: Array
 
     def column(self, values: Array) -> npt.NDArray[Any]:
@@ -63,7 +56,7 @@ class Samples:
     """
 
     axes: Sequence[Axis]
-    kind: Kind
+    kind: schema.Kind
     count: int
     seed: int
 
@@ -108,7 +101,7 @@ class StudyFile:
     base: Problem
     problem_file: bytes
     samples: Samples
-    plan: PlanTable
+    plan: schema.PlanTable
     folder: Path
     map: tuple[str, str, str] | None
 
@@ -149,19 +142,18 @@ class StudyFile:
         return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
 
 
-def versions() -> dict[str, str]:
-    """What the answers come from; whoever shares the work must have the same."""
-    return {"floatplan": version("floatplan"), "code": _code(), "solver": description().partition(" (")[0]}
-
-
 @cache
-def _code() -> str:
-    """Digest of the package as it is here, changed or not: its modules and the compiled kernel."""
+def versions() -> Mapping[str, str]:
+    """What the answers come from; whoever shares the work must have the same.
+
+    The code is that of the package as it is here, changed or not: its modules and the compiled kernel.
+    """
     digest = hashlib.sha256()
     for path in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.so")]):
         digest.update(f"{path.relative_to(PACKAGE).as_posix()} ".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]
+    code, solver = digest.hexdigest()[:16], description().partition(" (")[0]
+    return {"floatplan": version("floatplan"), "code": code, "solver": solver}
 
 
 def load_study_file(path: str | Path) -> StudyFile:
@@ -174,7 +166,9 @@ def load_study_file(path: str | Path) -> StudyFile:
     """
     path = Path(path)
     with naming(path):
-        tables = read_tables(StudyTables, with_sampling(read_toml(path, "a study file")))
+        tables = read_tables(schema.StudyTables, schema.with_sampling(read_toml(path, "a study file")))
+    if tables.plan.jump and tables.plan.search:
+        raise InputError("is for flights alone", source=path, element="plan.search", advice="raise plan.starts")
     problem = path.parent / tables.problem
     base = load_problem(problem)
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
@@ -184,7 +178,7 @@ def load_study_file(path: str | Path) -> StudyFile:
         return StudyFile(path.stem, base, content, samples, tables.plan, folder, _map(tables, base))
 
 
-def _samples(tables: StudyTables, base: Problem, degrees: bool) -> Samples:
+def _samples(tables: schema.StudyTables, base: Problem, degrees: bool) -> Samples:
     if not tables.vary:
         raise InputError("varies nothing", element="vary", advice='give a path such as "flight.duration"')
     if len(tables.vary) > MOST_VARIED:
@@ -202,12 +196,12 @@ def _samples(tables: StudyTables, base: Problem, degrees: bool) -> Samples:
     return Samples(axes, tables.sampling, count, tables.seed)
 
 
-def _count(tables: StudyTables) -> int:
+def _count(tables: schema.StudyTables) -> int:
     """Number of rows."""
     if tables.sampling == "grid":
         if tables.samples is not None:
             raise InputError("is not for a grid", element="samples", advice='set sampling = "sobol" or "random"')
-        lengths = [each.count if isinstance(each, RangeTable) else len(each) for each in tables.vary.values()]
+        lengths = [each.count if isinstance(each, schema.RangeTable) else len(each) for each in tables.vary.values()]
         count = math.prod(length or 1 for length in lengths)
     elif tables.samples is None:
         raise InputError("is missing", element="samples", advice="give the number of rows to draw")
@@ -219,8 +213,8 @@ def _count(tables: StudyTables) -> int:
 
 
 def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
-    number, element = varied_number(path, degrees), f"vary.{path}"
-    if isinstance(varied, RangeTable):
+    number, element = schema.varied_number(path, degrees), f"vary.{path}"
+    if isinstance(varied, schema.RangeTable):
         if varied.from_ > varied.to:
             raise InputError(f"from {varied.from_:g} is above to {varied.to:g}", element=element)
         if sampling == "grid" and varied.count is None:
@@ -239,11 +233,11 @@ def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
     return Axis(path, number, values)
 
 
-def _map(tables: StudyTables, base: Problem) -> tuple[str, str, str] | None:
+def _map(tables: schema.StudyTables, base: Problem) -> tuple[str, str, str] | None:
     keys = list(tables.vary)
     if tables.result.map is None:
         return (keys[0], keys[1], "torque_peak") if len(keys) > 1 else None
-    check_map(tables.result.map, keys, coloured(base), "result.map")
+    check_map(tables.result.map, keys, coloured(base, tables.plan), "result.map")
     return tables.result.map
 
 
@@ -260,7 +254,8 @@ def check_map(names: tuple[str, str, str], keys: Sequence[str], columns: Sequenc
         raise InputError(f"{z!r} is no column of numbers", element=element, advice=f"known: {known}")
 
 
-def coloured(base: Problem) -> list[str]:
+def coloured(base: Problem, plan: schema.PlanTable) -> list[str]:
     """Columns of numbers that a map can show."""
     torques = ("torque_peak", *(f"torque_peak.{motor}" for motor in base.robot.motors))
-    return ["objective", "angular_momentum", *torques, "utilisation", "clearance", "starts", "milliseconds"]
+    measured = ["utilisation", "clearance", *(OF_JUMPS if plan.jump else ())]
+    return ["objective", "angular_momentum", *torques, *measured, "starts", "milliseconds"]

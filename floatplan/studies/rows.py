@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
+from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, printable
 from floatplan.kernel.peaks import many_peaks
 from floatplan.kernel.rows import is_plain_family
@@ -21,8 +22,12 @@ from floatplan.plans.measures import largest_use
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
-from floatplan.studies.columns import read_table, table_of, written
-from floatplan.studies.file import StudyFile, Values, versions
+from floatplan.problem.problem import Problem
+from floatplan.stance.check import RATE
+from floatplan.stance.planner import jump
+from floatplan.studies.file import OF_JUMPS, StudyFile, Values, versions
+from floatplan.studies.folder import read_table, table_of, written
+from floatplan.studies.schema import PlanTable
 from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
@@ -61,7 +66,7 @@ def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
     began = time.perf_counter()
     study = _unpacked(content)
     problems = study.problems(values)
-    columns = _together(study, problems) if is_plain_family(problems) else None
+    columns = _together(study, problems) if is_plain_family(problems) and not study.plan.jump else None
     if columns is None:
         rows = [_alone(study, problems[index : index + 1], first + index) for index in range(len(problems))]
         columns = {name: [row[name] for row in rows] for name in rows[0]}
@@ -82,7 +87,7 @@ def _together(study: StudyFile, problems: Family) -> dict[str, Any] | None:
     """Plan rows in one batch and measure them in blocks; None where that fails, so that the bad row is to be found."""
     began = time.perf_counter()
     try:
-        plans = plan_many(problems, seed=study.samples.seed, **asdict(study.plan))
+        plans = plan_many(problems, seed=study.samples.seed, **study.plan.effort)
         found = np.flatnonzero(plans.ok)
         peaks, use = _measured(problems, plans, found)
     except Exception:
@@ -136,7 +141,11 @@ def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
     began = time.perf_counter()
     measured: dict[str, Any] = {}
     try:
-        plans = plan_many(problem, seed=row_seed(study.samples.seed, index), **asdict(study.plan))
+        seed = row_seed(study.samples.seed, index)
+        if study.plan.jump:
+            answer, measured = _jumped(problem[0], seed, study.plan)
+            return _row(study, answer, 1e3 * (time.perf_counter() - began)) | measured
+        plans = plan_many(problem, seed=seed, **study.plan.effort)
         answer = plans.answer(0)
         if plans.ok[0]:
             plan = plans[0]
@@ -152,12 +161,40 @@ def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
     return _row(study, answer, 1e3 * (time.perf_counter() - began)) | measured
 
 
+def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
+    """A whole jump, and what was measured of it 2000 times a second: the check's figures, and those of the motors."""
+    found = jump(problem, seed=seed, starts=plan.starts)
+    if not found.ok or found.flight is None:
+        return Answer("not_found", starts=plan.starts, message=found.explanation), {}
+    verdict = certify(found.flight).verdict if plan.prove else ""
+    figures, view = found.check.figures, found.view
+    times = np.linspace(0.0, found.duration, int(found.duration * RATE) + 2)
+    torques = view.at(times).motor_torques
+    answer = Answer(
+        "feasible",
+        objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
+        angular_momentum=found.flight.angular_momentum,
+        starts=plan.starts,
+        verdict=verdict,
+        message=found.explanation,
+    )
+    return answer, {
+        "objective": answer.objective,
+        "peaks": np.abs(torques).max(axis=0),
+        "utilisation": max(figures[name] for name in ("torque", "torque_speed", "velocity")),
+        "clearance": figures.get("obstacles", np.nan),
+        "height": view.height,
+        "jump_duration": found.duration,
+        "friction_used": figures["friction"],
+    }
+
+
 def _row(study: StudyFile, answer: Answer, milliseconds: float) -> dict[str, Any]:
     """What a row holds of an answer of which nothing is measured."""
     refuted = answer.verdict == "refuted" and answer.status in SOLVED  # then it was not found
     return {
         "status": "not_found" if refuted else answer.status,
-        **dict.fromkeys(("objective", "utilisation", "clearance"), np.nan),
+        **dict.fromkeys(("objective", "utilisation", "clearance", *OF_JUMPS), np.nan),
         "angular_momentum": answer.angular_momentum,
         "peaks": np.full(len(study.base.robot.motors), np.nan),
         "explanation": printable(answer.message or GOAL_MET, LONGEST_EXPLANATION),
@@ -193,6 +230,7 @@ def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any
         **dict(zip(motors, peaks.T, strict=True)),
         "utilisation": number("utilisation"),
         "clearance": number("clearance"),
+        **({name: number(name) for name in OF_JUMPS} if study.plan.jump else {}),
         "explanation": found["explanation"],
         "starts": np.asarray(found["starts"], dtype=np.int32),
         "milliseconds": number("milliseconds"),
@@ -202,7 +240,8 @@ def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any
         columns["verdict"] = found["verdict"]
     units = {
         **study.units,
-        "objective": OBJECTIVE_TABLE[study.base.motion.objective].unit,
+        **OF_JUMPS,
+        "objective": OBJECTIVE_TABLE["torque" if study.plan.jump else study.base.motion.objective].unit,
         "angular_momentum": "kg m^2/s",
         **dict.fromkeys(("torque_peak", *motors), "N m"),
         "clearance": "m",
@@ -212,26 +251,24 @@ def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any
     return table_of(columns, units)
 
 
-class RowCheck:
-    """What chunks of a study must hold."""
+def row_check(study: StudyFile) -> Callable[[Any, int, int], bool]:
+    """Return what tells whether a table holds a range of rows and no others, in their order, each with a status."""
+    schema = read_table(written(_unplanned(study, 0, study.samples.values(0, 1), ""))).schema
 
-    def __init__(self, study: StudyFile) -> None:
-        self._samples = study.samples
-        one = _unplanned(study, 0, self._samples.values(0, 1), "")
-        self._schema = read_table(written(one)).schema
+    there = ("objective", *([] if study.plan.jump else ["coefficients"]))
 
-    def are_in(self, table: Any, first: int, stop: int) -> bool:
-        """Whether a table holds these rows and no others, in their order, each with a status that there is."""
-        if not table.schema.equals(self._schema, check_metadata=True) or len(table) != stop - first:
+    def are_in(table: Any, first: int, stop: int) -> bool:
+        if not table.schema.equals(schema, check_metadata=True) or len(table) != stop - first:
             return False
-        given = {"index": np.arange(first, stop), **self._samples.values(first, stop)}
+        given = {"index": np.arange(first, stop), **study.samples.values(first, stop)}
         said = {"status": STATUSES, **({"verdict": VERDICTS} if "verdict" in table.column_names else {})}
-        never_missing = [*given, *said, "explanation", "starts"]
-        if any(table[name].null_count for name in never_missing):
+        if any(table[name].null_count for name in (*given, *said, "explanation", "starts")):
             return False
         solved = table.filter(np.isin(table["status"].to_numpy(), SOLVED))
         return (
-            not any(solved[name].null_count for name in ("objective", "coefficients"))
+            not any(solved[name].null_count for name in there)
             and all(np.array_equal(table[name].to_numpy(), values) for name, values in given.items())
             and all(np.isin(table[name].to_numpy(), words).all() for name, words in said.items())
         )
+
+    return are_in

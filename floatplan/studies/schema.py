@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_orig
 
 from floatplan.arguments import LARGEST_SEED
 from floatplan.errors import InputError
-from floatplan.keys import Key, Keyed, entry_of, json_schema
+from floatplan.keys import Key, Keyed, entry_of, in_files, json_schema
 from floatplan.planning.search import MOST_SOLVED
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Flight, Limits, Motion, Posture, SelfClearance
 from floatplan.tables import RANGES, Range
 
@@ -36,9 +37,17 @@ class RangeTable(Keyed):
 class PlanTable(Keyed):
     """How hard to try."""
 
-    starts: Annotated[int, Key("Solved starts to choose the best from", numbers=Range(1, MOST_SOLVED, ""))] = 1
+    starts: Annotated[
+        int, Key("Solved starts to choose the best from; of jumps, starts at most", numbers=Range(1, MOST_SOLVED, ""))
+    ] = 1
     prove: Annotated[bool, Key("Whether to prove each plan")] = False
     search: Annotated[bool, Key("Whether to search longer, up to 10 s, for rows that are not solved soon")] = False
+    jump: Annotated[bool, Key("Whether rows are whole jumps, in the place of their flights alone")] = False
+
+    @property
+    def effort(self) -> dict[str, Any]:
+        """What :func:`floatplan.plan_many` is told."""
+        return {"starts": self.starts, "prove": self.prove, "search": self.search}
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,7 @@ def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
 _JOINT, _INDEX, _AXIS = r"\.[^.]+", r"\.\d+", r"\.[01]"
 _PARTS = (
     *((r"(?:start|goal)", Posture), ("flight", Flight), ("motion", Motion), ("limits", Limits)),
+    ("jump", JumpRequest),
     *((rf"obstacles{_INDEX}", kind) for kind in OBSTACLE_KINDS.values()),
     (rf"self_clearance{_INDEX}", SelfClearance),
 )
@@ -136,18 +146,18 @@ def _numbers() -> Mapping[str, tuple[str, Range, bool]]:
     found: dict[str, tuple[str, Range, bool]] = {}
     for head, part in _PARTS:
         for pattern, key, name, whole in _below(head, part, Key(""), ""):
-            found[pattern] = key.unit, DEGREE if whole else RANGES[name], whole
+            found[pattern] = key.unit, DEGREE if whole else name if isinstance(name, Range) else RANGES[name], whole
     return found
 
 
-def _below(path: str, hint: Any, key: Key, name: str) -> Iterator[tuple[str, Key, str, bool]]:
-    """Paths of the numbers in what has a type, each with its key, the name of its range, and whether it is whole."""
+def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[str, Key, str | Range, bool]]:
+    """Paths of the numbers in what has a type, each with its key, its range or that's name, and whether it is whole."""
     origin, inner = get_origin(hint), get_args(hint)
     if hint in (float, int):
         yield path, key, name, hint is int
     elif isinstance(hint, type) and issubclass(hint, Keyed):
         for name, each in hint.keys.items():
-            yield from _below(rf"{path}\.{name}", hint.hints[name], each, str(each.numbers or name))
+            yield from _below(rf"{path}\.{in_files(name)}", hint.hints[name], each, each.numbers or name)
     elif origin in (Union, UnionType):
         for kind in inner:
             yield from _below(path, kind, key, name)

@@ -24,11 +24,14 @@ from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
-from floatplan.studies.columns import arrow, words
+from floatplan.problem.family import Family
+from floatplan.stance.jump import Jump
+from floatplan.stance.model import casadi
+from floatplan.stance.planner import jump
 from floatplan.studies.driver import Progress, StudyRun, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
-from floatplan.studies.folder import StudyFolder, naming_the_folder
-from floatplan.studies.rows import RowCheck, row_seed
+from floatplan.studies.folder import StudyFolder, arrow, naming_the_folder, words
+from floatplan.studies.rows import row_check, row_seed
 from floatplan.tables import Range
 
 if TYPE_CHECKING:
@@ -126,12 +129,11 @@ class Study:
         InputError
             The row's problem is wrong, or it has no motion.
         """
-        count = len(self)
-        index = whole(Range(-count, count - 1, ""))(index, "index") % count
+        index, family, seed = self._row(index)
         row = self.table.slice(index, 1).to_pylist()[0]
-        family, seed = self._file.family(index, index + 1), self._file.samples.seed
         if row["coefficients"] is None:
-            raise InputError(row["explanation"], element=f"row {index}")
+            advice = "call jump, which plans it once more" if self._file.plan.jump else None
+            raise InputError(row["explanation"], element=f"row {index}", advice=advice)
         solved = row["status"] in SOLVED
         answer = Answer(
             status=row["status"],
@@ -141,10 +143,27 @@ class Study:
             starts=row["starts"],
             message="" if row["explanation"] == GOAL_MET else row["explanation"],
         )
-        plan = answer.plan(family[0], seed if is_plain_family(family) else row_seed(seed, index))
+        plan = answer.plan(family[0], self._file.samples.seed if is_plain_family(family) else seed)
         if not solved:
             return plan
         return judged(plan, certify(plan))
+
+    def jump(self, index: int) -> Jump:
+        """Plan a row's whole jump once more: a study keeps what was measured of jumps, not the jumps themselves.
+
+        Raises
+        ------
+        InputError
+            The row's problem is wrong.
+        """
+        _, family, seed = self._row(index)
+        return jump(family[0], seed=seed, starts=self._file.plan.starts)
+
+    def _row(self, index: int) -> tuple[int, Family, int]:
+        """A row's index from 0, the family of it alone, and the seed of its own search."""
+        count = len(self)
+        index = whole(Range(-count, count - 1, ""))(index, "index") % count
+        return index, self._file.family(index, index + 1), row_seed(self._file.samples.seed, index)
 
 
 def _facts(file: StudyFile) -> dict[str, Any]:
@@ -203,10 +222,12 @@ def study(
     restart, engine = flag(restart, "restart"), text(engine, "engine")
     arrow()
     file = load_study_file(as_path(path, "path"))
+    if file.plan.jump:
+        casadi()
     place = StudyFolder(given or file.folder, len(file))
     with place.locked():
         place.open(file.digest(), _facts(file), restart)
-        gaps = place.missing(RowCheck(file).are_in)
+        gaps = place.missing(row_check(file))
         if file.map:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:

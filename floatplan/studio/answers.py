@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
-from floatplan.view.outlines import Poses, body_poses, com_path, postures
+from floatplan.plans.presentation import Row
+from floatplan.stance.launch import launches
+from floatplan.view.outlines import Poses, body_poses, coordinates, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
@@ -54,35 +57,32 @@ class ShownPlan:
     settled : bool
         Whether ``floatplan plan`` would answer so; else a quick search did.
     poses : Poses
-    com, takeoff, landing : (N,) complex, m; paths of the centre of mass and of the frames that take off and land
+    paths : (N,) complex, m; of the centre of mass, and of the frames that take off and land
     utilisation, warnings : of the plan
     clearance : m, or None without obstacles
+    stances : what was found of stances before takeoff and after landing
     """
 
     plan: fp.Plan
     settled: bool
     poses: Poses
-    com: ComplexArray
-    takeoff: ComplexArray
-    landing: ComplexArray
+    paths: tuple[ComplexArray, ComplexArray, ComplexArray]
     utilisation: tuple[Utilisation, ...]
     warnings: tuple[PlanWarning, ...]
     clearance: float | None
+    stances: tuple[Row, ...] = ()
 
     @classmethod
     def of(cls, plan: fp.Plan, settled: bool) -> ShownPlan:
         """Measure a plan."""
         count = min(int(np.ceil(plan.duration * POSE_RATE)) + 1, MOST_POSES)
         times = np.linspace(0.0, plan.duration, count)
-        positions, _, _ = plan.joint_motion(times)
-        paths = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
+        placed = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
         return cls(
             plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,
-            poses=body_poses(plan.robot, plan.orientation(times), positions, com_path(plan, times)),
-            com=paths.com,
-            takeoff=paths.takeoff,
-            landing=paths.landing,
+            poses=body_poses(plan.robot, *coordinates(plan, times)),
+            paths=(placed.com, placed.takeoff, placed.landing),
             utilisation=plan.utilisation,
             warnings=plan.warnings,
             clearance=plan.peaks.clearance,
@@ -111,6 +111,21 @@ class PlanTask:
             return ShownPlan.of(fp.plan(self.problem, prove=True), settled=True)
         searched = planned(self.problem, SearchOptions(budget=self.budget), self.near)
         return ShownPlan.of(searched.plan, settled=False)
+
+
+@dataclass(frozen=True, eq=False)
+class LaunchTask:
+    """Look for stances within the limits on torque and rate, from rest to a plan's takeoff, and from its landing."""
+
+    present: ShownPlan
+
+    def answer(self) -> ShownPlan:
+        """Look for them; the same plan where nothing is limited, or CasADi is not installed."""
+        plan = self.present.plan
+        limits = np.concatenate((plan.problem.motor_torque_limits, plan.problem.velocity_limits))
+        if not plan.ok or np.isinf(limits).all() or find_spec("casadi") is None:
+            return self.present
+        return replace(self.present, stances=tuple(launches(plan, starts=1)[0]))
 
 
 @dataclass(frozen=True)

@@ -119,6 +119,7 @@ class Session:
         self._listeners: list[Callable[[], None]] = []
         self._view = View(problem)
         self._with_map = with_map
+        self._written: dict[Path, tuple[int, int]] = {}
         self._planning = Planning(problem.robot, self._take_plan, self._take_map)
         self._ask()
 
@@ -191,6 +192,24 @@ class Session:
         with self._changed:
             return self._changed.wait_for(lambda: done(self._view), patience)
 
+    def save(self, part: Part, folder: str) -> str:
+        """Write the problem, its plan or the report into a folder; return what to say about it.
+
+        What this session has not written, or others have changed since, is not overwritten.
+        """
+        try:
+            wanted = Path(folder).expanduser() / FILE_NAMES[part]
+            numbered = (wanted.with_stem(f"{wanted.stem}-{number}") for number in count(2))
+            path = next(each for each in chain((wanted,), numbered) if not os.path.lexists(each) or self._is_own(each))
+            _write(self.view, part, path)
+            self._written[path.resolve()] = _version(path)
+        except Exception as error:  # of a name, of a full disk, of what a report may find: the page goes on
+            return f"Not saved: {Failure.of(error).words}"
+        return f"{path} is saved." if path == wanted else f"{path} is saved: there is another {wanted.name} already."
+
+    def _is_own(self, path: Path) -> bool:
+        return path.is_file() and self._written.get(path.resolve()) == _version(path)
+
     def close(self) -> None:
         """End the planning."""
         self._planning.close()
@@ -219,28 +238,6 @@ class Session:
             self._changed.notify_all()
         for listener in self._listeners:
             listener()
-
-
-class Saving:
-    """Saves into a folder; what this session has not written, or others have changed since, is not overwritten."""
-
-    def __init__(self) -> None:
-        self._written: dict[Path, tuple[int, int]] = {}
-
-    def save(self, view: View, part: Part, folder: str) -> str:
-        """Write the problem, its plan or the report; return what to say about it: nothing is raised."""
-        try:
-            wanted = Path(folder).expanduser() / FILE_NAMES[part]
-            numbered = (wanted.with_stem(f"{wanted.stem}-{number}") for number in count(2))
-            path = next(each for each in chain((wanted,), numbered) if not os.path.lexists(each) or self._is_own(each))
-            _write(view, part, path)
-            self._written[path.resolve()] = _version(path)
-        except Exception as error:  # of a name, of a full disk, of what a report may find: the page goes on
-            return f"Not saved: {Failure.of(error).words}"
-        return f"{path} is saved." if path == wanted else f"{path} is saved: there is another {wanted.name} already."
-
-    def _is_own(self, path: Path) -> bool:
-        return path.is_file() and self._written.get(path.resolve()) == _version(path)
 
 
 def _write(view: View, part: Part, path: Path) -> None:

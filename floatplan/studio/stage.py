@@ -20,48 +20,27 @@ from floatplan.studio.edits import end_state, moved, put_obstacle
 from floatplan.studio.inputs import on
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session, View
-from floatplan.view.outlines import (
-    Poses,
-    body_poses,
-    ground_lines,
-    picture_box,
-    posture_at,
-    postures,
-    robot_size,
-    snapshot_times,
-)
+from floatplan.view import outlines
+from floatplan.view.scene import scene
 from floatplan.view.scene.meshes import bends
-from floatplan.view.scene.scene import (
-    LINES,
-    Grip,
-    RobotNodes,
-    add_grounds,
-    add_obstacle,
-    in_plane,
-    in_space,
-    look,
-    move_obstacle,
-    obstacle_slab,
-    segments,
-)
 from floatplan.view.style import TRAILS, rgb_bytes
 
 LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses: the flight loops, they are sent as often as the page draws them
 REST = 0.5  # [s] at landing, before it begins again
-Show = tuple[RobotNodes, ShownPlan]
+Show = tuple[scene.RobotNodes, ShownPlan]
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
 BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
 
 
-def end_poses(problem: fp.Problem, end: str) -> Poses:
+def end_poses(problem: fp.Problem, end: str) -> outlines.Poses:
     """The bodies of the posture at "start" or "goal", its centre of mass where the flight has it then."""
     state, time = end_state(problem, end), 0.0 if end == "start" else problem.flight.duration
     path = ballistics(problem).positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
-    return body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
+    return outlines.body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
 
 
 @dataclass
@@ -81,25 +60,25 @@ class Stage:
         self._server, self._session, self._actions = server, session, actions
         problem, plan = session.view.problem, first.plan
         self._robot, self._plane = problem.robot, problem.robot.plane
-        self._size = robot_size(plan)
-        placed = postures(plan, snapshot_times(plan))
-        self._box = picture_box(plan, placed)
+        self._size = outlines.robot_size(plan)
+        placed = outlines.postures(plan, outlines.snapshot_times(plan))
+        self._box = outlines.picture_box(plan, placed)
         self._plan = plan
-        self._shapes = posture_at(plan, plan.problem.initial, 0.0)
+        self._shapes = outlines.posture_at(plan, plan.problem.initial, 0.0)
         self._drawn: View | None = None
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
-        add_grounds(server, self._plane, *self._box, ground_lines(placed))
-        self.flier = RobotNodes(server, "/robot", self._robot)
+        scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(placed))
+        self.flier = scene.RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_capsules(self._shapes)
-        self.kept = RobotNodes(server, "/kept", self._robot)
+        self.kept = scene.RobotNodes(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
-        self.grips: dict[str, dict[int, Grip]] = {}
+        self.grips: dict[str, dict[int, Any]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **LINES)
+        self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **scene.LINES)
         self._obstacles: list[Any] = []
         self._grabbed: dict[str, Grabbed] = {}
         self._carried: dict[int, tuple[complex, Obstacle]] = {}
@@ -126,10 +105,10 @@ class Stage:
         with self._lock:
             obstacles = self._drawn.problem.obstacles if self._drawn else ()
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
-                move_obstacle(node, self._plane, obstacle, instant)
+                scene.move_obstacle(node, self._plane, obstacle, instant)
 
     def _look(self) -> None:
-        look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
+        scene.look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
         self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
 
         def narrow(client: Any) -> None:
@@ -137,17 +116,17 @@ class Stage:
             if client.camera.aspect < 1.0:
                 low, high = self._box
                 across, up = np.cross(self._plane.horizontal, self._plane.vertical), self._plane.vertical
-                size, middle = abs(high - low), in_space(self._plane, (low + high) / 2)
+                size, middle = abs(high - low), scene.in_space(self._plane, (low + high) / 2)
                 client.camera.position = middle + size * (1.4 * across + 0.1 * up)
                 client.camera.look_at = middle - 0.52 * size * up
 
         on(self._server.on_client_connect, narrow)
 
-    def _ghost(self, end: str, colour: tuple[int, int, int]) -> RobotNodes:
-        ghost = RobotNodes(self._server, f"/{end}", self._robot)
+    def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
+        ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
         parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
-        for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
+        for part, node in [*parts, *grips.items()]:
             self._on_drag(node, f"{end} {part}", partial(self.turn, end, part))
         self.grips[end] = grips
         return ghost
@@ -157,7 +136,7 @@ class Stage:
 
         def drag(event: Any) -> None:
             eye, pointer, begins = event.client.camera.position, event.end_position, event.phase == "start"
-            place = in_plane(self._plane, np.asarray(eye), np.asarray(pointer))
+            place = scene.in_plane(self._plane, np.asarray(eye), np.asarray(pointer))
             if place is not None:
                 self._actions.do(f"{begins} {about}", lambda: move(place, begins))
 
@@ -206,11 +185,11 @@ class Stage:
             self._obstacles.pop().remove()
         before = self._drawn.problem.obstacles if self._drawn else ()
         for index, obstacle in enumerate(problem.obstacles):
-            slab = obstacle_slab(self._plan, obstacle, *self._box)
+            slab = scene.obstacle_slab(self._plan, obstacle, *self._box)
             if index < len(self._obstacles) and before[index].kind == obstacle.kind:
                 self._obstacles[index].vertices = slab[0].astype(np.float32)
                 continue
-            node = add_obstacle(self._server, index, obstacle, slab)
+            node = scene.add_obstacle(self._server, index, obstacle, slab)
             self._on_drag(node, f"obstacle {index}", partial(self.carry, index))
             self._obstacles[index : index + 1] = [node]
 
@@ -227,8 +206,8 @@ class Stage:
 
     def _draw_paths(self, shown: ShownPlan) -> None:
         pairs, colours = [], []
-        for places, colour in zip((shown.com, shown.takeoff, shown.landing), TRAILS, strict=True):
-            pairs.append(segments(self._plane, places[bends(places, BEND)]))
+        for places, colour in zip(shown.paths, TRAILS, strict=True):
+            pairs.append(scene.segments(self._plane, places[bends(places, BEND)]))
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
@@ -247,38 +226,23 @@ class Player:
         self._shows: list[Show] = []
         self._lock = threading.Lock()
         self._time = 0.0  # [s] of the flight
-        self._speed = 0.5  # [-] of real time
-        self._playing = True
+        self.speed = 0.5  # [-] of real time
+        self.playing = True  # whether time goes on
         self._closed = threading.Event()
         self._dirty = True
         self.frames = 0  # sent so far
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
 
-    @property
-    def playing(self) -> bool:
-        """Whether time goes on."""
-        return self._playing
-
     def show(self, shows: list[Show]) -> None:
         """Fly these from now on."""
         with self._lock:
             self._shows, self._dirty = shows, True
 
-    def play(self, playing: bool) -> None:
-        """Let time go on, or stand still."""
-        with self._lock:
-            self._playing = playing
-
     def seek(self, instant: float) -> None:
         """Go to an instant, s, and stay there."""
         with self._lock:
-            self._time, self._playing, self._dirty = instant, False, True
-
-    def set_speed(self, speed: float) -> None:
-        """Of real time: 0.5 is slow motion."""
-        with self._lock:
-            self._speed = speed
+            self._time, self.playing, self._dirty = instant, False, True
 
     def close(self) -> None:
         """End."""
@@ -291,11 +255,11 @@ class Player:
             now = time.monotonic()
             due = max(due + 1 / RATE, now)
             with self._lock:
-                if self._playing:
-                    self._time += (now - last) * self._speed
-                shows, instant, moving = self._shows, self._time, self._playing or self._dirty
+                if self.playing:
+                    self._time += (now - last) * self.speed
+                shows, instant, moving = self._shows, self._time, self.playing or self._dirty
                 longest = max((shown.plan.duration for _, shown in shows), default=0.0)
-                if self._playing and instant > longest + REST * self._speed:
+                if self.playing and instant > longest + REST * self.speed:
                     self._time = 0.0
                 self._dirty = False
             last = now

@@ -20,7 +20,7 @@ from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
-from floatplan.problem.limits import Shares
+from floatplan.problem.problem import Shares
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:
@@ -28,7 +28,8 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
 
     The joints' positions and velocities (n,) are those measured. The motion is one since the last measurement.
     """
-    inertial, began = replanner._estimate.inertial, replanner._estimate.time
+    inertial, began, tree = replanner._estimate.inertial, replanner._estimate.time, replanner.plan.robot.tree
+    dynamics = estimate.adapted(tree, inertial.state[2:])
     state, bodies, nodes = (
         inertial.state.copy(),
         len(replanner.plan.robot.tree.mass),
@@ -36,10 +37,10 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     )
     times = began + (t - began) * (nodes[0] + 1) / 2
     positions, velocities, _ = replanner.motion.at(times)
-    state[0] += (t - began) / 2 * (nodes[1] @ inertial.dynamics.base_rate(positions, velocities, state[1]))
+    state[0] += (t - began) / 2 * (nodes[1] @ dynamics.base_rate(positions, velocities, state[1]))
     (here,), (there,), _ = replanner.motion.at(t)
-    inertia = inertial.dynamics.momentum_map(here[None])[0]
-    maps = [inertial._adapted(errors) for errors in np.vstack((np.zeros(2 * bodies), np.eye(2 * bodies)))]
+    inertia = dynamics.momentum_map(here[None])[0]
+    maps = [estimate.adapted(tree, errors) for errors in np.vstack((np.zeros(2 * bodies), np.eye(2 * bodies)))]
 
     def momenta(positions: Array, velocities: Array, rate: float) -> Array:
         """Of the plan's masses, then of each of them doubled."""
@@ -118,8 +119,10 @@ class Present:
     def of(cls, replanner: fp.Replanner, now: float) -> Present:
         """As a replanner knows it, not before the last measurement."""
         known = replanner._estimate
-        path, orientation = Ballistics(*known.place(now), known.gravity), known.orientation + replanner._update.turned
-        return cls(now, orientation, known.angular_momentum, path, known.inertial.dynamics)
+        path = Ballistics(*known.place(now), known.gravity)
+        orientation = known.inertial.orientation + replanner._update.turned
+        dynamics = estimate.adapted(replanner.plan.robot.tree, known.inertial.state[2:])
+        return cls(now, orientation, known.inertial.angular_momentum, path, dynamics)
 
 
 class Reference:
@@ -139,24 +142,24 @@ class Reference:
             duration=motion.remaining,
             change=goal - present.orientation,
         )
-        values = self._instants.values
+        values = views.functions.values(self._instants.s)
         joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, values)
         momentum = np.array([[present.angular_momentum]])
-        self.flown = PlanarBaseMotion(self._flight, self._instants.grid, joints, momentum)
+        self.flown = PlanarBaseMotion(self._flight, self._instants, joints, momentum)
         self.miss = float(self.flown.residual[0, 0])
         self.torque_peak = np.abs(self.flown.motor_torques).max(axis=0)
 
     @property
     def watched(self) -> Array:
         """Times (W,), s since takeoff, at which distances are looked at."""
-        return self.motion.begin + self.motion.remaining * self._instants.grid.s[self._instants.grid.nodes :]
+        return self.motion.begin + self.motion.remaining * self._instants.s[self._instants.nodes :]
 
     @cached_property
     def shapes(self) -> Segments:
         """The links' shapes at these."""
         motion, flight = self.motion, self._flight
         joints, share = motion.at(self.watched)[0], (self.watched - motion.begin) / motion.remaining
-        grid = self._instants.grid
+        grid = self._instants
         turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
         turned -= self.landed * self.miss * share
         com = flight.ballistics.positions(self.watched - motion.begin)

@@ -12,6 +12,7 @@ from flown_plans import Drifting
 
 import floatplan as fp
 from floatplan.inflight.correction import REACHED
+from floatplan.inflight.estimate import adapted
 from floatplan.motion.planar.clearance import obstacle_distances
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -92,8 +93,9 @@ def test_limits_are_kept_between_the_instants_that_are_looked_at(name: str) -> N
             if correction.status == "applied":
                 motion, present = correction.motion, replanner._estimate.inertial
                 joints = motion.at(np.linspace(motion.begin, motion.end, 300))
-                base_rate = present.dynamics.base_rate(*joints[:2], present.angular_momentum)
-                used = np.abs(present.dynamics.torques(*joints, base_rate)) / plan.problem.torque_limits
+                dynamics = adapted(plan.robot.tree, present.state[2:])
+                base_rate = dynamics.base_rate(*joints[:2], present.angular_momentum)
+                used = np.abs(dynamics.torques(*joints, base_rate)) / plan.problem.torque_limits
                 most, applied = max(most, float(used.max())), applied + 1
             robot.fly(replanner, following)
     assert applied > 100

@@ -39,7 +39,7 @@ def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
 
 def assert_foreseen(replanner: fp.Replanner, correction: Correction, rest: Reference) -> None:
     """What is said of a correction is so, evaluated anew; what the motion that it changes, ``rest``, keeps is kept."""
-    there = correction.corrected
+    there = replanner._update._judged(correction.motion)
     anew = Reference(replanner.views, there.motion, rest.present)
     assert there.miss == pytest.approx(anew.miss, rel=1e-9, abs=1e-10)
     np.testing.assert_allclose(there.worst, anew.worst, rtol=1e-8, atol=1e-8)
@@ -115,7 +115,7 @@ def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(prediction, "LEAST_INSTANTS", watched)
     plan = forward_plan(limited(plain_problems(96)[8], np.random.default_rng(8)), seed=8)
     replanner = fp.Replanner(plan)
-    assert len(replanner.views.instants.grid.s) - replanner.views.instants.grid.nodes >= watched
+    assert len(replanner.views.instants.s) - replanner.views.instants.nodes >= watched
     assert assert_right(plan, replanner, 8) >= 10
 
 

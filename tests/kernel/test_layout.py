@@ -35,7 +35,7 @@ def test_structures_and_enumerations_are_the_compiler_s(tmp_path):
 def test_pointers_know_what_they_point_to():
     known = layout.structures(
         "struct One {\n    double a, b[2];\n    const double *read;\n"
-        "    std::int64_t *written;\n    Eights count;\n};\n"
+        "    Index *written;\n    Eights count;\n};\n"
         "struct Two {\n    One one;\n    One others[3];\n};\n"
     )
     assert [name for name, _ in known["One"]._fields_] == ["a", "b", "read", "written", "count"]

@@ -133,6 +133,19 @@ def test_without_gravity_nothing_stands() -> None:
 
 
 @pytest.mark.long
+def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root: Path) -> None:
+    """A sole's are 10 mm thicker than it, while the legs that swing back may only just clear the ground."""
+    found = jump(root / "problems" / "jumps" / "talos_hop.toml", starts=1)
+    assert found.ok
+    assert found.flight is not None
+    assert fp.certify(found.flight).proved
+    assert found.check.figures["feet"] > -1e-3
+    below, ground = found.flight.problem.obstacles
+    assert ground.point[1] - below.point[1] > 0.01
+    assert (below.window, ground.window[0] > 0, ground.window[1] < found.flight.duration) == (None, True, True)
+
+
+@pytest.mark.long
 def test_what_cannot_be_is_not_found_and_says_why() -> None:
     """With a tenth of its torque the robot does not even lift itself."""
     problem = go2_problem()

@@ -40,13 +40,11 @@ def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest
     plan = fp.plan(replace(problem, limits=fp.Limits()))
     found = launch(replace(plan, problem=problem))
     rates = fp.takeoff(problem, plan.angular_momentum)
-    assert rates.ratio is not None
-    assert rates.ratio > 1
     assert found.impossible
-    assert not found.ok
+    assert found.ratio > 1
     assert found.ratio == pytest.approx(rates.ratio, rel=1e-9)
-    assert found.sentences[0].startswith("Takeoff: no stance reaches it: with RL_foot at rest then, ")
-    assert f"{found.joint}'s rate is at least {found.ratio:.2f} of its limit" in found.sentences[0]
+    words = f"with RL_foot at rest then, {found.joint}'s rate is at least {found.ratio:.2f} of its limit"
+    assert found.sentences[0] == f"Takeoff: no stance reaches it: {words}, whatever came before."
 
 
 def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path: Path) -> None:

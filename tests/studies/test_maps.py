@@ -15,7 +15,7 @@ from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
 from floatplan.view.map import STATUS_LOOKS, heatmap
-from floatplan.view.outlines import obstacle_outlines, pairs
+from floatplan.view.outlines import obstacle_capsules, pairs
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """
@@ -110,7 +110,7 @@ def test_points_drawn_fall_into_cells(study_file):
     )
     assert shown.colour.shape == (5, 5)
     assert np.isfinite(shown.colour).all()
-    assert (shown.x.edges[0], shown.x.edges[-1]) == (3.0, 4.0)
+    assert (shown.x[1][0], shown.x[1][-1]) == (3.0, 4.0)
 
 
 @pytest.mark.parametrize(
@@ -214,9 +214,10 @@ class TestPage:
         browser.open(study.folder / "map.html")
         browser.run("delete CAPSULES.capsule; floatplan.choose(3); floatplan.player.pause()")
         obstacles = browser.run("return floatplan.stage.motion.data.obstacles")
-        circle, ground, bar = (np.array(each["outlines"][0]) for each in obstacles)
-        np.testing.assert_allclose(np.linalg.norm(circle - [1.485, 3.342], axis=1), 0.15)
-        normal = np.array([0.1, 1.0]) / np.hypot(0.1, 1.0)
-        assert ((ground - [0.0, -9.0]) @ normal).max() == pytest.approx(0.0, abs=1e-9)
-        outline = obstacle_outlines(study.plan(3).problem.obstacles[2], 0.0, 0.0)[0]
-        np.testing.assert_allclose(bar, pairs(outline), atol=1e-9)
+        shown = [(*map(np.array, each["capsules"][0]), each["margin"]) for each in obstacles]
+        centre, _, radius, _ = shown[0]
+        np.testing.assert_allclose([*centre, radius], [1.485, 3.342, 0.15])
+        for (start, end, radius, margin), obstacle in zip(shown, study.plan(3).problem.obstacles, strict=True):
+            ((*ends, wanted),) = obstacle_capsules(obstacle)
+            np.testing.assert_allclose([start, end], pairs(ends), atol=1e-9)
+            assert (radius, margin) == (pytest.approx(wanted), obstacle.margin)

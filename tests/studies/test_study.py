@@ -191,7 +191,7 @@ class Fragile:
     """An engine whose processes die of one row."""
 
     def __init__(self, fatal):
-        self.fatal, self.executor = fatal, self
+        self.fatal = fatal
 
     def submit(self, call, work, first, values):
         future = ThreadPoolExecutor(1).submit(lambda: None)
@@ -206,14 +206,10 @@ class Fragile:
     def places(self):
         return 2
 
-    def renew(self):
-        pass
-
-    def alone(self):
+    def begin(self):
         return nullcontext(self)
 
-    def close(self):
-        pass
+    alone = begin
 
 
 def test_a_row_that_ends_its_process_is_found_and_told(done, tmp_path, monkeypatch):
@@ -416,9 +412,9 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
 
 
 def test_processes_end_at_once_where_they_are_let_go():
-    with driver.started("processes", 2, None) as engine:
-        assert engine.executor.submit(os.getpid).result() != os.getpid()
-        asleep = engine.executor.submit(time.sleep, 600)
+    with driver.started("processes", 2, None) as engine, engine.begin() as executor:
+        assert executor.submit(os.getpid).result() != os.getpid()
+        asleep = executor.submit(time.sleep, 600)
     assert isinstance(asleep.exception(timeout=60), BrokenProcessPool)
 
 

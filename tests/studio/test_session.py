@@ -23,7 +23,7 @@ import floatplan as fp
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
 from floatplan.studio.planning import LAST, Actions, StoppedError, Worker, packed, unpacked
-from floatplan.studio.session import FILE_NAMES, Part, Saving, Session, View
+from floatplan.studio.session import FILE_NAMES, Part, Session, View
 from floatplan.view.outlines import body_poses
 
 ROOT = Path(__file__).parents[2]
@@ -197,11 +197,11 @@ def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp
 
 
 def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
-    saving, folder = Saving(), str(tmp_path / "new" / "folder")
+    folder = str(tmp_path / "new" / "folder")
     session.set("goal.orientation", 0.7)
     assert session.wait(settled, PATIENCE)
     for part in ("problem", "plan", "report"):
-        assert saving.save(session.view, part, folder).endswith("is saved.")  # type: ignore[arg-type]
+        assert session.save(part, folder).endswith("is saved.")  # type: ignore[arg-type]
     assert floatplan("plan", f"{folder}/problem.toml", "-o", "again", "--no-figures", "--quiet").code == 0
     mine = json.loads(Path(folder, "plan.json").read_text())
     again = json.loads(Path("again", "plan.json").read_text())
@@ -216,25 +216,24 @@ def test_what_the_session_has_not_written_is_not_overwritten(session: Session, t
     assert session.wait(settled, PATIENCE)
     mine = tmp_path / FILE_NAMES[part]
     mine.write_text("mine")
-    saving = Saving()
     own = mine.with_stem(f"{mine.stem}-2")
     for _ in range(2):
-        told = saving.save(session.view, part, str(tmp_path))
+        told = session.save(part, str(tmp_path))
         assert told == f"{own} is saved: there is another {mine.name} already."
         assert mine.read_text() == "mine"
     assert sorted(tmp_path.iterdir()) == sorted((mine, own))
     own.write_text("changed by another")
-    assert f"{mine.stem}-3" in saving.save(session.view, part, str(tmp_path))
+    assert f"{mine.stem}-3" in session.save(part, str(tmp_path))
     assert own.read_text() == "changed by another"
     mine.unlink()
     mine.symlink_to(tmp_path / "nowhere")
-    assert saving.save(session.view, part, str(tmp_path)).startswith(str(tmp_path / f"{mine.stem}-3"))
+    assert session.save(part, str(tmp_path)).startswith(str(tmp_path / f"{mine.stem}-3"))
     assert mine.is_symlink()
 
 
 @pytest.mark.parametrize("folder", ["/proc/nowhere", "\0", "a" * 5000])
 def test_what_cannot_be_saved_is_said(session: Session, folder: str) -> None:
-    assert Saving().save(session.view, "problem", folder).startswith("Not saved: ")
+    assert session.save("problem", folder).startswith("Not saved: ")
 
 
 def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:

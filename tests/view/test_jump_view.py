@@ -18,11 +18,12 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.full_model import free_flyer
 from floatplan.stance.check import JumpCheck
 from floatplan.stance.jump import Jump
+from floatplan.view.figures import animation
 from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import postures
 from floatplan.view.report.data import sample_grid
-from floatplan.view.report.report import report_data, write_report
+from floatplan.view.report.report import report, report_data, write_report
 from floatplan.view.scene.scene import scene
 
 if not INSTALLED:
@@ -31,13 +32,9 @@ if not INSTALLED:
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
 
-def shown(jump: Jump) -> JumpView:
-    return JumpView(jump, jump.check, jump.verdict)
-
-
 @pytest.fixture(scope="module")
 def view() -> JumpView:
-    return shown(backflip())
+    return backflip().view
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +108,7 @@ def test_the_page_says_what_was_checked_and_proved(view: JumpView, data: Any) ->
     assert all(any(sentence in words for words, _ in said) for sentence in ("friction is", "torques take"))
     assert [line[0] for line in tables["Result"]["motors"][1]] == [phase.kind for phase in jump.phases]
     certificate = fp.certify(jump.flight)
-    proved = report_data(shown(jump.with_certificate(certificate)))
+    proved = report_data(jump.with_certificate(certificate).view)
     assert proved["verdict"]["word"].startswith("flight proved, stances checked")
     flight = next(table for table in proved["sections"] if table["title"] == "Flight")
     assert flight["tone"] == "good"
@@ -121,16 +118,36 @@ def test_the_page_says_what_was_checked_and_proved(view: JumpView, data: Any) ->
 def test_stances_that_do_not_hold_are_red() -> None:
     broken = replace(backflip())
     vars(broken)["check"] = JumpCheck(False, {**backflip().check.figures, "torque": 1.2}, ("torques take 120%",))
-    data = report_data(shown(broken))
+    data = report_data(broken.view)
     assert data["verdict"] == {"word": broken.verdict, "tone": "bad"}
     stances = next(table for table in data["sections"] if table["title"] == "Stances")
     assert stances["tone"] == "bad"
     assert stances["motors"][1][0] == ["not within limits: torques take 120% of their limits", "0.85 at most"]
 
 
-def test_what_was_not_found_is_not_shown() -> None:
+def test_what_was_not_found_is_not_viewed() -> None:
     with pytest.raises(InputError, match="no jump found, so there is nothing to show"):
-        shown(Jump(backflip().problem, fp.JumpRequest()))
+        _ = Jump(backflip().problem, fp.JumpRequest()).view
+
+
+def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By methods of the same names, whose files are those of the commands."""
+    monkeypatch.setattr(animation, "FRAME_RATE", 2.0)
+    jump = backflip()
+    assert jump.show(tmp_path / "page.html", browse=False).read_text() == report(jump.view, tmp_path / "page.html")
+    assert "<iframe" in jump._repr_html_()
+    assert [*jump.figures()] == [*figures(jump.view)]
+    drawn: list[int] = []
+    film = jump.animate(tmp_path / "jump.gif", speed=4.0, progress=lambda done, _: drawn.append(done))
+    assert film.read_bytes()[:4] == b"GIF8"
+    assert drawn
+    archive = np.load(jump.export("pinocchio", tmp_path / "jump.npz", rate=50.0, kp=40.0, kd={"RL_hip_joint": 2.0}))
+    assert set(archive["kp"]) == {40.0}
+    assert 2.0 in archive["kd"]
+    nothing = Jump(jump.problem, fp.JumpRequest())
+    for asked in (nothing.show, nothing.animate, nothing.figures, nothing._repr_html_, lambda: nothing.export("csv")):
+        with pytest.raises(InputError, match="no jump"):
+            asked()
 
 
 def test_obstacles_are_in_the_jump_s_clock(view: JumpView) -> None:
@@ -138,7 +155,7 @@ def test_obstacles_are_in_the_jump_s_clock(view: JumpView) -> None:
     passing = fp.Circle(center=(0.6, 0.3), radius=0.05, velocity=(-2.0, 0.5), window=(0.05, 0.2))
     jump = backflip()
     assert jump.flight is not None
-    moved = shown(replace(jump, problem=replace(jump.problem, obstacles=(passing,))))
+    moved = replace(jump, problem=replace(jump.problem, obstacles=(passing,))).view
     since = np.linspace(0.0, jump.flight.duration, 41)
     found = moved.clearances(jump.takeoff_time + since, moved.problem.obstacles)
     np.testing.assert_allclose(found, jump.flight.clearances(since, [passing]), atol=1e-9)
@@ -184,7 +201,7 @@ def test_the_page_plays_in_a_browser(
     request.addfinalizer(browser.reset)
     browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     hostile = replace(backflip(), problem=replace(backflip().problem, name=HOSTILE))
-    page = write_report(shown(hostile), tmp_path / "report.html")
+    page = write_report(hostile.view, tmp_path / "report.html")
     browser.open(page)
     assert browser.run("return document.getElementById('name').textContent") == HOSTILE
     push = float(view.moments()[1])
@@ -234,7 +251,7 @@ def test_forces_act_where_the_jump_has_them(view: JumpView) -> None:
 
 def test_what_has_no_limit_has_no_share(view: JumpView) -> None:
     jump = backflip()
-    free = shown(replace(jump, problem=replace(jump.problem, limits=fp.Limits())))
+    free = replace(jump, problem=replace(jump.problem, limits=fp.Limits())).view
     titles = [chart["title"] for chart in report_data(free)["charts"]]
     assert not {"Torque over limit", "Rate over limit"} & set(titles)
     assert {"Torque of held joints over effort", "Torques", "Rates"} <= set(titles)

@@ -60,7 +60,7 @@ def test_it_is_one_small_page_that_names_no_address(page: str) -> None:
     assert len(page.encode()) < LARGEST
     outside = Outside()
     outside.feed(page)
-    assert outside.addresses == ["data:,"]
+    assert {address.partition(",")[0] for address in outside.addresses} == {"data:", "data:application/toml"}
     assert "default-src 'none'" in page
     assert "{{" not in page.split("<script>")[0]
 
@@ -257,7 +257,7 @@ def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> N
 )
 def test_films_that_cannot_be(handstand: fp.Plan, tmp_path: Path, name: str, speed: float) -> None:
     with pytest.raises(InputError):
-        animate(handstand, tmp_path / name, speed=speed)
+        handstand.animate(tmp_path / name, speed=speed)
     assert list(tmp_path.iterdir()) == []
 
 

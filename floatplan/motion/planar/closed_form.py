@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
-from floatplan.robot.planar.tree import PlanarTree, rotations_of
+from floatplan.robot.planar.tree import PlanarTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,27 +26,20 @@ class TurningBodies:
     Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right, are one here.
 
     ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
-    the moments of inertia on its diagonal; ``turn`` the tree's; ``rotations`` (m, g) of the tree's bodies by these.
+    the moments of inertia on its diagonal; ``turn`` the tree's.
     """
 
     turns: Array
     coupling: ComplexArray
     turn: float
-    rotations: ComplexArray
 
     @classmethod
-    def of(cls, tree: PlanarTree) -> TurningBodies:
-        """Put together what turns alike: rotations are the same there but for a constant."""
+    def of(cls, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> TurningBodies:
+        """Put together what turns alike: rotations are the same there but for a constant; as of :class:`Dynamics`."""
         turns, group = tree.distinct_turns
         rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
-        return cls(turns, np.empty(0, np.complex128), tree.turn, rotations).adapted(tree.coupling, tree.inertia)
-
-    def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:
-        """The same with other masses: C (m, m) and inertias (m,), kg m^2, of all bodies of the tree."""
-        coupling = coupling.copy()
-        coupling.flat[:: len(inertia) + 1] += inertia
-        together = np.asarray(self.rotations.conj().T @ coupling @ self.rotations)
-        return TurningBodies(self.turns, together, self.turn, self.rotations)
+        each = (tree.coupling if coupling is None else coupling) + np.diag(tree.inertia if inertia is None else inertia)
+        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn)
 
     @property
     def rates(self) -> Array:
@@ -55,31 +48,22 @@ class TurningBodies:
 
 
 class Dynamics:
-    """A tree's dynamics, vectorised over instants."""
+    """A tree's dynamics, vectorised over instants; C (m, m) and inertias (m,), kg m^2, may be those of other masses."""
 
-    def __init__(self, tree: PlanarTree) -> None:
+    def __init__(self, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> None:
         self._tree, self._turn = tree, tree.turn
         self._turns = np.array(tree.turns)
         self._turns_transposed = self._turns.T.copy()
         self._of_bodies, self._of_joints = map(np.ones, self._turns.shape)  # products with them are faster than sums
-        self._distinct = TurningBodies.of(tree)
+        self._distinct = TurningBodies.of(tree, coupling, inertia)
         self._distinct_turns_transposed = self._distinct.turns.T.copy()
         self._rates = self._distinct.rates
-        self._weigh(tree.coupling, np.array(tree.inertia), self._distinct)
-
-    def _weigh(self, coupling: ComplexArray, inertia: Array, distinct: TurningBodies) -> None:
-        self._coupling_transposed, self._inertia, self._distinct = coupling.T.copy(), inertia, distinct
-
-    def adapted(self, coupling: ComplexArray, inertia: Array) -> Dynamics:
-        """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
-        other = Dynamics.__new__(Dynamics)
-        vars(other).update(vars(self))  # a tenth of what copy() takes
-        other._weigh(coupling, inertia, self._distinct.adapted(coupling, inertia))
-        return other
+        self._inertia = np.array(tree.inertia if inertia is None else inertia)
+        self._coupling_transposed = (tree.coupling if coupling is None else coupling).T.copy()
 
     def momentum_map(self, positions: Array) -> Array:
         """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
-        rotations = rotations_of(positions @ self._distinct_turns_transposed, self._turn)
+        rotations = self._tree.rotations(positions @ self._distinct_turns_transposed)
         gathered = (rotations.conj() @ self._distinct.coupling) * rotations
         return np.asarray(gathered.real @ self._rates)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import shutil
 import subprocess
 import tempfile
@@ -17,15 +16,7 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
-from floatplan.view.figures.snapshots import (
-    FLATTEST,
-    TALLEST,
-    draw_forces,
-    draw_ground,
-    draw_obstacle,
-    draw_posture,
-    frame_box,
-)
+from floatplan.view.figures import snapshots
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
@@ -46,27 +37,14 @@ def animate(
     speed: float = SPEED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a film of a flight or jump, whole or not at all.
-
-    Parameters
-    ----------
-    plan : Plan or JumpView
-    path : path
-        Ends in ``.gif`` or ``.mp4``.
-    speed : float
-        Of the film against the motion: 0.5 is slow motion.
-    progress : callable, optional
-        Told how many pictures are drawn, and of how many.
+    """Write a film of a flight or jump, whole or not at all; arguments as of :meth:`floatplan.Plan.animate`.
 
     Raises
     ------
     InputError
-        The ending is another, the speed is not positive or makes a film of more than a minute, or ffmpeg is wanted and
-        not installed.
+        The ending is another, the speed makes a film of more than a minute, or ffmpeg is wanted and not installed.
     """
     path = Path(path)
-    if not 0 < speed < math.inf:
-        raise InputError(f"{speed} is not positive and finite", element="speed", advice="give a number such as 0.5")
     if plan.duration / speed > LONGEST:
         length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
         raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed", advice="give a higher speed")
@@ -102,19 +80,19 @@ def pictures(
 def _stage(plan: Shown) -> tuple[Figure, Axes]:
     """Return a figure with ground, standing obstacles and path."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
-    shape = min(max((high - low).imag / (high - low).real, FLATTEST), TALLEST)
+    shape = min(max((high - low).imag / (high - low).real, snapshots.FLATTEST), snapshots.TALLEST)
     figure = new_figure(WIDTH / FILM_DPI, 2 * round(WIDTH * shape / 2) / FILM_DPI)
     figure.set_dpi(FILM_DPI)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0, 0, 1, 1))
-    frame_box(axes, low, high)
+    snapshots.frame_box(axes, low, high)
     axes.set_axis_off()
-    draw_ground(axes, postures(plan, snapshot_times(plan)))
+    snapshots.draw_ground(axes, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
     for obstacle in plan.problem.obstacles:
         if obstacle.window is None and not any(obstacle.velocity):
-            draw_obstacle(axes, obstacle, np.array([0.0]))
+            snapshots.draw_obstacle(axes, obstacle, np.array([0.0]))
     return figure, axes
 
 
@@ -123,10 +101,10 @@ def _picture(figure: Figure, axes: Axes, plan: Shown, time: float) -> Image.Imag
     for obstacle in plan.problem.obstacles:
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
-            draw_obstacle(axes, obstacle, np.array([time]))
-    draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
+            snapshots.draw_obstacle(axes, obstacle, np.array([time]))
+    snapshots.draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
     if isinstance(plan, JumpView):
-        draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
+        snapshots.draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
     axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
     added = [artist for artist in axes.get_children() if artist not in before]
     for artist in sorted(added, key=lambda artist: artist.get_zorder()):

@@ -22,21 +22,8 @@ from matplotlib.ticker import MultipleLocator
 from floatplan.arrays import Array, ComplexArray
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
+from floatplan.view import outlines
 from floatplan.view.jumps import JumpView, Shown
-from floatplan.view.outlines import (
-    Postures,
-    box_around,
-    com_path,
-    ground_lines,
-    obstacle_outlines,
-    obstacle_times,
-    pairs,
-    picture_box,
-    posture_at,
-    postures,
-    snapshot_times,
-    stadium,
-)
 from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, round_below
 
 SOLID = "#9a9a9a"  # of obstacles
@@ -65,8 +52,8 @@ RING = withStroke(linewidth=2.8, foreground="white")
 
 def snapshots(plan: Plan) -> Figure:
     """Draw the robot along the path of its centre of mass, from light at takeoff to full colour at landing."""
-    placed = postures(plan, snapshot_times(plan))
-    low, high = picture_box(plan, placed)
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
+    low, high = outlines.picture_box(plan, placed)
     figure, axes = spatial_figure(low, high)
     draw_surroundings(axes, plan, placed)
     draw_flight(axes, plan, placed)
@@ -74,17 +61,17 @@ def snapshots(plan: Plan) -> Figure:
     return figure
 
 
-def draw_surroundings(axes: Axes, plan: Plan, placed: Postures, instant: float | None = None) -> None:
+def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant: float | None = None) -> None:
     """Draw ground and obstacles onto axes in metres; obstacles that move at one instant, or several."""
     draw_ground(axes, placed)
     for obstacle in plan.problem.obstacles:
-        times = obstacle_times(obstacle, plan.duration) if instant is None else np.array([instant])
+        times = outlines.obstacle_times(obstacle, plan.duration) if instant is None else np.array([instant])
         draw_obstacle(axes, obstacle, times)
 
 
-def draw_ground(axes: Axes, placed: Postures) -> None:
+def draw_ground(axes: Axes, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing."""
-    lines = ground_lines(placed)
+    lines = outlines.ground_lines(placed)
     for height, low, high in lines:
         if len(lines) == 1:
             axes.axhline(height, color=INK, linewidth=0.9, zorder=1)
@@ -97,20 +84,20 @@ def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
     """Draw an obstacle and its margin at some instants (K,), s, from light to full where there are several."""
     for strength, time in zip(0.35 + 0.65 * np.arange(1, len(times) + 1) / len(times), times, strict=True):
         look: dict[str, Any] = {"edgecolors": [faded(INK, strength)], "linewidths": 0.6}
-        body = [pairs(outline) for outline in obstacle_outlines(obstacle, time, 0.0)]
+        body = [outlines.pairs(outline) for outline in outlines.obstacle_outlines(obstacle, time, 0.0)]
         solid = PolyCollection(body, facecolors=[faded(SOLID, strength)], zorder=1.5, **look)
         axes.add_collection(solid, autolim=False)
         if obstacle.margin > 0:
-            ring = [pairs(outline) for outline in obstacle_outlines(obstacle, time, obstacle.margin)]
+            ring = [outlines.pairs(outline) for outline in outlines.obstacle_outlines(obstacle, time, obstacle.margin)]
             look |= {"facecolors": "none", "linestyles": [(0, (2, 1.5))]}
             axes.add_collection(PolyCollection(ring, zorder=90, **look), autolim=False)
 
 
-def draw_flight(axes: Axes, plan: Plan, placed: Postures, strengths: Sequence[float] | None = None) -> None:
+def draw_flight(axes: Axes, plan: Plan, placed: outlines.Postures, strengths: Sequence[float] | None = None) -> None:
     """Draw path, postures and goal onto axes in metres."""
     count = len(placed.times)
     draw_path(axes, plan, placed)
-    goal = posture_at(plan, plan.problem.final, plan.duration)
+    goal = outlines.posture_at(plan, plan.problem.final, plan.duration)
     draw_posture(axes, goal, 0, strength=0.0, zorder=3 + count - 1.5, rings=((INK, 4.6), ("white", 3.2)))
     for index, strength in enumerate(strengths or np.linspace(PALEST, 1, count)):
         rings = ((INK, 1.4),) if index == 0 else (("white", 1.0),)
@@ -120,7 +107,7 @@ def draw_flight(axes: Axes, plan: Plan, placed: Postures, strengths: Sequence[fl
 
 def draw_posture(
     axes: Axes,
-    placed: Postures,
+    placed: outlines.Postures,
     index: int,
     *,
     strength: float,
@@ -138,16 +125,16 @@ def draw_posture(
     mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
     takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
     for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
-        drawn.append((stadium(place, place, size), faded(fill, max(strength, 0.5)), 0.0))
+        drawn.append((outlines.stadium(place, place, size), faded(fill, max(strength, 0.5)), 0.0))
     shapes, faces, widths = zip(*drawn, strict=True)
-    outlines = [pairs(shape + shift) for shape in shapes]
+    moved = [outlines.pairs(shape + shift) for shape in shapes]
     look: dict[str, Any] = {"facecolors": faces, "edgecolors": faces, "linewidths": widths, "joinstyle": "round"}
-    axes.add_collection(PolyCollection(outlines, zorder=zorder, **look), autolim=False)
+    axes.add_collection(PolyCollection(moved, zorder=zorder, **look), autolim=False)
 
 
-def draw_path(axes: Axes, plan: Plan, placed: Postures) -> None:
+def draw_path(axes: Axes, plan: Plan, placed: outlines.Postures) -> None:
     """Draw the path of the centre of mass, with a dot per snapshot."""
-    com = com_path(plan, np.linspace(0, plan.duration, 129))
+    com = outlines.com_path(plan, np.linspace(0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
     axes.plot(placed.com.real, placed.com.imag, markersize=2.6, zorder=80, **DOT)
 
@@ -203,12 +190,13 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
     holds them and the obstacle. Where the other plan meets none it is the middle of the flight.
     """
     time, obstacle = worst_passage(plan, compare)
-    placed = postures(plan, snapshot_times(plan))
-    own = postures(plan, np.array([time]))
-    other = replace(postures(compare, np.array([time])), radius=own.radius)
-    passed = obstacle_outlines(obstacle, time, obstacle.margin) if obstacle is not None and obstacle.bounded else []
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
+    own = outlines.postures(plan, np.array([time]))
+    other = replace(outlines.postures(compare, np.array([time])), radius=own.radius)
+    shown = obstacle if obstacle is not None and obstacle.bounded else None
+    passed = [] if shown is None else outlines.obstacle_outlines(shown, time, shown.margin)
     near = np.concatenate((own.low, own.high, other.low, other.high, *passed))
-    figure, axes = spatial_figure(*box_around(near, CLOSE_UP))
+    figure, axes = spatial_figure(*outlines.box_around(near, CLOSE_UP))
     draw_surroundings(axes, plan, placed, time)
     draw_flight(axes, plan, placed, strengths=[BACKGROUND] * len(placed.times))
     draw_path(axes, compare, other)
@@ -237,11 +225,11 @@ def kinogram(plan: Plan) -> Figure:
 
     They stand so near one another that none touches its neighbours.
     """
-    placed = postures(plan, kinogram_times(plan))
-    goal = posture_at(plan, plan.problem.final, plan.duration)
-    low, high = pairs(placed.low - placed.com), pairs(placed.high - placed.com)
-    low[-1] = np.minimum(low[-1], pairs(goal.low - goal.com))
-    high[-1] = np.maximum(high[-1], pairs(goal.high - goal.com))
+    placed = outlines.postures(plan, kinogram_times(plan))
+    goal = outlines.posture_at(plan, plan.problem.final, plan.duration)
+    low, high = outlines.pairs(placed.low - placed.com), outlines.pairs(placed.high - placed.com)
+    low[-1] = np.minimum(low[-1], outlines.pairs(goal.low - goal.com))
+    high[-1] = np.maximum(high[-1], outlines.pairs(goal.high - goal.com))
     left, right = -low[:, 0].reshape(-1, COLUMNS), high[:, 0].reshape(-1, COLUMNS)
     widest = max(float((right[:, :-1] + left[:, 1:]).max()), 2 * float(left[:, 0].max()), 2 * float(right[:, -1].max()))
     scale = widest * COLUMNS / (COLUMN - GAP * COLUMNS)  # m per inch of paper
@@ -292,7 +280,7 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
 
 def moments(view: JumpView, flying: int = 2, title: str = "") -> Figure:
     """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
-    placed = postures(view, view.moments(flying))
+    placed = outlines.postures(view, view.moments(flying))
     left, right = (np.real(corner - placed.com) for corner in (placed.low, placed.high))
     widest, ground = float(np.max(right - left)), float(placed.low.imag.min())
     centres = np.cumsum(np.append(BESIDE * widest - left[0], right[:-1] - left[1:] + APART * widest))
@@ -322,7 +310,9 @@ def draw_forces(axes: Axes, view: JumpView, times: Array, shifts: ComplexArray) 
     for index, colour in enumerate(view.colours.values()):
         for foot, push in zip(feet[:, index], pushes[:, index], strict=True):
             if np.isfinite(push):
-                axes.fill(*pairs(foot + view.cone).T, color=colour, alpha=0.2, linewidth=0, zorder=3.5, clip_on=False)
+                axes.fill(
+                    *outlines.pairs(foot + view.cone).T, color=colour, alpha=0.2, linewidth=0, zorder=3.5, clip_on=False
+                )
             if abs(push) > SHORTEST:
                 look = {**ARROW, "color": colour, "path_effects": [RING]}
-                axes.annotate("", (*pairs(foot + push),), (*pairs(foot),), arrowprops=look, zorder=6)
+                axes.annotate("", (*outlines.pairs(foot + push),), (*outlines.pairs(foot),), arrowprops=look, zorder=6)

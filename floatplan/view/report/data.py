@@ -1,13 +1,12 @@
 """Data of the report's page: samples of the motion, the weights that place the robot's links from them, and tables.
 
 The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` does, from orientation and joints, so that
-a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text, which the page
-writes as text.
+a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,23 +18,11 @@ from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
-from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import judged
+from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, largest
 from floatplan.view.jumps import JumpView
-from floatplan.view.outlines import (
-    box_around,
-    com_path,
-    drawn_part,
-    drawn_radius,
-    ground_lines,
-    obstacle_outlines,
-    pairs,
-    picture_box,
-    postures,
-    snapshot_times,
-)
 from floatplan.view.style import OBSTACLES, TRAILS, palette
 
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
@@ -49,17 +36,17 @@ BOX_PAD = 0.02  # [-] room around what is drawn
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
     plan, final = sampled.plan, sampled.plan.problem.final
-    placed = postures(plan, snapshot_times(plan))
-    com = pairs(com_path(plan, np.array([plan.duration])))[0]
-    box = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
+    com = outlines.pairs(outlines.com_path(plan, np.array([plan.duration])))[0]
+    box = outlines.picture_box(plan, outlines.postures(plan, np.linspace(0.0, plan.duration, 65)))
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
         **scene_data(plan.problem),
         "ghosts": rounded(placed.times),
         "goal": {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()},
-        "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
-        "box": pairs(np.array(box_around(np.array(box), BOX_PAD))).ravel().tolist(),
+        "ground": [[level, low.real, high.real] for level, low, high in outlines.ground_lines(placed)],
+        "box": outlines.pairs(np.array(outlines.box_around(np.array(box), BOX_PAD))).ravel().tolist(),
     }
 
 
@@ -99,12 +86,9 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         "factor": chart.factor,
         "series": series,
         "lines": [
-            {
-                "name": line.name,
-                "colour": to_hex(line.colour),
-                "value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value),
-                "part": line.part,
-            }
+            vars(line)
+            | {"colour": to_hex(line.colour)}
+            | {"value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value)}
             for line in lines
         ],
         "beyond": beyond[0] if beyond else "",
@@ -120,7 +104,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     """Return what a page needs to place and to paint robot and obstacles, whatever the motion.
 
     ``robot``; ``frames`` that leave a trail, and how they are marked; the colour of the centre of mass's ``trail``;
-    ``obstacles``: outlines of these and their margins where they are given, how they move, and when they exist.
+    ``obstacles``: their capsules, two ends and a radius each, their margins, how they move, and when they exist.
     """
     robot = problem.robot
     roles = {problem.takeoff.frame: "takes off"}
@@ -129,13 +113,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     return {
         "robot": _robot(problem),
         "frames": [
-            {
-                "name": name,
-                "role": role,
-                "colour": colour,
-                "body": frame.body,
-                "at": rounded(pairs(np.array(frame.local))),
-            }
+            _frame(name, role, colour, frame.body, frame.local)
             for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
         ],
         "trail": TRAILS[0],
@@ -143,8 +121,11 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             {
                 "bounded": obstacle.bounded,
                 "colour": OBSTACLES[index % len(OBSTACLES)],
-                "outlines": _outlines(obstacle, 0.0),
-                "margins": _outlines(obstacle, obstacle.margin) if obstacle.margin > 0 else [],
+                "capsules": [
+                    (*rounded(outlines.pairs(np.array(ends))), radius)
+                    for *ends, radius in outlines.obstacle_capsules(obstacle)
+                ],
+                "margin": obstacle.margin,
                 "velocity": list(obstacle.velocity),
                 "window": None if obstacle.window is None else list(obstacle.window),
             }
@@ -153,8 +134,9 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _outlines(obstacle: Obstacle, margin: float) -> list[Any]:
-    return [rounded(pairs(outline)) for outline in obstacle_outlines(obstacle, 0.0, margin)]
+def _frame(name: str, role: str, colour: str, body: int, place: complex) -> dict[str, Any]:
+    """A frame at a place of a body, m."""
+    return {"name": name, "role": role, "colour": colour, "body": body, "at": rounded(outlines.pairs(place))}
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
@@ -162,17 +144,17 @@ def _robot(problem: Problem) -> dict[str, Any]:
     bodies = np.arange(len(tree.mass))
     columns = {
         "body": [shape.body for shape in shapes],
-        "part": drawn_part(robot).tolist(),
-        "radius": drawn_radius(problem).tolist(),
-        "start": rounded(pairs(np.array([shape.start for shape in shapes]))),
-        "end": rounded(pairs(np.array([shape.end for shape in shapes]))),
+        "part": outlines.drawn_part(robot).tolist(),
+        "radius": outlines.drawn_radius(problem).tolist(),
+        "start": rounded(outlines.pairs(np.array([shape.start for shape in shapes]))),
+        "end": rounded(outlines.pairs(np.array([shape.end for shape in shapes]))),
     }
     return {
         "joints": list(robot.joints),
         "turn": tree.turn,
         "turns": rounded(tree.turns),
         "offsets": rounded(tree.offsets),
-        "origins": rounded(pairs(tree.point_weights(bodies, np.zeros(len(bodies), dtype=np.complex128)))),
+        "origins": rounded(outlines.pairs(tree.point_weights(bodies, np.zeros(len(bodies), dtype=np.complex128)))),
         "links": [dict(zip(columns, link, strict=True)) for link in zip(*columns.values(), strict=True)],
         "colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)],
     }
@@ -208,21 +190,18 @@ def proved(plan: Plan) -> dict[str, Any]:
     """Return the table of what was proved of a plan."""
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
-    return {"rows": [*proof, _replayed(plan.record.replay)], "tone": tone}
+    replay, words = plan.record.replay, "none in the plan file; floatplan replay --save makes one"
+    if replay is not None:
+        landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
+        error = short(replay.get("orientation_error"))
+        words = f"{replay.get('engine')}: {landed}, orientation off by {error} rad"
+    return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
 def warned(plan: Plan) -> list[dict[str, Any]]:
     """Return the table of a plan's warnings, if there are any."""
     rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
-
-
-def _replayed(replay: Mapping[str, Any] | None) -> Row:
-    if replay is None:
-        return Row("replay", "none in the plan file; floatplan replay --save makes one")
-    landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
-    error = short(replay.get("orientation_error"))
-    return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
 
 
 def phase_lines(view: JumpView) -> list[list[str]]:
@@ -241,8 +220,8 @@ def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
-def jump_sections(view: JumpView) -> list[dict[str, Any]]:
-    """Return the tables of a jump's report, as those of a plan's."""
+def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
     request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
     weights = force / (view.robot.mass * view.problem.flight.gravity)
     shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
@@ -252,9 +231,14 @@ def jump_sections(view: JumpView) -> list[dict[str, Any]]:
         Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
     lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
-    return [
+    of_both: list[dict[str, Any]] = [
         {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
         {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+    ]
+    if flown:
+        return [*of_both, {"title": "Flown", "rows": [*flown], "tone": view.tone}]
+    return [
+        *of_both,
         {"title": "Flight", **proved(view.flight)},
         {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
         *warned(view.flight),
@@ -268,13 +252,7 @@ def jump_data(view: JumpView) -> dict[str, Any]:
     and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
     """
     frames = [
-        {
-            "name": name,
-            "role": "stands",
-            "colour": view.colours[name],
-            "body": spot.body,
-            "at": rounded(pairs(spot.place)),
-        }
+        _frame(name, "stands", view.colours[name], spot.body, spot.place)
         | {
             key: [f"{column}_x.{index}", f"{column}_z.{index}"]
             for key, column in (("force", "force"), ("acts", "foot"))
@@ -282,4 +260,4 @@ def jump_data(view: JumpView) -> dict[str, Any]:
         for index, (name, spot) in enumerate((name, each.spots[0]) for name, each in view.contacts.items())
     ]
     told = {"scale": view.scale, "metres_per_newton": view.metres_per_newton}
-    return {"frames": frames, "flown": view.flown, "cone": rounded(pairs(view.cone)), **told}
+    return {"frames": frames, "flown": view.flown, "cone": rounded(outlines.pairs(view.cone)), **told}

@@ -1,8 +1,8 @@
 """The report: a plan as one page that plays, works without a network, and carries everything that it shows.
 
-What comes from files (names of joints, frames and problems) is untrusted. It enters the page as JSON whose ``<``, ``>``
-and ``&`` are escaped, and the page writes it as text, never as markup. On top of that the page's security policy admits
-no script but its own, identified by their hashes, and no address of any kind.
+What comes from files (names of joints, frames and problems) is untrusted. It enters the page as escaped HTML, or as
+JSON whose ``<``, ``>`` and ``&`` are escaped, which the page writes as text, never as markup. On top of that the page's
+security policy admits no script but its own, identified by their hashes, and no address of any kind.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+from floatplan.arguments import html_table
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
@@ -42,14 +44,22 @@ def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] =
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
-        What is said of the stances before and after the flight, if anything.
+        What is said of the stances before and after the flight, or of a jump that was flown, if anything.
     """
     data = report_data(plan, path, stances)
-    return page("report.html", f"{data['name']}: {data['verdict']['word']}", STYLES, SCRIPTS, data).decode()
+    shown = {key: data[key] for key in ("name", "question", "version", "motion", "charts")}
+    parts = {**data["verdict"], "facts": "".join([*map(section, data["sections"]), problem_section(data)])}
+    return page("report.html", f"{data['name']}: {parts['word']}", STYLES, SCRIPTS, shown, parts).decode()
 
 
 def page(
-    body: str, title: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], numbers: bytes = b""
+    body: str,
+    title: str,
+    styles: Sequence[str],
+    scripts: Sequence[str],
+    data: Mapping[str, Any],
+    parts: Mapping[str, str] | None = None,
+    numbers: bytes = b"",
 ) -> bytes:
     """Return a page, as HTML.
 
@@ -58,13 +68,17 @@ def page(
     body : file of the template of what is on the page
     title : of the page
     styles, scripts : files
-    data : what JSON holds
+    data : what JSON holds; ``name``, ``question`` and ``version`` are on the page, too
+    parts : HTML that stands in other places of the body, by their names
     numbers : what stands in the body's place for numbers, which is not searched
     """
-    texts = [*map(_script, scripts)]
+    licence = f"/*\n{asset('uplot/LICENSE')}\n*/\n"  # of uPlot 1.6.32, which is to be passed on with it
+    texts = [licence * name.startswith("uplot") + asset(name) for name in scripts]
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
     parts = {
+        **(parts or {}),
+        **{key: html.escape(data[key]) for key in ("name", "question", "version")},
         "title": html.escape(title),
         "policy": policy(texts),
         "style": "\n".join(map(asset, styles)),
@@ -73,9 +87,29 @@ def page(
     return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
 
 
-def _script(name: str) -> str:
-    """The text of a script; that of uPlot 1.6.32 with the licence that it is to be passed on with."""
-    return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
+def section(content: Mapping[str, Any]) -> str:
+    """Return a section of :func:`report_data` as HTML."""
+    rows = "".join(f"<dt>{html.escape(name)}</dt><dd>{html.escape(text)}</dd>" for name, text in content["rows"])
+    note = f'<p class="note">{html.escape(content["note"])}</p>' if content.get("note") else ""
+    motors = _wide_table(content["motors"]) if "motors" in content else ""
+    findings = content.get("findings", ((), []))
+    folded = f"<summary>All {len(findings[1])} constraints</summary>{_wide_table(findings)}"
+    more = note + motors + (f"<details>{folded}</details>" if findings[1] else "")
+    look = content.get("tone", "") + " motors" * ("motors" in content)
+    return f'<article class="{look}"><h2>{html.escape(content["title"])}</h2><dl>{rows}</dl>{more}</article>'
+
+
+def _wide_table(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> str:
+    return f'<div class="wide">{html_table("", table[1], table[0])}</div>'
+
+
+def problem_section(data: Mapping[str, Any]) -> str:
+    """Return the problem file of :func:`report_data` as HTML, to read and to save."""
+    summary = "The problem file, as written" if data["own_problem"] else "The problem, as a file"
+    name, content = re.sub(r"[^\w.-]+", "_", data["name"]) or "problem", data["problem"]
+    link = f'<a class="download" download="{name}.toml" href="data:application/toml,{quote(content)}">Save it</a>'
+    text = f"<summary>{summary}</summary><pre>\n{html.escape(content)}</pre>{link}"
+    return f'<article class="file"><details>{text}</details></article>'
 
 
 def write_report(plan: Shown, path: str | Path, stances: Sequence[Row] = ()) -> Path:
@@ -96,7 +130,7 @@ def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[R
     motion = motion_data(sampled)
     if isinstance(plan, JumpView):
         word, tone, flight, problem = plan.verdict, plan.tone, plan.flight, plan.jump.problem
-        tables = jump_sections(plan)
+        tables = jump_sections(plan, stances)
         motion |= jump_data(plan)
         question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
     else:

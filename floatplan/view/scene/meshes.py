@@ -18,7 +18,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
+from floatplan.robot.shapes.collisions import LARGEST, check_mesh_file, find_mesh
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
@@ -141,9 +141,10 @@ def fewer(vertices: Array, faces: IntArray, count: int) -> Mesh:
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
     """Return several meshes as one."""
-    first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
-    faces = [faces + offset for (_, faces), offset in zip(meshes, first, strict=True)]
-    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+    import trimesh
+
+    vertices, faces = trimesh.util.append_faces(*zip(*meshes, strict=True))
+    return vertices, faces
 
 
 def bends(places: ComplexArray, turn: float) -> IntArray:

@@ -11,7 +11,6 @@ import io
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,30 +22,9 @@ from floatplan.files import write_atomically
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
+from floatplan.view import outlines
 from floatplan.view.jumps import JumpView, Shown
-from floatplan.view.outlines import (
-    Poses,
-    Postures,
-    body_poses,
-    coordinates,
-    ground_lines,
-    obstacle_outlines,
-    picture_box,
-    postures,
-    robot_size,
-    snapshot_times,
-)
-from floatplan.view.scene.meshes import (
-    Mesh,
-    capsule,
-    coarser,
-    fewer,
-    joined,
-    joint_angles,
-    plain_colour,
-    seen_capsules,
-    visual_model,
-)
+from floatplan.view.scene import meshes
 from floatplan.view.style import TRAILS, palette, rgb_bytes
 
 Colour = tuple[int, int, int]
@@ -83,10 +61,9 @@ def scene(plan: Shown) -> str:
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
-    com, orientation, positions = coordinates(plan, times)
-    poses = body_poses(plan.robot, orientation, positions, com)
-    placed = postures(plan, snapshot_times(plan))
-    low, high = picture_box(plan, placed)
+    poses = outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
+    low, high = outlines.picture_box(plan, placed)
     with silence():  # a local server: viser records what is sent to it
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
@@ -98,7 +75,7 @@ def scene(plan: Shown) -> str:
             slab = obstacle_slab(plan, obstacle, low, high)
             moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
         look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
-        add_grounds(server, plan.robot.plane, low, high, ground_lines(placed))
+        add_grounds(server, plan.robot.plane, low, high, outlines.ground_lines(placed))
         _add_trails(server, plan)
         forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
         serializer = server.get_scene_serializer()
@@ -145,7 +122,7 @@ def add_grounds(
         server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
 
 
-def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: Mesh) -> Any:
+def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: meshes.Mesh) -> Any:
     """Add an obstacle as the solid of :func:`obstacle_slab`; return its node."""
     flat = not obstacle.bounded
     look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
@@ -161,7 +138,7 @@ def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -
 
 
 def _add_trails(server: Any, plan: Shown) -> None:
-    placed = postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
+    placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
     names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
     paths = placed.com, placed.takeoff, placed.landing
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
@@ -176,26 +153,26 @@ def segments(plane: Plane, path: ComplexArray) -> Array:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def obstacle_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
+def obstacle_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> meshes.Mesh:
     """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
     """
-    return joined([_piece_slab(plan, piece, low, high) for piece in obstacle.pieces])
+    size = outlines.robot_size(plan)
+    slabs: list[meshes.Mesh] = []
+    for piece in obstacle.pieces:
+        if not isinstance(piece, HalfPlane):
+            slabs.append(prism(plan.robot.plane, outlines.obstacle_outlines(piece, 0.0, 0.0)[0], WIDTH * size))
+            continue
+        normal = complex(*piece.normal) / abs(complex(*piece.normal))
+        point, reach, below = complex(*piece.point), abs(high - low) / 2, -SLAB * size * normal
+        beside = ((low + high) / 2 - point) / (1j * normal)
+        ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
+        slabs.append(prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size))
+    return meshes.joined(slabs)
 
 
-def _piece_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
-    size = robot_size(plan)
-    if not isinstance(obstacle, HalfPlane):
-        return prism(plan.robot.plane, obstacle_outlines(obstacle, 0.0, 0.0)[0], WIDTH * size)
-    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-    point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal
-    beside = ((low + high) / 2 - point) / (1j * normal)
-    ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
-    return prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size)
-
-
-def prism(plane: Plane, corners: ComplexArray, width: float) -> Mesh:
+def prism(plane: Plane, corners: ComplexArray, width: float) -> meshes.Mesh:
     """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
     count, aside, points = len(corners), 0.5 * width * plane.normal, in_space(plane, corners)
     here = np.arange(count)
@@ -230,15 +207,6 @@ def turned(plane: Plane, angles: Array) -> Array:
     return np.concatenate((np.cos(angles / 2)[..., None], sines), axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class Grip:
-    """What is grabbed of a part: its node, the body that it is on, and where, m."""
-
-    node: Any
-    body: int
-    end: complex
-
-
 class RobotNodes:
     """A robot in a scene, whose bodies can be put anywhere."""
 
@@ -250,7 +218,7 @@ class RobotNodes:
 
     def add_capsules(
         self,
-        shapes: Postures,
+        shapes: outlines.Postures,
         colour: Colour | None = None,
         opacity: float | None = None,
         sections: tuple[int, int] = SECTIONS,
@@ -263,15 +231,15 @@ class RobotNodes:
         """
         robot = self._robot
         colours = [rgb_bytes(each) for each in palette(len(robot.joints) + 1)]
-        together: dict[tuple[int, int], list[Mesh]] = {}
-        for index in seen_capsules(robot, shapes.radius):
+        together: dict[tuple[int, int], list[meshes.Mesh]] = {}
+        for index in meshes.seen_capsules(robot, shapes.radius):
             shape, radius, part = robot.shapes[index], float(shapes.radius[index]), int(shapes.part[index])
             start, end = (in_space(robot.plane, place) for place in (shape.start, shape.end))
-            together.setdefault((shape.body, part), []).append(capsule(start, end, radius, sections))
+            together.setdefault((shape.body, part), []).append(meshes.capsule(start, end, radius, sections))
         nodes = []
-        for (body, part), meshes in together.items():
+        for (body, part), drawn in together.items():
             name, look = f"{self.name}/{body}/capsules{part}", {"color": colour or colours[part], "opacity": opacity}
-            nodes.append((part, self._server.scene.add_mesh_simple(name, *joined(meshes), **look)))
+            nodes.append((part, self._server.scene.add_mesh_simple(name, *meshes.joined(drawn), **look)))
         return nodes
 
     def add_meshes(self, size: float | None = None, share: float = SHARE) -> bool:
@@ -281,19 +249,19 @@ class RobotNodes:
         Without a size all is drawn as it is.
         """
         robot, scene = self._robot, self._server.scene
-        model = visual_model(robot)
+        model = meshes.visual_model(robot)
         if model is None:
             return False
         from trimesh.transformations import rotation_matrix
 
         plane, layout = robot.plane, robot.layout
         resting = np.zeros(len(robot.joints))
-        angles = joint_angles(robot, resting)
+        angles = meshes.joint_angles(robot, resting)
         model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
-        poses = body_poses(robot, np.zeros(1), resting[None], np.zeros(1, dtype=np.complex128))
+        poses = outlines.body_poses(robot, np.zeros(1), resting[None], np.zeros(1, dtype=np.complex128))
         root = robot.frames[robot.tree.names[0]]
         origins = in_space(plane, poses.places[0] - poses.points([0], [root.local])[0])
-        together: dict[tuple[int, Colour], list[Mesh]] = {}
+        together: dict[tuple[int, Colour], list[meshes.Mesh]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]
             body = layout.body_of[link]
@@ -301,35 +269,32 @@ class RobotNodes:
             placed.apply_transform(model.get_transform(geometry))
             placed.apply_translation(-origins[body])
             placed.apply_transform(rotation_matrix(-float(poses.angles[0, body]), plane.normal))
-            colour = plain_colour(placed)
+            colour = meshes.plain_colour(placed)
             if colour is None or size is None:
                 scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
             else:
                 together.setdefault((body, colour), []).append((placed.vertices, placed.faces))
-        for number, ((body, colour), meshes) in enumerate(together.items()):
-            vertices, faces = coarser(*joined(meshes), DETAIL * (size or 0.0))
+        for number, ((body, colour), drawn) in enumerate(together.items()):
+            vertices, faces = meshes.coarser(*meshes.joined(drawn), DETAIL * (size or 0.0))
             count = max(math.ceil(share * len(faces)), FEW)
             name = f"{self.name}/{body}/links{number}"
-            scene.add_mesh_simple(name, *fewer(vertices, faces, count), color=colour)
+            scene.add_mesh_simple(name, *meshes.fewer(vertices, faces, count), color=colour)
         return True
 
-    def add_grips(self, shapes: Postures, reach: float, colour: Colour) -> dict[int, Grip]:
-        """Add what is grabbed: for each part the end of a link that is farthest from its joint."""
-        from trimesh.creation import icosphere
-
-        robot, ball = self._robot, icosphere(SUBDIVISIONS, GRIP * reach)
+    def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
+        """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""
+        robot, add = self._robot, self._server.scene.add_icosphere
         shaped = zip(robot.shapes, shapes.part.tolist(), strict=True)
         ends = [(part, shape.body, end) for shape, part in shaped for end in (shape.start, shape.end)]
-        grips: dict[int, Grip] = {}
+        grips: dict[int, Any] = {}
         for part, body, end in sorted(ends, key=lambda each: -abs(each[2])):
             if part not in grips:
                 look = {"color": colour, "position": in_space(robot.plane, end)}
                 name = f"{self.name}/{body}/grip{part}"
-                node = self._server.scene.add_mesh_simple(name, ball.vertices, ball.faces, **look)
-                grips[part] = Grip(node, body, end)
+                grips[part] = add(name, GRIP * reach, subdivisions=SUBDIVISIONS, **look)
         return grips
 
-    def put(self, poses: Poses, index: int) -> None:
+    def put(self, poses: outlines.Poses, index: int) -> None:
         """Put the bodies where they are at an instant."""
         points = in_space(self._robot.plane, poses.places[index])
         turns = turned(self._robot.plane, poses.angles[index])

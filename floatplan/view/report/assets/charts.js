@@ -28,7 +28,7 @@ class Chart {
     this.head = this.plot.over.appendChild(make("div", "playhead"));
     this.follow(onSeek);
     this.choose(null);
-    paint(() => this.plot.redraw());
+    DARK.addEventListener("change", () => this.plot.redraw());
     new ResizeObserver(() => {
       this.plot.setSize({ width: body.clientWidth, height: this.height });
       this.draw(this.time);
@@ -75,7 +75,7 @@ class Chart {
   stroke(part, colour) {
     const aside = this.part !== null && part !== this.part && this.spec.series.some((one) => one.part === this.part);
     const strength = aside && part !== null ? ASIDE : 100;
-    return `color-mix(in srgb, ${shade(colour)} ${strength}%, ${tone("paper")})`;
+    return painted(`color-mix(in srgb, var(--shade) ${strength}%, var(--paper))`, colour);
   }
 
   /* Times, dashed lines, curves, and where these start and should end. */
@@ -94,12 +94,12 @@ class Chart {
     const { series, lines, unit, range, starts } = this.spec;
     const curve = bands ? { width: 11, cap: "butt" } : { width: 2 };
     const rows = [0.6 - series.length, 0.6];
-    const grid = { stroke: () => tone("grid"), width: 1 };
-    const axis = { font: "11px system-ui, sans-serif", stroke: () => tone("soft"), grid, ticks: grid };
+    const grid = { stroke: () => painted("var(--grid)"), width: 1 };
+    const axis = { font: "11px system-ui, sans-serif", stroke: () => painted("var(--soft)"), grid, ticks: grid };
     const drawn = ({ part, colour }) => ({ stroke: () => this.stroke(part, colour), points: { show: false } });
     const dot = (fill) => (one) => ({ ...drawn(one), points: { show: true, size: 8.5, width: 1.5, fill } });
     const full = series.map((one) => dot(() => this.stroke(one.part, one.colour))(one));
-    const rings = series.map(dot(() => tone("paper")));
+    const rings = series.map(dot(() => painted("var(--paper)")));
     return {
       width,
       height: this.height,
@@ -140,7 +140,7 @@ class Chart {
   shadeFlight(plot) {
     if (!this.motion.data.flown) return;
     const [left, right] = this.motion.data.flown.map((time) => plot.valToPos(time, "x", true));
-    plot.ctx.fillStyle = tone("air");
+    plot.ctx.fillStyle = painted("var(--air)");
     plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
   }
 

@@ -3,7 +3,6 @@
 
 const INTERVALS = 180;
 const SNAPSHOTS = 6;
-const ARC = 48;
 
 class Flight {
   constructor(data) {
@@ -45,7 +44,10 @@ class Flight {
       ...this.data,
       duration,
       columns,
-      obstacles: (problem.obstacles || []).map((one, index) => rowObstacle(this.data.obstacles[index], one)),
+      obstacles: (problem.obstacles || []).map((one, index) => {
+        const base = this.data.obstacles[index]; // of a kind that is not known here, its shape stays
+        return { ...base, ...one, capsules: CAPSULES[one.kind]?.(one) ?? base.capsules };
+      }),
       ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
       ground: [],
     };
@@ -133,7 +135,8 @@ class Flight {
     }
     if (shown.ground.length && box[1] < shown.ground[0][0] - 0.15 * (box[3] - box[1])) shown.ground.pop();
     for (const obstacle of shown.obstacles) {
-      if (obstacle.bounded) for (const [x, y] of obstacle.outlines.flat()) add(x, y, 0);
+      if (!obstacle.bounded) continue;
+      for (const [start, end, radius] of obstacle.capsules) for (const at of [start, end]) add(...at, radius + obstacle.margin);
     }
     const room = 0.04 * Math.max(box[2] - box[0], box[3] - box[1]);
     return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
@@ -153,22 +156,3 @@ const CAPSULES = {
     return [[[point[0] - nx + ny, point[1] - ny - nx], [point[0] - nx - ny, point[1] - ny + nx], FAR]];
   },
 };
-
-/* An obstacle of the base problem with a row's numbers; of a kind that is not known here, its outline stays. */
-function rowObstacle(base, obstacle) {
-  const changed = { ...base, velocity: obstacle.velocity || [0, 0], window: obstacle.window || null };
-  if (!CAPSULES[obstacle.kind]) return changed;
-  const outlines = (margin) => CAPSULES[obstacle.kind](obstacle).map((capsule) => stadium(...capsule, margin));
-  return { ...changed, outlines: outlines(0), margins: obstacle.margin > 0 ? outlines(obstacle.margin) : [] };
-}
-
-function stadium(start, end, radius, margin) {
-  const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
-  const size = radius + margin;
-  return [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
-    Array.from({ length: ARC + 1 }, (_, index) => {
-      const angle = along + Math.PI * (from + index / ARC);
-      return [x + size * Math.cos(angle), y + size * Math.sin(angle)];
-    }),
-  );
-}

@@ -14,7 +14,7 @@ class HeatMap {
     this.bar = bar;
     this.hovered = this.selected = null;
     new ResizeObserver(() => this.build()).observe(holder);
-    paint(() => this.build());
+    DARK.addEventListener("change", () => this.build());
   }
 
   /* Show a column over two keys; `fixed` are the cells that other keys are held in, null where the best is shown. */
@@ -60,7 +60,7 @@ class HeatMap {
     const status = this.rows.status[row];
     const value = this.values ? this.values[row] : NaN;
     if (!this.values || status >= SOLVED) return this.rows.statuses[status].colour;
-    if (!Number.isFinite(value)) return tone("paper");
+    if (!Number.isFinite(value)) return painted("var(--paper)");
     return this.rows.scale[Math.round(this.share(value) * (this.rows.scale.length - 1))];
   }
 
@@ -145,13 +145,9 @@ class HeatMap {
     return this.row[place] < 0 ? null : place;
   }
 
-  hover(place) {
-    this.hovered = place;
-    this.drawMarks();
-  }
-
-  select(row) {
-    this.selected = row;
+  /* Mark the cell that is hovered, or that of the row that is selected. */
+  mark(name, what) {
+    this[name] = what;
     this.drawMarks();
   }
 
@@ -170,7 +166,7 @@ function scaleOver(low, high) {
 }
 
 function axis(label) {
-  const [stroke, grid] = [() => tone("ink"), { show: false }];
+  const [stroke, grid] = [() => painted("var(--ink)"), { show: false }];
   const look = { stroke, grid, ticks: { stroke, size: 5, width: 1 }, font: FONT, size: 26 };
   const values = (_, splits) => splits.map((value) => (value === null ? "" : shortNumber(value, 4)));
   return { ...look, label, labelFont: FONT, labelSize: AXIS_LABEL, labelGap: 2, values };

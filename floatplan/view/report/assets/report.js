@@ -35,50 +35,15 @@ function offerParts(list, show) {
   }
 }
 
-function fillFacts(data, onSeek) {
-  const holder = document.getElementById("facts");
-  for (const { title, rows, tone, note, motors, findings } of data.sections) {
-    const part = holder.appendChild(make("article", tone));
-    part.append(make("h2", "", title));
-    addRows(part.appendChild(make("dl")), rows);
-    if (note) part.append(make("p", "note", note));
-    if (motors) {
-      part.classList.add("motors");
-      fillTable(part, motors, onSeek);
-    }
-    if (findings && findings[1].length) {
-      const details = part.appendChild(make("details"));
-      details.append(make("summary", "", `All ${findings[1].length} constraints`));
-      const lines = fillTable(details, findings, onSeek);
-      findings[1].forEach(([, verdict], index) => lines[index].classList.add(verdict));
-    }
+/* A click on a row of a table goes to the instant in its last cell. */
+function offerInstants(rows, seek) {
+  for (const row of rows) {
+    row.dataset.verdict = row.cells[1].textContent;
+    const instant = Number(row.lastElementChild.textContent || NaN);
+    if (!Number.isFinite(instant)) continue;
+    row.classList.add("seekable");
+    row.addEventListener("click", () => seek(instant));
   }
-  const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
-  const link = make("a", "download", "Save it");
-  link.href = URL.createObjectURL(new Blob([data.problem], { type: "application/toml" }));
-  link.download = `${data.name.replace(/[^\p{L}\p{N}.-]+/gu, "_") || "problem"}.toml`;
-  const summary = data.own_problem ? "The problem file, as written" : "The problem, as a file";
-  file.append(make("summary", "", summary), make("pre", "", data.problem), link);
-}
-
-/* Titles, and rows of texts; a click on one goes to the instant in its last cell. */
-function fillTable(part, [titles, rows], onSeek) {
-  const table = part.appendChild(make("div", "wide")).appendChild(make("table"));
-  const filled = (tag, texts) => {
-    const row = make("tr");
-    row.append(...texts.map((text) => make(tag, "", text)));
-    return row;
-  };
-  table.appendChild(make("thead")).append(filled("th", titles));
-  const lines = rows.map((texts) => filled("td", texts));
-  table.appendChild(make("tbody")).append(...lines);
-  lines.forEach((line, index) => {
-    const instant = Number(rows[index].at(-1));
-    if (!Number.isFinite(instant)) return;
-    line.classList.add("seekable");
-    line.addEventListener("click", () => onSeek(instant));
-  });
-  return lines;
 }
 
 (function main() {
@@ -89,11 +54,7 @@ function fillTable(part, [titles, rows], onSeek) {
     player.pause();
     player.seek(time);
   };
-  fillHeader(data);
-  const badge = document.getElementById("verdict");
-  badge.textContent = data.verdict.word;
-  badge.classList.add(data.verdict.tone);
-  fillFacts(data, seek);
+  offerInstants(document.querySelectorAll("#facts tbody tr"), seek);
   const holder = document.getElementById("charts");
   const key = fillKey(data.motion);
   if (data.motion.flown) {

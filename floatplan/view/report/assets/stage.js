@@ -14,21 +14,14 @@ class Stage {
     this.backdrop = add(holder, "svg", { id: "backdrop" });
     this.front = add(holder, "svg", { id: "robot", role: "img", "aria-label": "The robot in its plane" });
     this.part = null;
-    this.motion = motion;
-    this.time = 0;
-    paint(() => this.build());
+    this.take(motion);
     new ResizeObserver(() => this.resize()).observe(holder);
   }
 
   /* Another motion, from its beginning. */
   take(motion) {
     this.motion = motion;
-    this.time = 0;
-    this.build();
-  }
-
-  build() {
-    const { data } = this.motion;
+    const { data } = motion;
     const [left, low, right, high] = data.box;
     this.size = [right - left, high - low];
     const [behind, front] = [this.backdrop, this.front].map((picture) => {
@@ -40,7 +33,7 @@ class Stage {
     for (const line of data.ground) drawGround(behind, data.ground.length === 1, ...line);
     for (const obstacle of data.obstacles) if (!moves(obstacle)) drawObstacle(behind, obstacle);
     const trails = [...data.frames, { colour: data.trail }].map((trail) => [trail, this.motion.path(trail)]);
-    for (const [{ colour }, points] of trails) tinted(behind, "polyline", colour, { class: "trail", points });
+    for (const [{ colour }, points] of trails) dyed(add(behind, "polyline", { class: "trail", points }), colour);
     const { orientation, positions, com } = data.goal;
     put(this.drawRobot(behind, "goal", ["rim", "gap"]), this.motion.pose(orientation, positions, com));
     data.ghosts.forEach((time, index) => {
@@ -52,15 +45,15 @@ class Stage {
     this.moving = data.obstacles.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
     this.flown = trails.map(([{ colour }, points]) => [
       points,
-      tinted(front, "polyline", colour, { class: "trail flown" }),
+      dyed(add(front, "polyline", { class: "trail flown" }), colour),
     ]);
     const pushed = data.frames.filter(({ force }) => force);
-    const drawn = (name, attributes) => pushed.map(({ colour }) => tinted(front, name, colour, attributes));
+    const drawn = (name, attributes) => pushed.map(({ colour }) => dyed(add(front, name, attributes), colour));
     const cones = drawn("polygon", { class: "push cone", points: data.cone });
     this.robot = this.drawRobot(front, "flying", ["ring", "link"]);
     data.robot.origins.slice(1).forEach((_, body) => add(this.robot, "circle", { class: "pivot", "data-body": body + 1 }));
     for (const { body, at: [cx, cy], colour } of data.frames) {
-      tinted(this.robot, "circle", colour, { class: "frame", "data-body": body, cx, cy });
+      dyed(add(this.robot, "circle", { class: "frame", "data-body": body, cx, cy }), colour);
     }
     const rings = drawn("path", { class: "push ring" });
     const arrows = drawn("path", { class: "push" });
@@ -68,7 +61,7 @@ class Stage {
     this.com = add(front, "circle", { class: "com" });
     this.choose(this.part);
     this.resize();
-    this.draw(this.time);
+    this.draw(0);
   }
 
   /* The part that the reader has chosen stands out: 0 is the base, null none. */
@@ -110,7 +103,7 @@ class Stage {
       for (const { body, part, radius, start, end } of links) {
         const ends = { x1: start[0], y1: start[1], x2: end[0], y2: end[1] };
         const looks = { class: layer, "data-body": body, "data-part": part };
-        tinted(group, "line", colours[part], { ...ends, ...looks }).style.setProperty("--radius", radius);
+        dyed(add(group, "line", { ...ends, ...looks }), colours[part]).style.setProperty("--radius", radius);
       }
     }
     return group;
@@ -118,7 +111,6 @@ class Stage {
 
   /* What moves, at a time. */
   draw(time) {
-    this.time = time;
     for (const [{ velocity, window }, element] of this.moving) {
       const [from, to] = window || [-Infinity, Infinity];
       element.setAttribute("transform", `translate(${velocity.map((speed) => speed * time)})`);
@@ -153,13 +145,6 @@ function moves(obstacle) {
   return obstacle.window !== null || obstacle.velocity.some((speed) => speed !== 0);
 }
 
-/* An element with a colour of data. */
-function tinted(parent, name, colour, attributes) {
-  const element = add(parent, name, attributes);
-  element.style.setProperty("--colour", shade(colour));
-  return element;
-}
-
 /* Put what belongs to a robot's bodies where these are. */
 function put(robot, posture) {
   for (const element of robot.children) {
@@ -176,11 +161,19 @@ function drawGround(parent, whole, level, low, high) {
   add(group, "line", { class: "level", x2: width });
 }
 
-function drawObstacle(parent, { bounded, colour, outlines, margins }) {
-  const group = tinted(parent, "g", colour, { class: bounded ? "obstacle" : "obstacle wall" });
-  for (const points of outlines) add(group, "polygon", { points });
-  for (const points of margins) add(group, "polygon", { class: "margin", points });
+function drawObstacle(parent, { bounded, colour, capsules, margin }) {
+  const group = dyed(add(parent, "g", { class: bounded ? "obstacle" : "obstacle wall" }), colour);
+  for (const capsule of capsules) drawCapsule(group, "body", capsule, 0);
+  if (margin > 0) for (const capsule of capsules) drawCapsule(group, "margin", capsule, margin);
   return group;
+}
+
+/* All points within a distance of a capsule: two ends and a radius. */
+function drawCapsule(parent, name, [[x, y], [to, up], radius], distance) {
+  const size = radius + distance;
+  const box = { x: -size, y: -size, width: Math.hypot(to - x, up - y) + 2 * size, height: 2 * size, rx: size };
+  const transform = `translate(${x} ${y}) rotate(${(180 / Math.PI) * Math.atan2(up - y, to - x)})`;
+  add(parent, "rect", { class: name, ...box, transform });
 }
 
 /* The largest of ..., 0.5, 1, 2, 5, 10, ... that is not above a positive value. */

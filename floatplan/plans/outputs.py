@@ -1,0 +1,91 @@
+"""Pictures, pages and other formats of a motion, asked for as its methods: they lie in upper rooms."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from floatplan.arguments import flag, function, optional, positive, text
+from floatplan.arguments import path as as_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Loaded by name when they are asked for: the one place where a lower room calls upper ones.
+OUTPUTS = {
+    "JumpView": "floatplan.view.jumps",
+    "figures": "floatplan.view.figures.figures",
+    "animate": "floatplan.view.figures.animation",
+    "write_report": "floatplan.view.report.report",
+    "notebook_frame": "floatplan.view.report.report",
+    "export": "floatplan.export.formats",
+}
+
+
+class Outputs:
+    """What every motion, a plan or a jump, can be shown and written as."""
+
+    @property
+    def view(self) -> Any:
+        """The motion as pictures take it."""
+        return self
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures by name, as matplotlib figures; see :func:`floatplan.view.figures.figures.figures`."""
+        found: dict[str, Figure] = output("figures")(self.view)
+        return found
+
+    def animate(
+        self, path: str | Path = "flight.gif", *, speed: float = 0.5, progress: Callable[[int, int], None] | None = None
+    ) -> Path:
+        """Write a film of the motion, ``.gif`` or ``.mp4``, and return its path.
+
+        ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
+        """
+        path, speed = as_path(path, "path"), positive()(speed, "speed")
+        progress = optional(function)(progress, "progress")
+        return Path(output("animate")(self.view, path, speed=speed, progress=progress))
+
+    def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
+        """Write the report, a page that plays the motion, and open it in the browser unless ``browse`` is false."""
+        browse = flag(browse, "browse")
+        page = Path(output("write_report")(self.view, as_path(path, "path")))
+        if browse:
+            webbrowser.open(page.resolve().as_uri())
+        return page
+
+    def export(self, form: str, path: str | Path | None = None, rate: float | None = None, **gains: Any) -> Path:
+        """Write the motion in another format.
+
+        Parameters
+        ----------
+        form : str
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree" or "unitree-sdk";
+            see ``floatplan export --help``.
+        path : path, optional
+            The file; left out, the format's own name in the working directory.
+        rate : float, optional
+            Instants per second, Hz; left out, what suits the format.
+        kp, kd : float or mapping, optional
+            Gains of the joints, N m/rad and N m s/rad, of all or by name, in files that have room for them.
+
+        Raises
+        ------
+        InputError
+            The format is unknown or has no room for gains, a number is wrong, or there is no motion.
+        """
+        path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
+        return Path(output("export")(self, text(form, "format"), path, rate, **gains))
+
+    def _repr_html_(self) -> str:
+        """The report, as notebooks show it: it plays."""
+        return str(output("notebook_frame")(self.view))
+
+
+def output(name: str) -> Callable[..., Any]:
+    """Return a function of :data:`OUTPUTS`."""
+    found: Callable[..., Any] = getattr(import_module(OUTPUTS[name]), name)
+    return found
