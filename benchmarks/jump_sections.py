@@ -6,14 +6,12 @@ import itertools
 import statistics
 import tempfile
 import time
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from drawn_stances import drawn_hops, drawn_stances
-from jump_flights import fly
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
@@ -23,6 +21,7 @@ from floatplan.stance.setup import jump_setup
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["point", "rolling"], ...] = ("point", "rolling")
+PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -74,7 +73,7 @@ def contact(counts: Counts) -> None:
 
     The plan knows the rotors that fly; its feet are points, or the circles that touch the ground in MuJoCo.
     """
-    heading(f"contact: the Go2's backflip flown with seeds 0 to {counts.landings - 1}, 500 Hz, 4 ms late")
+    heading(f"contact: {counts.landings} flights of the Go2's backflip, friction {GRIP}, {PERTURBED}")
     path, rows = PROBLEMS / "jumps" / "go2.toml", []
     for feet, armature in itertools.product(FEET, ARMATURES):
         with tempfile.TemporaryDirectory() as folder:
@@ -82,12 +81,12 @@ def contact(counts: Counts) -> None:
             known.write_text(path.read_text().replace("[robot]\n", f"[robot]\narmature = {armature}\n"))
             problem = fp.load_problem(known)
         found = fp.jump(problem, replace(problem.jump or fp.JumpRequest(), feet=feet))
-        ends = [fly(found, seed, armature) for seed in range(counts.landings)]
-        links = Counter(link for end in ends for link in end.touched)
-        clean = sum(end.stands and not end.touched for end in ends)
-        turned = float(np.rad2deg(np.sqrt(np.mean([end.turned**2 for end in ends]))))
-        touched = ", ".join(f"{link} {count}" for link, count in links.most_common(3)) or "none"
-        rows.append([feet, armature, sum(end.stands for end in ends), clean, turned, touched])
+        flown = fp.replay_jump(
+            found, perturb=PERTURBED, flights=counts.landings, friction=GRIP, gains=GAINS, budget=None
+        ).uncorrected
+        touched = ", ".join(f"{link} {count}" for link, count in flown.links.most_common(3)) or "none"
+        turned = float(np.rad2deg(flown.pitch_rms))
+        rows.append([feet, armature, int(flown.stands.sum()), int(flown.clean.sum()), turned, touched])
     table(
         ["feet", "armature kg m^2", "stand", "on feet alone", "error at touchdown deg", "other links that touched"],
         rows,

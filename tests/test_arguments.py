@@ -18,10 +18,11 @@ from floatplan.inflight import authority as authority_module
 from floatplan.planning.search import MOST_SOLVED
 
 MADE_BY_FLOATPLAN = {
+    "JumpReplay",
     *("Authority", "Certificate", "ClosedLoop", "Contact", "Correction", "FlightState", "Plan", "Plans", "Reference"),
     *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch"),
 }
-TRIED_AMONG_JUMPS = ("jump", "launch", "load_jump")  # in tests/stance and tests/cli/test_jump.py
+TRIED_AMONG_JUMPS = ("jump", "launch", "load_jump", "replay_jump")  # in tests of their own
 NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError"}
 FEW_LETTERS = 1500  # of any representation
 
@@ -196,6 +197,8 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
                 "torque": 0.1,
                 "rise": 0.1,
                 "noise": 0.1,
+                "friction": 0.0,
+                "armature": 0.0,
                 "rate_noise": None,
                 "delay": 0.1,
             },

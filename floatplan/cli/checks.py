@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from floatplan.cli.common import Json, PlanFile, Save, Urdf, finish
+import floatplan as fp
+from floatplan.cli.common import Json, MotionFile, PlanFile, Save, Urdf, finish, read_motion
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
-
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
 
 
 def certify(
@@ -25,50 +23,70 @@ def certify(
     json_output: Json = False,
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
-    from floatplan.certificate.certificate import BUDGET
-    from floatplan.certificate.certificate import certify as prove
-    from floatplan.plans.reading import load_record
-
     with progress("proving"):
-        certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+        certificate = fp.certify(plan_file, urdf=urdf, **({} if budget is None else {"budget": budget}))
     facts = certificate.to_dict()
     if save:
+        from floatplan.plans.reading import load_record
+
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
     finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
 
 
 def replay(
-    plan_file: PlanFile,
+    motion_file: MotionFile,
     urdf: Urdf = None,
-    engine: Annotated[str, typer.Option(metavar="NAME", help="'pinocchio' (the default) or 'mujoco'.")] = "pinocchio",
+    engine: Annotated[
+        str | None, typer.Option(metavar="NAME", help="'pinocchio', the default, or 'mujoco'; of jumps always this.")
+    ] = None,
     perturb: Annotated[
         str,
         typer.Option(
             metavar="h=1%,..",
             help="Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of "
-            "h, inertia, torque, rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out.",
+            "h, inertia, torque, rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
+            "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
         ),
     ] = "",
     feedback: Annotated[
         float | None,
         typer.Option(metavar="RAD/S", help="Bandwidth of joint feedback; left out, open loop, 100 with --replan."),
     ] = None,
-    step: Annotated[float, typer.Option(metavar="S", help="Longest step of MuJoCo, s.")] = 5e-4,
+    step: Annotated[
+        float | None, typer.Option(metavar="S", help="Longest step of MuJoCo, s; 5e-4 if left out.")
+    ] = None,
     replan: Annotated[
         float | None,
         typer.Option(metavar="HZ", help="Correct in flight, so often a second: many flights, with and without."),
     ] = None,
-    flights: Annotated[int, typer.Option(min=1, metavar="N", help="Number of flights with --replan.")] = 20,
+    flights: Annotated[
+        int | None,
+        typer.Option(
+            "--flights", "--runs", min=1, metavar="N", help="Number of flights: 20 with --replan, 1 of a jump."
+        ),
+    ] = None,
     budget: Annotated[
-        float, typer.Option(metavar="S", help="Time after which no more is flown with --replan, s.")
+        float, typer.Option(metavar="S", help="Time after which no more is flown, with --replan or of a jump, s.")
     ] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
+    friction: Annotated[
+        float | None, typer.Option(metavar="MU", help="Of the ground under a jump; that of its problem if left out.")
+    ] = None,
+    kp: Annotated[
+        str | None, typer.Option(metavar="K|J=K,..", help="Stiffness of a jump's joints, N m/rad, of all or by name.")
+    ] = None,
+    kd: Annotated[str | None, typer.Option(metavar="K|J=K,..", help="Their damping, N m s/rad.")] = None,
     authority: Annotated[
         bool, typer.Option("--authority", help="Tell from which errors corrections still land, and until when.")
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="DIR", help="Put flights.html, with its pictures, into this folder."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
+        ),
     ] = None,
     save: Save = False,
     json_output: Json = False,
@@ -76,13 +94,25 @@ def replay(
     """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed.
 
     With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
-    corrected.
+    corrected. A jump is flown in MuJoCo with contact, from standing to a second after its end, where it is to stand.
     """
-    from floatplan.plans.plan import load_plan
+    from floatplan.cli.asked import gain
     from floatplan.simulation.forward import check_engine
+    from floatplan.simulation.replay import STEP
 
-    checked = check_engine(engine)
-    plan = load_plan(plan_file, urdf)
+    checked = check_engine(engine or "pinocchio")
+    plan = read_motion(motion_file, urdf)
+    of_jumps = {"friction": friction, "kp": kp, "kd": kd}
+    of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
+    beside, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
+    for name, value in beside.items():
+        if value is not None:
+            raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
+    if not isinstance(plan, fp.Plan):
+        if engine not in (None, "mujoco"):
+            raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
+        options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
+        _fly_jump(plan, output, json_output, gains=(gain("--kp", kp), gain("--kd", kd)), friction=friction, **options)
     if replan is not None or authority:
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
@@ -90,32 +120,46 @@ def replay(
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
-    from floatplan.simulation.replay import replay as fly
-
     with progress("flying"):
-        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
+        longest = STEP if step is None else step
+        flown = fp.replay(plan, engine=checked, perturb=perturb, feedback=feedback, step=longest, seed=seed)
     facts = flown.to_dict()
     if save:
-        plan.record.with_checks(replay=facts).save(plan_file)
+        plan.record.with_checks(replay=facts).save(motion_file)
     finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
 
 
+def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
+    """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
+    from floatplan.cli.results import check_directory
+
+    if output is not None:
+        check_directory(output)
+    with progress("flying"):
+        flown, files = fp.replay_jump(jump, **options), list[Path]()
+    if output is not None:
+        from floatplan.view.report.flights import write_jump_pages
+
+        with progress("drawing") as bar:
+            files = write_jump_pages(flown, output, bar.reach)
+    ok = flown.landed or flown.perturbation.any
+    finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
+
+
 def _fly_many(
-    plan: Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
+    plan: fp.Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
 ) -> NoReturn:
     """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
     from floatplan.cli.results import check_directory
-    from floatplan.inflight.authority import authority
-    from floatplan.simulation.closed_loop import closed_loop
 
     if output is not None:
         check_directory(output)
     given = {name: value for name, value in options.items() if value is not None}
-    flown = None if rate is None else closed_loop(plan, rate, **given)
-    found = authority(plan) if with_authority else None
+    flown = None if rate is None else fp.closed_loop(plan, rate, **given)
+    found = fp.authority(plan) if with_authority else None
     page = None
     if output is not None:
         from floatplan.view.report.flights import write_flights_page

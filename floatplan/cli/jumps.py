@@ -1,22 +1,18 @@
-"""The commands about what the ground has to do with a flight: ``jump``, from standing to standing, and ``launch``."""
+"""The commands about what the ground has to do with a flight: ``jump``, ``takeoff``, ``launch``."""
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
+import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
-
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
-    from floatplan.plans.presentation import Row
-    from floatplan.stance.launch import Launch
+from floatplan.files import runs_folder
 
 Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
 Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
@@ -39,21 +35,17 @@ def jump(
     jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where a jump was found,
     proved and checked so.
     """
-    from floatplan.certificate.certificate import certify
     from floatplan.cli.results import REPORT, check_directory, write_jump
-    from floatplan.files import runs_folder
-    from floatplan.problem.file import load_problem
-    from floatplan.stance.planner import jump as search
 
-    problem = load_problem(problem_file)
+    problem = fp.load_problem(problem_file)
     directory = runs_folder(problem.name, "jump") if output is None else output
     check_directory(directory)
     began = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):
-        found = search(problem, seed=seed, starts=starts, progress=bar.say)
+        found = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
         if found.flight is not None and found.flight.ok:
             bar.say("proving the flight")
-            found = found.with_certificate(certify(found.flight))
+            found = found.with_certificate(fp.certify(found.flight))
     files = write_jump(found, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and found.flight is not None:
         files.append(found.show(directory / REPORT, browse=False))
@@ -61,6 +53,26 @@ def jump(
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
     ok = found.ok and proved
     common.finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
+
+
+def takeoff(
+    problem_file: common.ProblemFile,
+    json_output: common.Json = False,
+) -> None:
+    """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
+
+    Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
+    rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
+    """
+    from floatplan.motion.flight import no_common_momentum
+
+    problem = fp.load_problem(problem_file)
+    ends = fp.takeoff(problem), fp.landing(problem)
+    disagreement = no_common_momentum(problem)
+    found = {str(contact.end): contact.to_dict() for contact in ends}
+    facts = {"joints": list(problem.robot.joints), **found, "no_common_momentum": disagreement}
+    ok = all(contact.ok for contact in ends) and disagreement is None
+    common.finish(facts, json_output, lambda summary: summary.contact_summary(ends, disagreement), ok)
 
 
 def launch(
@@ -78,17 +90,13 @@ def launch(
 
     What is found is checked 2000 times a second. Exit code 1 where none is found: that is no proof that there is none.
     """
-    from floatplan.plans.plan import load_plan
-    from floatplan.problem.jump import JumpRequest
-    from floatplan.stance.launch import launch as search
-
-    plan = load_plan(plan_file, urdf)
-    request = plan.problem.jump or JumpRequest()
+    plan = fp.load_plan(plan_file, urdf)
+    request = plan.problem.jump or fp.JumpRequest()
     if friction is not None:
         request = replace(request, friction=friction)
     with progress("launch"), naming(plan_file):
-        found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
-    facts = {"friction": request.friction, **_facts(found), "figures": found.figures}
+        found = fp.launch(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
+    facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
     common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
 
 
@@ -100,31 +108,3 @@ def needs_casadi(option: str) -> None:
         casadi()
     except InputError as error:
         raise InputError(error.reason, element=option, advice=error.advice) from None
-
-
-def launches(plan: Plan, seed: int) -> tuple[list[Row], dict[str, Any]]:
-    """Rows for a person, and facts, of the stances that reach a plan's takeoff and follow its landing."""
-    from floatplan.plans.presentation import Row
-    from floatplan.stance.launch import launch as search
-
-    rows: list[Row] = []
-    facts: dict[str, Any] = {}
-    stands = [contact.end for contact in plan.contacts]
-    for end in ("takeoff", "landing"):
-        if end not in stands:
-            rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
-            continue
-        try:
-            found = search(plan, end=end, seed=seed)
-        except InputError as error:
-            rows.append(Row(f"{end} stance", f"none was looked for: {error}", "open"))
-            continue
-        facts[end] = _facts(found)
-        rows.append(Row(f"{end} stance", found.sentences[0], "good" if found.ok else "open"))
-    return rows, facts
-
-
-def _facts(found: Launch) -> dict[str, Any]:
-    ratio = found.ratio if math.isfinite(found.ratio) else None
-    told = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
-    return {**told, "impossible": found.impossible, "sentences": list(found.sentences)}

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from floatplan.cli.common import OpenPage, Quiet, Urdf, print_path
+import floatplan as fp
+from floatplan.cli.common import MotionFile, OpenPage, Quiet, Urdf, print_path, read_motion
 from floatplan.cli.progress import progress
 from floatplan.errors import naming
 
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
-    from floatplan.stance.jump import Jump
-
-MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
 ]
@@ -49,13 +45,12 @@ def show(
 ) -> None:
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
-    from floatplan.plans.plan import load_plan
 
-    motion = _motion(motion_file, urdf)
+    motion = read_motion(motion_file, urdf)
     with naming(motion_file):
         plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
-    other = None if compare is None else load_plan(compare)
+    other = None if compare is None else fp.load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
@@ -113,26 +108,13 @@ def export(
     Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
     """
     from floatplan.cli.asked import gain
-    from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of
 
     known = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
-    motion = _motion(motion_file, urdf)
+    motion = read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
     with progress("exporting", quiet):
-        path = write(motion, form, path, rate, kp=stiffness, kd=damping)
+        path = motion.export(form, path, rate, kp=stiffness, kd=damping)
     if not quiet:
         print_path(path)
-
-
-def _motion(path: str, urdf: str | None) -> Plan | Jump:
-    """Read a plan or a jump, whichever the file says that it holds."""
-    from floatplan.files import read_json
-    from floatplan.plans.plan import load_plan
-    from floatplan.stance.jump import FORMAT
-    from floatplan.stance.jump_file import load_jump
-
-    content = read_json(Path(path), kind="a plan or jump file")
-    is_jump = isinstance(content, dict) and content.get("format") == FORMAT
-    return load_jump(path, urdf) if is_jump else load_plan(path, urdf)

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arguments import by_name, number
-from floatplan.arrays import Array, BoolArray, IntArray, read_only
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.flight import FullMotion, free_flyer
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import BANDWIDTH, joint_inertia
+from floatplan.simulation.forward import BANDWIDTH, Gain, given_gains, joint_inertia
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.tables import Range
 
-GAIN = number(Range(0.0, 1e12, ""))
-Gain: TypeAlias = float | Mapping[str, float]  # of all joints, or of some by name
 Exportable: TypeAlias = Plan | JumpMotion
 
 
@@ -39,28 +34,6 @@ class WholeMotion:
     base_quaternion: Array
     base_velocity: Array
     base_angular_velocity: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Contacts:
-    """Contacts at N instants; at a change of them those of the phase before.
-
-    Attributes
-    ----------
-    begin : (P,) s, of each phase
-    phase : (N,) number of the phase, from 0
-    names : (C,) of all points that stand at some time
-    stand : (N, C) whether each does
-    forces : (N, C, 3) N, on the robot, in the world's axes
-    points : (N, C, 3) m, where they act, in the world; NaN where the point does not stand
-    """
-
-    begin: Array
-    phase: IntArray
-    names: tuple[str, ...]
-    stand: BoolArray
-    forces: Array
-    points: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,18 +114,27 @@ class Exported:
             base_angular_velocity=v[:, 3:6],
         )
 
-    def contacts(self, times: Array) -> Contacts | None:
-        """Return the contacts at times (N,), s; None of a motion without phases."""
+    def contacts(self, times: Array) -> dict[str, Any]:
+        """Return the contacts at times (N,), s, at a change of them those before; nothing of a motion without phases.
+
+        ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,) of all points that stand at some
+        time; ``contacts`` (N, C), whether each stands; ``forces`` (N, C, 3), N, on the robot, in the world, and
+        ``contact_points``, m, where they act, NaN of what does not stand.
+        """
         motion, phases = self.motion, self.motion.phases
         if not phases:
-            return None
+            return {}
         times = np.minimum(times, motion.duration)
         phase = np.searchsorted([each.end for each in phases[:-1]], times)
         forces, points = motion.forces(times), motion.contact_points(times)
-        arrays = (np.stack([each[name] for name in forces], axis=1) for each in (forces, points))
-        stand = np.array([[name in each.contacts for name in forces] for each in phases])[phase]
-        begin = np.array([each.begin for each in phases])
-        return Contacts(begin, phase, tuple(forces), stand, *arrays)
+        return {
+            "phase": phase,
+            "phase_begin": np.array([each.begin for each in phases]),
+            "contact_names": np.array([*forces]),
+            "contacts": np.array([[name in each.contacts for name in forces] for each in phases])[phase],
+            "forces": np.stack([forces[name] for name in forces], axis=1),
+            "contact_points": np.stack([points[name] for name in forces], axis=1),
+        }
 
 
 def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:
@@ -184,20 +166,6 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
     posture = np.zeros(motion.problem.robot.model.nv)
     posture[BASE:] = found.at(np.zeros(1)).positions[0]
     inertia = joint_inertia(found.robot.model, posture)
-    stiffness = _given(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
-    damping = _given(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
+    stiffness = given_gains(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
+    damping = given_gains(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
     return Exported(motion, read_only([stiffness, damping]))
-
-
-def _given(joints: Sequence[str], given: Gain | None, element: str, otherwise: Array) -> Array:
-    """Gains (J,) as given, else as they are otherwise."""
-    if given is None:
-        return otherwise
-    if not isinstance(given, Mapping):
-        return np.full(len(joints), GAIN(given, element))
-    gains = otherwise.copy()
-    for joint, gain in by_name(GAIN)(given, element).items():
-        if joint not in joints:
-            raise InputError(f"the robot has no such joint that moves: {joint}", element=element)
-        gains[joints.index(joint)] = gain
-    return gains

@@ -7,7 +7,7 @@ control loops, whose torques are held for a period, take the fixed steps of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from itertools import count
 from typing import Any, Literal, TypeAlias, get_args
@@ -16,14 +16,15 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
-from floatplan.arguments import one_of
+from floatplan.arguments import by_name, number, one_of
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.errors import FloatplanError
+from floatplan.errors import FloatplanError, InputError
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation.mujoco_model import import_mujoco, planar_model
 from floatplan.simulation.perturbation import Drawn
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel
+from floatplan.tables import Range
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 State: TypeAlias = tuple[Array, Array]  # positions, velocities
@@ -31,6 +32,9 @@ Accelerations: TypeAlias = Callable[[Array, Array, Array], Array]  # positions, 
 Dynamics: TypeAlias = Callable[[float, Array, Array], Array]  # time, positions, velocities -> accelerations
 Moved: TypeAlias = Callable[[Array, Array, float], Array]  # positions, velocities, duration -> positions
 Entries: TypeAlias = IntArray | slice
+
+GAIN = number(Range(0.0, 1e12, ""))
+Gain: TypeAlias = float | Mapping[str, float]  # of all joints, or of some by name
 
 FASTEST = 1e4  # [rad/s] bandwidth of feedback
 BANDWIDTH = 100.0  # [rad/s] of a controller's feedback, where none is said
@@ -62,6 +66,20 @@ def joint_inertia(model: Any, posture: Array) -> Array:
     """
     inverse = pin.computeMinverse(model, model.createData(), np.asarray(posture))
     return np.asarray(1.0 / np.diagonal(inverse)[JOINTS])
+
+
+def given_gains(joints: Sequence[str], given: Gain | None, element: str, otherwise: Array) -> Array:
+    """Return gains (J,) as given, else as they are otherwise; InputError where one is wrong."""
+    if given is None:
+        return otherwise
+    if not isinstance(given, Mapping):
+        return np.full(len(joints), GAIN(given, element))
+    gains = otherwise.copy()
+    for joint, gain in by_name(GAIN)(given, element).items():
+        if joint not in joints:
+            raise InputError(f"the robot has no such joint that moves: {joint}", element=element)
+        gains[joints.index(joint)] = gain
+    return gains
 
 
 class JointTorques:
@@ -182,8 +200,8 @@ def fly_in_steps(
     """Integrate at fixed steps, which divide all ``times``; as :func:`fly_finely`, ``moved`` as of a step."""
     state, done, flown = takeoff, 0, []
     for steps in np.rint(times / step).astype(int).tolist():
-        for number in range(done, steps):
-            state = runge_kutta_step(dynamics, state, number * step, (number + 1) * step, moved)
+        for each in range(done, steps):
+            state = runge_kutta_step(dynamics, state, each * step, (each + 1) * step, moved)
         done = steps
         flown.append(state)
     positions, velocities = zip(*flown, strict=True)

@@ -49,7 +49,7 @@ def planar_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Arra
     model = _compiled(robot, reduced, robot.layout.tree, robot.locked)
     joints = [model.joint(name).id for name in (*BASE, *_names(robot, reduced))]
     coordinates = np.asarray(model.jnt_qposadr[joints], dtype=np.int64)
-    _scale_bodies(model, coordinates[BASE_COORDINATES - 1 :], mass, inertia)
+    scale_bodies(model, coordinates[BASE_COORDINATES - 1 :], mass, inertia)
     return model, coordinates
 
 
@@ -82,7 +82,7 @@ def spatial_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Arr
     model = _compiled(robot, reduced, robot.file_tree, rigid, in_plane=False)
     joints = [model.joint(name).id for name in ("free", *_names(robot, reduced))]
     positions, velocities = (np.asarray(each[joints], dtype=np.int64) for each in (model.jnt_qposadr, model.jnt_dofadr))
-    _scale_bodies(model, positions, mass, inertia)
+    scale_bodies(model, positions, mass, inertia)
     return SpatialModel(model, int(positions[0]), int(velocities[0]), positions[1:], velocities[1:])
 
 
@@ -95,20 +95,24 @@ def _compiled(
     robot: Robot, reduced: ReducedModel, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool = True
 ) -> Any:
     """The model of a tree whose base moves in the plane alone, or is free; rigid joints stay where they are."""
-    mujoco = import_mujoco()
+    mujoco, spec = import_mujoco(), inertial_spec(robot, tree, rigid, in_plane)
+    # nothing but inertia, gravity and joint torques, which damping and friction are taken off
+    spec.option.gravity = reduced.model.gravity.linear
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    for name, armature in robot.armature.items():
+        spec.joint(f"joint{robot.model.getJointId(name)}").armature = armature
+    return compiled(robot, spec)
+
+
+def compiled(robot: Robot, spec: Any) -> Any:
+    """The ``mujoco.MjModel`` of an ``MjSpec`` of a robot; InputError where MuJoCo refuses it."""
     try:
-        spec = inertial_spec(robot, tree, rigid, in_plane)
-        # nothing but inertia, gravity and joint torques, which damping and friction are taken off
-        spec.option.gravity = reduced.model.gravity.linear
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-        for name, armature in robot.armature.items():
-            spec.joint(f"joint{robot.model.getJointId(name)}").armature = armature
         return spec.compile()
     except ValueError as error:
         raise InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine") from None
 
 
-def _scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) -> None:
+def scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) -> None:
     """Scale each body by the factors of the joint that carries it; ``entries`` (1 + m,) of base and joints in qpos."""
     mujoco = import_mujoco()
     joint_of = dict(zip(entries.tolist(), count(BASE_COORDINATES)))

@@ -1,10 +1,10 @@
-"""What the plan of a flight does not know: another momentum, other masses, noise and delay; drawn by seed."""
+"""What a plan or a jump does not know: another momentum, other masses, friction, noise and delay; drawn by seed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,12 +21,15 @@ NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that
 DEGREE = math.pi / 180
 RELATIVE = number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0}  # masses and torques keep their sign
 KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, and what one of each unit is in SI units
-    **dict.fromkeys(("h", "mass", "inertia", "torque", "rise"), RELATIVE),
+    **dict.fromkeys(("h", "mass", "inertia", "torque", "rise", "friction"), RELATIVE),
+    "armature": (number(Range(0.0, 1e3, "kg m^2")), {"": 1.0}),
     "noise": (number(Range(0.0, 1.0, "rad")), {"deg": DEGREE, "rad": 1.0, "": 1.0}),
     "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": DEGREE, "rad/s": 1.0, "": 1.0}),
     "delay": (number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0}),
 }
 MEASURED = ("noise", "rate_noise", "delay")  # felt by corrections and feedback at a rate, not by a replay
+OF_TAKEOFF = ("h", "rise")  # which a jump makes by itself
+OF_JUMPS = ("friction", "armature")
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,10 @@ class Perturbation(Checked):
         Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia, each for
         itself, of every body; of every joint's torque; of the vertical velocity at takeoff, with which the centre of
         mass is measured too.
+    friction : relative
+        Of the ground under a jump.
+    armature : kg m^2
+        Of all joints of a jumping robot, on top of the problem's; each robot has an even share of it, of its own.
     noise, rate_noise : rad, rad/s
         Standard deviations of all measured angles and rates; the latter ten times the former, in 1/s, where left out.
     delay : s
@@ -55,6 +62,8 @@ class Perturbation(Checked):
     inertia: float = 0.0
     torque: float = 0.0
     rise: float = 0.0
+    friction: float = 0.0
+    armature: float = 0.0
     noise: float = 0.0
     rate_noise: float | None = None
     delay: float = 0.0
@@ -81,14 +90,26 @@ class Perturbation(Checked):
         momentum, mass, inertia = float(coins(self.h, 1)[0]), coins(self.inertia, bodies), coins(self.inertia, bodies)
         torque, rise = coins(self.torque, joints), float(coins(self.rise, 1)[0])
         together = coins(self.mass, bodies) if self.mass else np.ones(bodies)
-        return Drawn(momentum, mass * together, inertia * together, torque, rise, rng)
+        friction = float(coins(self.friction, 1)[0]) if self.friction else 1.0
+        armature = float(rng.uniform(0.0, self.armature)) if self.armature else 0.0
+        return Drawn(momentum, mass * together, inertia * together, torque, rise, friction, armature, rng)
+
+    def in_words(self) -> list[str]:
+        """Each of them that is not zero, with its size in SI units."""
+        return [f"{name} ±{abs(error):.3g}" for name, error in asdict(self).items() if error]
+
+    def refuse(self, kinds: Iterable[str], reason: str, advice: str | None = None) -> None:
+        """Raise InputError where one of these kinds, which make no sense here, is not zero."""
+        for name in kinds:
+            if getattr(self, name):
+                raise InputError(reason, element=f"perturb: {name}", advice=advice)
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Factors of one flight: of h, of the bodies' masses and inertias (njoints,), of torques (m,), of the rise.
+    """Factors of one flight: of h, of the bodies' masses and inertias (njoints,), of torques (m,), rise and friction.
 
-    ``noise`` draws the measurements' noise from here on.
+    ``armature`` is in kg m^2; ``noise`` draws the measurements' noise from here on.
     """
 
     momentum: float
@@ -96,6 +117,8 @@ class Drawn:
     inertia: Array
     torque: Array
     rise: float
+    friction: float
+    armature: float
     noise: np.random.Generator
 
     def perturbed(self, model: Any) -> Any:
@@ -110,23 +133,18 @@ class Drawn:
 
 
 def given_perturbation(perturb: str | Perturbation) -> Perturbation:
-    """Return the perturbation that a function was given, or read it; errors as :func:`parse_perturbation`."""
-    if isinstance(perturb, str):
-        return parse_perturbation(perturb)
-    perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
-    return perturbation
-
-
-def parse_perturbation(text: str) -> Perturbation:
-    """Read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
+    """Return the perturbation that a function was given, or read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
 
     Raises
     ------
     InputError
         A name is unknown or comes twice, or what follows is no number with one of its units.
     """
+    if not isinstance(perturb, str):
+        perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
+        return perturbation
     found: dict[str, float] = {}
-    for item in filter(None, map(str.strip, text.split(","))):
+    for item in filter(None, map(str.strip, perturb.split(","))):
         name, _, value = map(str.strip, item.partition("="))
         if name not in KINDS:
             raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")

@@ -102,5 +102,7 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
         values = np.asarray(content[name], dtype=np.float64).reshape(-1, len(times))
         if values.shape != shape:
             raise InputError(f"has shape {values.shape}, not {shape}", element=f"{element}.{name}")
+        if not np.isfinite(values).all():
+            raise InputError("must be finite numbers", element=f"{element}.{name}")
         arrays[name] = read_only(values)
     return Stance(robot, float(gravity), contacts, complex(*content["place"]), Grid(read_only(times), **arrays))

@@ -75,6 +75,11 @@ class JumpMotion:
         return self.after[-1].span[1] if self.after else 0.0
 
     @property
+    def ground(self) -> float:
+        """Height of the ground, m."""
+        return min(stance.place.imag - stance.contacts[0].depth for stance in self.stances)
+
+    @property
     def phases(self) -> tuple[JumpPhase, ...]:
         """Phases in order of time."""
         if self.flight is None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from floatplan.arguments import SEED, made, one_of, optional, whole
+from floatplan.errors import InputError
 from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.presentation import Row
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
@@ -24,6 +27,8 @@ from floatplan.stance.phases import Meeting
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import Range
+
+End: TypeAlias = Literal["takeoff", "landing"]
 
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
@@ -58,13 +63,19 @@ class Launch:
     impossible: bool = False
     broken: tuple[str, ...] = ()
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found out, as plain data: what ``floatplan plan --launch --json`` prints of an end."""
+        told = {name: getattr(self, name) for name in ("ok", "joint", "limit", "impossible")}
+        ratio = self.ratio if math.isfinite(self.ratio) else None
+        return {**told, "ratio": ratio, "sentences": list(self.sentences)}
+
 
 @one_thread
 def launch(
     plan: Plan | str | Path,
     request: JumpRequest | None = None,
     *,
-    end: Literal["takeoff", "landing"] = "takeoff",
+    end: End = "takeoff",
     seed: int = 0,
     starts: int = STARTS,
 ) -> Launch:
@@ -123,6 +134,26 @@ def launch(
     posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
     told = f"Friction {request.friction:g}, at rest with {posture} rad."
     return replace(answer, sentences=(*answer.sentences, *shown, told), impossible=bool(shown))
+
+
+def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row], dict[str, Any]]:
+    """Rows for a person, and facts by end, of the stances that reach a plan's takeoff and follow its landing."""
+    rows: list[Row] = []
+    facts: dict[str, Any] = {}
+    stands = [contact.end for contact in plan.contacts]
+    ends: tuple[End, ...] = get_args(End)
+    for end in ends:
+        if end not in stands:
+            rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
+            continue
+        try:
+            found = launch(plan, end=end, seed=seed, starts=starts)
+        except InputError as error:
+            rows.append(Row(f"{end} stance", f"none was looked for: {error}", "open"))
+            continue
+        facts[end] = found.to_dict()
+        rows.append(Row(f"{end} stance", found.sentences[0], "good" if found.ok else "open"))
+    return rows, facts
 
 
 def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:

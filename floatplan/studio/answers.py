@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
+from floatplan.plans.presentation import Row
+from floatplan.stance.launch import launches
 from floatplan.view.outlines import Poses, body_poses, com_path, postures
 
 POSE_RATE = 60.0  # [Hz]
@@ -57,6 +60,7 @@ class ShownPlan:
     com, takeoff, landing : (N,) complex, m; paths of the centre of mass and of the frames that take off and land
     utilisation, warnings : of the plan
     clearance : m, or None without obstacles
+    stances : what was found of stances before takeoff and after landing
     """
 
     plan: fp.Plan
@@ -68,6 +72,7 @@ class ShownPlan:
     utilisation: tuple[Utilisation, ...]
     warnings: tuple[PlanWarning, ...]
     clearance: float | None
+    stances: tuple[Row, ...] = ()
 
     @classmethod
     def of(cls, plan: fp.Plan, settled: bool) -> ShownPlan:
@@ -111,6 +116,21 @@ class PlanTask:
             return ShownPlan.of(fp.plan(self.problem, prove=True), settled=True)
         searched = planned(self.problem, SearchOptions(budget=self.budget), self.near)
         return ShownPlan.of(searched.plan, settled=False)
+
+
+@dataclass(frozen=True, eq=False)
+class LaunchTask:
+    """Look for stances within the limits on torque and rate, from rest to a plan's takeoff, and from its landing."""
+
+    present: ShownPlan
+
+    def answer(self) -> ShownPlan:
+        """Look for them; the same plan where nothing is limited, or CasADi is not installed."""
+        plan = self.present.plan
+        limits = np.concatenate((plan.problem.motor_torque_limits, plan.problem.velocity_limits))
+        if not plan.ok or np.isinf(limits).all() or find_spec("casadi") is None:
+            return self.present
+        return replace(self.present, stances=tuple(launches(plan, starts=1)[0]))
 
 
 @dataclass(frozen=True)

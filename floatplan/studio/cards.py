@@ -8,7 +8,7 @@ from html import escape
 
 from floatplan.arguments import short
 from floatplan.plans.measures import Utilisation, limits_shown
-from floatplan.plans.presentation import raised
+from floatplan.plans.presentation import Row, raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.studio.session import Verdict, View
@@ -73,12 +73,18 @@ def status_card(view: View) -> str:
     if view.answer is not None:
         facts = "".join(f"<div><span>{name}</span>{value}</div>" for name, value in _facts(view.answer))
         parts.append(f'<div class="facts">{facts}</div>')
+        if view.is_current:
+            parts += [_stance(row) for row in view.answer.stances]
         if view.answer.plan.ok and view.answer.warnings:
             warnings = [warning.message for warning in view.answer.warnings]
             more = [f"and {len(warnings) - MOST_WARNINGS} more"] if len(warnings) > MOST_WARNINGS else []
             listed = _paragraphs(*warnings[:MOST_WARNINGS], *more)
             parts.append(f'<div class="band warning"><b>Beside the verdict</b>{listed}</div>')
     return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
+
+
+def _stance(row: Row) -> str:
+    return f'<div class="band" style="--c:{COLOURS[row.tone]}" data-stance="{row.tone}">{_paragraphs(row.text)}</div>'
 
 
 def _headline(view: View) -> tuple[str, str]:

@@ -19,7 +19,7 @@ from typing import Any
 
 import floatplan as fp
 from floatplan.pool import processes
-from floatplan.studio.answers import Failure, Map, MapTask, PlanTask, ShownPlan
+from floatplan.studio.answers import Failure, LaunchTask, Map, MapTask, PlanTask, ShownPlan
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
 QUIET = 0.2  # [s] without another question, before the whole search and the proof begin
@@ -85,7 +85,7 @@ class Worker:
         self._executor: Any = None
         self._closed = False
 
-    def ask(self, task: PlanTask | MapTask) -> Any:
+    def ask(self, task: PlanTask | LaunchTask | MapTask) -> Any:
         """Return the answer, or a :class:`Failure`; one thread at a time may ask.
 
         Raises
@@ -236,8 +236,12 @@ class Planning:
             answer = self._thorough.ask(PlanTask(question.problem))
             if self._is_newest(question):
                 self._tell(question, answer)
-                if question.with_map and isinstance(answer, ShownPlan):
-                    self._draw_map(question, answer)
+                if isinstance(answer, ShownPlan):
+                    launched = self._thorough.ask(LaunchTask(answer))
+                    if self._is_newest(question) and isinstance(launched, ShownPlan) and launched.stances:
+                        self._tell(question, launched)
+                    if question.with_map:
+                        self._draw_map(question, answer)
         except StoppedError:
             if self._is_newest(question):
                 self._on_plan(question.number, Failure(LOST))

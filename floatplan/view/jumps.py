@@ -110,7 +110,7 @@ class JumpView:
     @property
     def ground(self) -> float:
         """Height of the ground, m."""
-        return min(stance.place.imag - stance.contacts[0].depth for stance in self.jump.stances)
+        return self.jump.ground
 
     @cached_property
     def samples(self) -> tuple[Array, Array, Array]:

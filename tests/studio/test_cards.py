@@ -14,9 +14,9 @@ from rich.console import Console
 import floatplan as fp
 from floatplan.cli.summary import plan_summary
 from floatplan.plans.measures import PlanWarning, limits_shown
-from floatplan.plans.presentation import plan_verdict
-from floatplan.studio import cards
-from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
+from floatplan.plans.presentation import Row, plan_verdict
+from floatplan.studio import answers, cards
+from floatplan.studio.answers import COLUMNS, ROWS, LaunchTask, Map, MapPoint, ShownPlan
 from floatplan.studio.session import View
 
 ROOT = Path(__file__).parents[2]
@@ -46,6 +46,19 @@ def test_a_verdict_for_each_stage(present: ShownPlan) -> None:
         judged = replace(present, plan=plan)
         assert replace(view, answer=judged).verdict == word
         assert word in cards.status_card(replace(view, answer=judged)).lower()
+
+
+def test_stances_are_told_of_the_present_answer_alone(present: ShownPlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = (Row("takeoff stance", f"Takeoff: {HOSTILE}", "good"), Row("landing stance", "Landing: none.", "open"))
+    monkeypatch.setattr(answers, "launches", lambda plan, starts: (found, {}))
+    assert LaunchTask(present).answer() is present  # nothing is limited
+    limited = replace(present.plan.problem, limits=fp.Limits(torque=1e3))
+    answer = LaunchTask(replace(present, plan=replace(present.plan, problem=limited))).answer()
+    view = View(limited, answer=answer)
+    card = cards.status_card(view)
+    assert [tone in card for tone in ('data-stance="good"', 'data-stance="open"', "Landing: none.")] == [True] * 3
+    assert HOSTILE not in card
+    assert "data-stance" not in cards.status_card(replace(view, number=1))
 
 
 def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) -> None:

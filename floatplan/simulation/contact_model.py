@@ -1,0 +1,186 @@
+"""A robot on a free base in MuJoCo, with the ground: its links' hulls as prisms, its feet as spheres.
+
+Every joint of the file moves, those that plans lock too, and has its armature, damping and friction. Links touch the
+ground alone, not one another.
+"""
+
+from __future__ import annotations
+
+from math import atan2, pi, remainder
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.robot.robot import Robot
+from floatplan.simulation.mujoco_model import compiled, import_mujoco, inertial_spec, scale_bodies
+from floatplan.simulation.perturbation import Drawn
+from floatplan.stance.check import LIGHT
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.stance.motion import BASE, point_in_joint
+
+LINK = "link "  # before the name of its shape, since a foot may be called as its link
+TIPPED = 0.5  # [rad] of the base: no more is standing
+LOW = 0.6  # [-] of its height in the end as planned: no less is standing
+WIDTH = 0.02  # [m] of the links' prisms
+THIN = 1e-4  # [m] a hull that is thinner is no shape
+SMALLEST = 5e-3  # [m] radius of a foot's sphere
+STEP = 5e-4  # [s] of the simulation
+STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts
+SLIPLESS = 10.0  # [-] stiffness of friction over that of the normal force
+
+
+class ContactRobot:
+    """A robot of J moving joints and C feet on the ground, simulated.
+
+    Attributes
+    ----------
+    positions, velocities : (J,) entries in ``qpos`` and ``qvel`` of all joints of ``robot.model`` but its base's
+        The free joint comes first, in the axes of the file.
+    feet : (C) names of the points that stand at some time
+    touched : geoms that touched the ground
+    forces, points : (C, 3) N, m, of the feet; NaN where one is in the air
+    slips : (C,) m/s, of those that press on the ground
+    """
+
+    def __init__(self, jump: JumpMotion, friction: float, drawn: Drawn) -> None:
+        self.robot, self.model = jump.problem.robot, contact_model(jump, friction, drawn)
+        self.light = LIGHT * self.robot.mass * jump.problem.flight.gravity
+        self.data = import_mujoco().MjData(self.model)
+        joints = [self.model.joint(f"joint{joint}") for joint in range(BASE + 1, self.robot.model.njoints)]
+        self.positions, self.velocities = (
+            np.array([getattr(each, key)[0] for each in joints]) for key in ("qposadr", "dofadr")
+        )
+        self.feet = tuple(_feet(jump))
+        self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
+        self.touched: set[int] = set()
+        self.forces, self.points, self.slips = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+        self.pitch, self.ground = 0.0, jump.ground
+
+    def begin(self, base: Array, positions: Array) -> None:
+        """Stand at a place (3,) m of the base with its quaternion w x y z, and positions as of ``robot.model``."""
+        self.data.qpos[:7], self.pitch = base, float(positions[BASE - 1])
+        self.data.qpos[self.positions] = positions[BASE:]
+        import_mujoco().mj_forward(self.model, self.data)
+
+    def state(self) -> tuple[Array, ...]:
+        """Positions, velocities, accelerations (BASE + J,) of all coordinates of ``robot.model``, in its plane."""
+        data, plane = self.data, self.robot.plane
+        self.pitch += remainder(2 * atan2(data.qpos[4:7] @ plane.normal, data.qpos[3]) - self.pitch, 2 * pi)
+        axes = np.stack((plane.horizontal, plane.vertical))
+        return (
+            np.concatenate((axes @ data.qpos[:3], [self.pitch], data.qpos[self.positions])),
+            *(
+                np.concatenate((axes @ each[:3], [each[3:6] @ plane.normal], each[self.velocities]))
+                for each in (data.qvel, data.qacc)
+            ),
+        )
+
+    def move(self, torques: Array, steps: int) -> bool:
+        """Take steps under torques (J,), N m, and look at the ground; whether the motion is one still."""
+        mujoco, data = import_mujoco(), self.data
+        data.qfrc_applied[self.velocities] = torques
+        for _ in range(steps):
+            mujoco.mj_step(self.model, data)
+            self.touched.update(data.contact.geom[: data.ncon, 1].tolist())
+        count = len(self.feet)
+        self.forces, self.points, self.slips = np.zeros((count, 3)), np.full((count, 3), np.nan), np.zeros(count)
+        contacts = data.contact
+        listed = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
+        for index, (geom, row) in enumerate(listed):
+            foot = self.foot_of.get(geom)
+            if foot is not None and row >= 0:
+                force = data.efc_force[row : row + 3]
+                self.forces[foot], self.points[foot] = force @ contacts.frame[index].reshape(3, 3), contacts.pos[index]
+                if force[0] > self.light:
+                    self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
+        return bool(np.isfinite(data.qpos).all())
+
+    def links(self) -> tuple[str, ...]:
+        """Names of links other than feet that touched the ground."""
+        names = (self.model.geom(each).name for each in self.touched if each not in self.foot_of)
+        return tuple(sorted(name.removeprefix(LINK) for name in names))
+
+    def stands(self, base: Array, orientation: float) -> bool:
+        """Whether the base is turned as planned in the end, whole turns included, but about the vertical, and as high.
+
+        Arguments are those of :meth:`begin`, of the end.
+        """
+        up, both = np.asarray(self.robot.plane.vertical), (self.data.qpos[:7], base)
+        level = np.prod([pin.Quaternion(*each[3:]).matrix().T @ up for each in both], axis=0).sum()
+        heights = [each[:3] @ up - self.ground for each in both]
+        turned = abs(self.pitch - orientation) < TIPPED
+        return bool(turned and level > np.cos(TIPPED) and heights[0] > LOW * heights[1])
+
+
+def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> Any:
+    """Return the ``mujoco.MjModel`` of a jump's robot on its ground; errors as of :func:`planar_model`.
+
+    Feet are spheres about their frames, as large as these are high above the ground where they stand; each end of a
+    sole is one of ``SMALLEST``.
+
+    Parameters
+    ----------
+    friction : of the ground
+    drawn : factors of the links' masses and inertias, and the rotors that come on top of the problem's
+    """
+    mujoco, robot = import_mujoco(), jump.problem.robot
+    spec = inertial_spec(robot, robot.file_tree, {}, in_plane=False)
+    up, kinds = np.asarray(robot.plane.vertical, dtype=np.float64), mujoco.mjtGeom
+    spec.option.gravity = -jump.problem.flight.gravity * up
+    spec.option.timestep = STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, SLIPLESS
+    names = {f"joint{joint}": robot.model.names[joint] for joint in range(BASE + 1, robot.model.njoints)}
+    for own, name in names.items():
+        joint = spec.joint(own)
+        joint.armature = robot.armature.get(name, 0.0) + drawn.armature
+        joint.damping[0], joint.frictionloss = robot.damping.get(name, 0.0), robot.friction.get(name, 0.0)
+    carriers = {joint: spec.joint(own).parent for joint, own in enumerate(names, BASE + 1)}
+    carriers[BASE] = next(each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE).parent
+    floor = {"name": "floor", "type": kinds.mjGEOM_PLANE, "size": [0, 0, 1], "pos": jump.ground * up}
+    spec.worldbody.add_geom(**floor, zaxis=up, solref=STIFF, contype=1, friction=[friction, 0, 0])
+    touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
+    for name, (joint, place, radius) in _feet(jump).items():
+        carriers[joint].add_geom(name=name, type=kinds.mjGEOM_SPHERE, size=[radius, 0, 0], pos=place, **touching)
+    frames = {frame for stance in jump.stances for contact in stance.contacts for frame in contact.frames}
+    standing = {robot.contact_link(robot.frames[frame].link) for frame in frames}
+    for link in robot.link_hulls:
+        prism = None if link in standing else _prism(robot, link)
+        if prism is not None:
+            shape = f"{LINK}{link}"
+            spec.add_mesh(name=shape, uservert=prism[1].ravel())
+            carriers[prism[0]].add_geom(name=shape, type=kinds.mjGEOM_MESH, meshname=shape, **touching)
+    model = compiled(robot, spec)
+    entries = [0, *(int(model.joint(own).qposadr[0]) for own in names)]
+    scale_bodies(model, np.array(entries), drawn.mass, drawn.inertia)
+    return model
+
+
+def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
+    """The joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
+    robot, (orientation, *joints) = jump.problem.robot, jump.before[0].grid.y[:, 0]
+    upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(orientation, np.array(joints)))
+    found: dict[str, tuple[int, Array, float]] = {}
+    for contact in (contact for stance in jump.stances for contact in stance.contacts):
+        radius = SMALLEST if contact.suffix else max(contact.depth, SMALLEST)
+        for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True):
+            centre = spot.place + (radius - contact.depth) * upwards[spot.body]
+            found[name] = (*point_in_joint(robot, frame, complex(centre)), radius)
+    return found
+
+
+def _prism(robot: Robot, link: str) -> tuple[int, Array] | None:
+    """The joint that carries a link, and its prism (2 c, 3) m in the joint's axes; None of what is no shape."""
+    corners = np.array([[each.start, each.end] for each in robot.link_hulls[link]]).ravel()
+    centred = corners - corners.mean()
+    if np.linalg.svd(np.stack((centred.real, centred.imag)), compute_uv=False)[-1] < THIN:
+        return None
+    found = [point_in_joint(robot, link, complex(corner)) for corner in corners]
+    joint, data = found[0][0], robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.reference.copy())
+    across = WIDTH / 2 * data.oMi[joint].rotation.T @ robot.plane.normal
+    middle = np.array([place for _, place in found])
+    return joint, np.concatenate((middle - across, middle + across))

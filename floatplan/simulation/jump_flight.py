@@ -1,0 +1,161 @@
+"""One flight of a whole jump in MuJoCo with contact, by torques and by springs with dampers on the joints.
+
+500 times a second each motor gets the jump's torque and joint feedback, held for the period, up to what it can at its
+speed. Feedback compares what was measured, late, with what was wanted then. With corrections, a
+:class:`~floatplan.inflight.replanner.Replanner` gets the same measurements while the robot is in the air. Nothing of
+the planner is used: the ground pushes as MuJoCo's contacts do.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.inflight.replanner import Replanner
+from floatplan.simulation.contact_model import STEP, ContactRobot
+from floatplan.simulation.jump_landings import AFTER, PERIOD, FlownJump
+from floatplan.simulation.perturbation import Drawn, Perturbation
+from floatplan.simulation.recorded_motion import SLOW
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.stance.motion import BASE, JumpState
+
+STEPS = round(PERIOD / STEP)  # [-] of the simulation in it
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion."""
+
+    stands: bool
+    touched: tuple[str, ...]
+    pitch: float
+    torque: float
+    slid: float
+    statuses: Counter[str]
+    motion: FlownJump
+
+
+class JumpControl:
+    """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any."""
+
+    def __init__(self, jump: JumpMotion, gains: Array, rate: float | None) -> None:
+        assert jump.flight is not None
+        self.jump, self.gains, self.robot = jump, gains, jump.problem.robot
+        robot, problem = self.robot, jump.problem
+        self.times = np.arange(int((jump.duration + AFTER) / PERIOD) + 1) * PERIOD
+        self.wanted = jump.at(np.minimum(self.times, jump.duration))
+        self.ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
+        self.joints = tuple(robot.model.names)[BASE + 1 :]
+        self.motors = [self.joints.index(name) for name in robot.motors]
+        effort = robot.model.effortLimit[BASE:]
+        self.effort = np.where(effort > 0, effort, np.inf)
+        self.stall, self.slope = np.full(len(effort), np.inf), np.zeros(len(effort))
+        self.effort[self.motors] = problem.motor_torque_limits
+        self.stall[self.motors], self.slope[self.motors] = problem.motor_stall, problem.motor_slope
+        losses = [[each.get(name, 0.0) for name in self.joints] for each in (robot.damping, robot.friction)]
+        rates = self.wanted.velocities[:, BASE:]
+        lost = np.array(losses[0]) * rates + np.array(losses[1]) * np.tanh(rates / SLOW)
+        self.torques = self.wanted.torques[:, BASE:] + lost
+        self.motor_torques = self.wanted.torques @ robot.transmission
+        self.to_planned = np.linalg.pinv(robot.selection[BASE:])
+        self.flown = jump.takeoff_time, jump.takeoff_time + jump.flight.duration
+        self.replanner = None if rate is None else Replanner(jump.flight, rate)
+        self.every = 1 if rate is None else max(1, round(1 / (rate * PERIOD)))
+
+    def fly(
+        self, perturbation: Perturbation, friction: float, flight: tuple[int, int], correct: bool, record: bool = False
+    ) -> Flown:
+        """Fly one robot, drawn by a seed and its number, on a ground of some friction."""
+        drawn = perturbation.drawn(*flight, len(self.joints), self.robot.model.njoints)
+        robot = ContactRobot(self.jump, drawn.friction * friction, drawn)
+        robot.begin(self.ends[0], self.wanted.positions[0])
+        loop = _Loop(self, perturbation, drawn, self.replanner if correct else None)
+        pitch, slid, rows = np.nan, 0.0, []
+        for tick, now in enumerate(self.times.tolist()):
+            state = robot.state()
+            if np.isnan(pitch) and now >= self.flown[1]:
+                pitch = robot.pitch - self.wanted.positions[tick, BASE - 1]
+            torques = loop.torques(tick, np.stack(state[:2])[:, BASE - 1 :])
+            if not robot.move(torques, STEPS):
+                break
+            slid = slid + robot.slips * PERIOD * (now < self.jump.duration)
+            if record:
+                rows.append((*state, np.append(np.zeros(BASE), torques), robot.forces.copy(), robot.points.copy()))
+        return Flown(
+            stands=robot.stands(self.ends[1], self.wanted.positions[-1, BASE - 1]),
+            touched=robot.links(),
+            pitch=float(pitch),
+            torque=loop.share,
+            slid=float(np.max(slid)),
+            statuses=loop.statuses,
+            motion=self._recorded(rows, tuple(robot.feet)),
+        )
+
+    def _recorded(self, rows: Sequence[tuple[Array, ...]], feet: tuple[str, ...]) -> FlownJump:
+        jump = self.jump
+        parts = jump.problem, jump.request, jump.flight, jump.before, jump.after
+        if not rows:
+            return FlownJump(*parts)
+        positions, velocities, accelerations, torques, forces, points = map(read_only, zip(*rows, strict=True))
+        axes = np.stack((self.robot.plane.horizontal, self.robot.plane.vertical))
+        of_feet = (dict(zip(feet, np.moveaxis(each, 1, 0), strict=True)) for each in (forces @ axes.T, points))
+        in_plane, places = of_feet
+        times = read_only(self.times[: len(rows)])
+        state = JumpState(times, positions, velocities, accelerations, in_plane, torques, places)
+        return FlownJump(*parts, recorded=state)
+
+
+class _Loop:
+    """The controller in one flight: what it measured, how far off that was, how it was corrected.
+
+    ``share`` is the largest torque that was wanted of a motor over what it can at its speed.
+    """
+
+    def __init__(
+        self, control: JumpControl, perturbation: Perturbation, drawn: Drawn, replanner: Replanner | None
+    ) -> None:
+        self.control, self.drawn, self.replanner = control, drawn, replanner
+        self.noise = np.array([[perturbation.noise], [perturbation.noise_of_rates]])
+        self.late = round(perturbation.delay / PERIOD)
+        self.statuses, self.share = Counter[str](), 0.0
+        self.measured: list[Array] = []
+        self.errors: list[Array] = []
+        if replanner is not None:
+            replanner.reset()
+
+    def torques(self, tick: int, state: Array) -> Array:
+        """Torques (J,) N m at a tick, from orientation and joints with their rates (2, 1 + J) as they are."""
+        control = self.control
+        self.measured.append(state + self.noise * self.drawn.noise.standard_normal(state.shape))
+        goal, torques = self._reference(tick)
+        self.errors.append(goal - self.measured[-1][:, 1:])
+        if tick >= self.late:
+            torques = torques + (control.gains * self.errors[tick - self.late]).sum(axis=0)
+        slowed, size = control.slope * np.abs(state[1, 1:]), np.abs(torques)
+        shares = np.maximum(size / control.effort, (size + slowed) / control.stall)
+        self.share = max(self.share, float(shares.max()))
+        most = np.minimum(control.effort, np.maximum(control.stall - slowed, 0.0))
+        return np.asarray(self.drawn.torque * np.clip(torques, -most, most))
+
+    def _reference(self, tick: int) -> tuple[Array, Array]:
+        """Places and rates (2, J) that are wanted of all joints, and feed-forward torques (J,)."""
+        control, wanted = self.control, self.control.wanted
+        goal = np.stack((wanted.positions[tick, BASE:], wanted.velocities[tick, BASE:]))
+        (begin, end), now, then = control.flown, float(control.times[tick]), tick - self.late
+        if self.replanner is None or not begin <= now < end:
+            return goal, control.torques[tick]
+        robot = control.robot
+        resting = np.stack((robot.reference[BASE:], np.zeros(len(control.joints))))
+        if tick % control.every == 0 and then >= 0 and control.times[then] >= begin:
+            known = self.measured[then]
+            time, (joints, rates) = float(control.times[then]), (known[:, 1:] - resting) @ control.to_planned.T
+            done = self.replanner.update(time - begin, known[0, 0], known[1, 0], joints, rates, now=now - begin)
+            self.statuses[done.status] += 1
+        reference = self.replanner.reference(now - begin)
+        torques = control.torques[tick].copy()
+        torques[control.motors] += reference.motors - control.motor_torques[tick]
+        return resting + np.stack((reference.positions, reference.velocities)) @ robot.selection[BASE:].T, torques

@@ -1,0 +1,126 @@
+"""Replay of whole jumps in MuJoCo with contact: how they land, what is perturbed, what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jumps import INSTALLED, backflip
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.view.report.flights import write_jump_pages
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+pytest.importorskip("mujoco")
+
+LATE = "noise=0.1deg,delay=4ms"
+
+
+@pytest.fixture(scope="module")
+def flown() -> fp.JumpReplay:
+    return fp.replay_jump(backflip(), gains=(40.0, 1.0))
+
+
+def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
+    ends = flown.landings
+    assert flown.landed
+    assert ends.clean.all()
+    assert abs(ends.pitch[0]) < np.deg2rad(2)
+    assert 0.5 < ends.torque[0] < 1
+    assert 0 < ends.slid[0] < 0.1
+
+
+def test_what_was_flown_is_a_motion(flown: fp.JumpReplay) -> None:
+    jump, motion = backflip(), flown.motion
+    times = np.linspace(0.0, jump.duration, 50)
+    assert motion.duration == jump.duration + 1.0
+    np.testing.assert_allclose(motion.at(times).positions, jump.at(times).positions, atol=0.25)
+    weight = jump.problem.robot.mass * jump.problem.flight.gravity
+    standing = motion.at([motion.duration - 0.1])
+    assert sum(force[0, 1] for force in standing.forces.values()) == pytest.approx(weight, rel=0.01)
+
+
+@pytest.mark.parametrize("changed", [{"friction": 0.1}, {"perturb": "torque=60%"}, {"gains": (0.0, 0.0)}])
+def test_without_grip_strength_or_feedback_it_does_not_land(changed: dict[str, Any]) -> None:
+    """On ice it ends upright, though without a turn: that is no landing."""
+    flown = fp.replay_jump(backflip(), **changed)
+    assert not flown.landed
+
+
+def test_seeds_and_corrections() -> None:
+    jump, perturb = backflip(), f"mass=5%,armature=0.004,{LATE}"
+    first, again, other = (fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=seed) for seed in (3, 3, 4))
+    assert first.landings.pitch.tolist() == again.landings.pitch.tolist() != other.landings.pitch.tolist()
+    both = fp.replay_jump(jump, 250.0, perturb=perturb, friction=0.8, seed=3)
+    assert both.uncorrected.pitch.tolist() == first.landings.pitch.tolist()
+    assert both.corrected is not None
+    assert abs(both.corrected.pitch[0]) < np.deg2rad(2)
+    assert both.statuses["applied"] > 20
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"perturb": "h=3%"}, "perturb: h"),
+        ({"perturb": "rise=3%"}, "perturb: rise"),
+        ({"perturb": "friction=200%"}, "friction"),
+        ({"gains": (-1.0, 1.0)}, "kp"),
+        ({"gains": (1.0, {"nose": 1.0})}, "nose"),
+        ({"friction": -1.0}, "friction"),
+        ({"replan": 1e4}, "replan"),
+        ({"flights": 0}, "flights"),
+    ],
+)
+def test_refused(given: dict[str, Any], reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        fp.replay_jump(backflip(), **given)
+
+
+@pytest.mark.long
+def test_pages_and_film(tmp_path: Path) -> None:
+    """Of flights that land, and of one that falls on ice."""
+    for name, options, files in (("good", {"flights": 3}, 3), ("bad", {"friction": 0.15}, 2)):
+        flown = fp.replay_jump(backflip(), gains=(40.0, 1.0), perturb="mass=2%", **options)
+        found = write_jump_pages(flown, tmp_path / name)
+        assert [path.stat().st_size > 20_000 for path in found] == [True] * files
+        page = found[0].read_text()
+        assert f"{'stands' if name == 'good' else 'falls'} in MuJoCo with contact" in page
+        assert "on its feet alone" in page
+
+
+def test_command(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+    path = backflip().save(tmp_path / "jump.json")
+    run = floatplan("replay", path, "--json")
+    facts = json.loads(run.stdout)
+    assert (run.code, facts["landed"], facts["control"]["rate"]) == (0, True, 500.0)
+    assert 1 <= facts["control"]["tried"] <= 8
+    for words, reason in (
+        (["--engine", "pinocchio"], "--engine: knows no ground"),
+        (["--authority"], "--authority: is for plans"),
+        (["--step", "0.001"], "--step: is for plans"),
+        (["--save"], "--save: is for plans"),
+        (["--feedback", "3"], "--feedback: is for plans"),
+        (["--perturb", "wind=3"], "cannot perturb 'wind'"),
+        (["--kp", "x=3"], "--kp"),
+    ):
+        run = floatplan("replay", path, *words)
+        assert (run.code, len(run.stderr.splitlines())) == (2, 1)
+        assert reason in run.stderr
+    content = json.loads(path.read_text())
+    content["stances"][0]["y"][0][3] = None
+    path.write_text(json.dumps(content))
+    run = floatplan("replay", path)
+    assert run.code == 2
+    assert "stances[0].y: must be finite numbers" in run.stderr
+    plan = backflip().flight
+    assert plan is not None
+    run = floatplan("replay", plan.save(tmp_path / "plan.json"), "--friction", "1")
+    assert run.code == 2
+    assert "--friction: is for jumps" in run.stderr
