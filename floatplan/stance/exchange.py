@@ -1,4 +1,4 @@
-"""Programs one after the other, each with what the solution before breaks: what comes too near, or joints cannot hold."""
+"""Programs one after the other, each with what the solution before breaks: what is too near, what held joints bear."""
 
 from __future__ import annotations
 
