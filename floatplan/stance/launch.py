@@ -21,6 +21,7 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
 from floatplan.stance.exact import exact_stances
+from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance, flight_state
@@ -33,10 +34,9 @@ from floatplan.tables import RELATIVE, Range
 End: TypeAlias = Literal["takeoff", "landing"]
 
 STARTS = 3
-SETTINGS = (("max_iter", 130), ("max_hessian_perturbation", 1e6))  # of IPOPT; with more, iterations take seconds
+ITERATIONS = 130  # of IPOPT, of each program
 MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
-SLIPS = 0.01  # [-] of the weight, beyond the cone: what is less more nodes mend
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
 
@@ -48,8 +48,7 @@ class Launch:
     Attributes
     ----------
     ok : whether one was found within the limits, and holds at 2 kHz
-    ratio : largest share of its limits that a torque or rate takes; infinite where none was found
-        Where there is none, the least share that a rate takes at the flight's end.
+    ratio : largest share of its limits that a torque or rate takes, at least; infinite where none was found
     limit : "torque", "torque_speed" or "velocity": which share that is; "" where there is none
     joint : the motor whose share it is; "" where there is none
     sentences : for a person
@@ -100,8 +99,7 @@ def launch(
     Returns
     -------
     Launch
-        Not ``ok`` is "none was found", and only where ``impossible`` "there is none": where the rates alone with which
-        what stands is at rest at the flight's end are beyond their limits.
+        Not ``ok`` is "none was found"; "there is none" only where ``impossible``, which rates at the end alone show.
 
     Raises
     ------
@@ -127,13 +125,13 @@ def launch(
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
     complete = partial(_answer, plan, request, end)
     answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
-    program = partial(setup.program, settings=SETTINGS)
+    program = partial(setup.program, iterations=ITERATIONS)
     first = program(ROOM)
     for start in range(starts):
         rng = np.random.default_rng((seed, start)) if start else None
-        solved = first.solved(plainest(first, met, v, rng))
-        if solved[1].converged:
-            found = corrected(ROOM, margins, solved, program, complete)
+        solution = solved(first, plainest(first, met, v, rng))
+        if solution[1].converged:
+            found = corrected(ROOM, margins, solution, program, complete)
             answer = min(answer, found, key=lambda each: (not each.ok, bool(each.broken), each.ratio))
         if answer.ok:
             break
@@ -202,8 +200,7 @@ def _answer(
         first = f"no stance was found within the limits (least factor {ratio:.2f}, {named})"
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
-    little = {"friction"} | ({"slip"} if rest["slip"] < SLIPS else set())
-    mended = {name: value for name, value in rest.items() if name not in little}
+    mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")}  # by more nodes
     return answer, mended if broken else None
 
 

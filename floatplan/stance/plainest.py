@@ -26,16 +26,16 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     met : where the flight is met, with rates ``v`` (n+1,) rad/s
     rng : draws other durations
     """
-    takes_off = met.node == 0
+    takes_off, way = met.node == 0, 1 if met.node == 0 else -1
     home, plain = program.ends[0 if takes_off else 1], program.split(program.guess())
-    stances = [index for index, phase in enumerate(program.phases) if phase.contacts][:: 1 if takes_off else -1]
+    stances = [index for index, phase in enumerate(program.phases) if phase.contacts][::way]
     shares = SHORTER * (1.0 if rng is None else rng.uniform(*DRAWN, len(stances)))
     plain[-3][stances, 0] *= shares
     times = instants(program.phases, plain[-3].ravel())
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
     a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
     rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
-    motion = _quintic(times[[0, -1]], (rest, flies) if takes_off else (flies, rest), times)
+    motion = _quintic((rest, flies)[::way], times)
     for index in stances:
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
@@ -49,8 +49,7 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
         if index != stances[-1]:  # from where the other feet leave, or to where they come
             rows, seam = dynamics.dependent, closed[:, :, -1 if takes_off else 0]
             beyond = slice(nodes.stop - 1, None) if takes_off else slice(0, nodes.start + 1)
-            ends = (seam, flies) if takes_off else (flies, seam)
-            motion[:, rows, beyond] = _quintic(times[beyond][[0, -1]], ends, times[beyond])[:, rows]
+            motion[:, rows, beyond] = _quintic((seam, flies)[::way], times[beyond])[:, rows]
         y, v, a = closed
         grid = Grid(times[nodes], y, v, a, np.zeros((len(phase.others), y.shape[1])))
         forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
@@ -60,6 +59,6 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     return program.join([*motion, *plain[3:]])
 
 
-def _quintic(spans: Array, ends: tuple[Array, Array], times: Array) -> Array:
-    """Values and two derivatives (3, n+1, N) of quintics between two ends (3, n+1) of a span, s."""
-    return np.stack(values(hermite(spans, *np.stack(ends, axis=2)), times))
+def _quintic(ends: tuple[Array, ...], times: Array) -> Array:
+    """Values and two derivatives (3, n+1, N) of quintics between these (3, n+1) at the first and the last time."""
+    return np.stack(values(hermite(times[[0, -1]], *np.stack(ends, axis=2)), times))

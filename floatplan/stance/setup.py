@@ -26,9 +26,10 @@ from floatplan.stance.contacts import (
     standing_feet,
     watched_points,
 )
+from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Meeting, Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
@@ -110,7 +111,7 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0])
+        again = solved(finer, finer.resampled(found[1], found[0].phases), found[0])
         if not again[1].converged:
             break
         found = again
@@ -164,12 +165,12 @@ class Setup:
         known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
         return NodeRows(model, phases, watched, bounds, self.standing, known)
 
-    def program(self, room: Room, settings: Sequence[tuple[str, float]] = ()) -> JumpProgram:
-        """Return the program with some room; ``settings`` are names and values, of IPOPT."""
+    def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
+        """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
         parts = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
-        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, settings)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
 
 def inside(ranges: Array, room: float) -> Array:

@@ -26,7 +26,6 @@ def test_the_takeoff_of_a_jump_is_reached() -> None:
     found = launch(flight, starts=1)
     assert found.ok
     assert found.ratio < 0.9
-    assert found.joint in flight.robot.motors
     assert found.sentences[0].startswith("Takeoff: reachable, with ")
     assert found.joint in found.sentences[0]
     assert found.sentences[-1].startswith("Friction 0.6, at rest with FL_thigh_joint 0.7")
@@ -41,7 +40,6 @@ def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest
     found = launch(replace(plan, problem=problem))
     rates = fp.takeoff(problem, plan.angular_momentum)
     assert found.impossible
-    assert found.ratio > 1
     assert found.ratio == pytest.approx(rates.ratio, rel=1e-9)
     words = f"with RL_foot at rest then, {found.joint}'s rate is at least {found.ratio:.2f} of its limit"
     assert found.sentences[0] == f"Takeoff: no stance reaches it: {words}, whatever came before."
