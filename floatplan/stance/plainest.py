@@ -50,8 +50,7 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
             rows, seam = dynamics.dependent, closed[:, :, -1 if takes_off else 0]
             beyond = slice(nodes.stop - 1, None) if takes_off else slice(0, nodes.start + 1)
             motion[:, rows, beyond] = _quintic((seam, flies)[::way], times[beyond])[:, rows]
-        y, v, a = closed
-        grid = Grid(times[nodes], y, v, a, np.zeros((len(phase.others), y.shape[1])))
+        grid = Grid(times[nodes], closed[0], closed[1], closed[2], np.zeros((len(phase.others), closed.shape[2])))
         forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
         for row, contact in enumerate(phase.others):
             plain[3 + index][2 * row : 2 * row + 2] = np.sum([forces[name] for name in contact.names], axis=0).T
