@@ -135,8 +135,8 @@ def _check(hint: Any, numbers: str | Range) -> Check:
     if origin not in (Union, UnionType):
         return arguments.made(hint)
     if NoneType in inner:
-        given = Union[tuple(kind for kind in inner if kind is not NoneType)]  # noqa: UP007
-        return arguments.optional(_check(given, numbers))
+        kinds = tuple(kind for kind in inner if kind is not NoneType)
+        return arguments.optional(_check(Union[kinds], numbers))  # noqa: UP007
     words = [word for kind in inner if get_origin(kind) is Literal for word in get_args(kind)]
     lists = [kind for kind in inner if get_origin(kind) is Sequence]
     if not (lists or float in inner) or any(map(_is_part, inner)):

@@ -102,9 +102,8 @@ def local_minima(
     at, column = lowest_of_neighbours(first)
     near = (first - _rise(first))[at, column] < NEAR
     at, column = at[near], column[near]
-    s, least = narrowed(
-        lambda s: values(sample_also(nodes, s)), column, look.grid[at], first[at, column], look.span, 1.0
-    )
+    begin = look.grid[at], first[at, column], look.span
+    s, least = narrowed(lambda s: values(sample_also(nodes, s)), column, *begin, last=1.0)
     return Worst(block[column], row[column], s, least)
 
 
