@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.relief import ALL, changed, giving, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
@@ -27,6 +30,8 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
+LONGEST = 90.0  # [s] of computing, in which changes that would help are tried; no longer than the search took
+MOST_HELPS = 3  # [-] that are told
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -75,11 +80,55 @@ def jump(
         problem = replace(problem, jump=asked)
     seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
     say = progress or (lambda _: None)
+    began = process_time()
     with naming(file):
-        setup = jump_setup(problem, asked)
-        first = setup.program(ROOM)
-        first.separation.check_standing(first.node, first.motion(first.guess()))
-    best: tuple[float, str] = (np.inf, "")
+        answer, failed = _searched(problem, seed, starts, say)
+    return answer if failed is None else _explained(answer, failed, seed, process_time() - began, say)
+
+
+def _explained(
+    answer: Jump, failed: tuple[JumpProgram, Solution], seed: int, spent: float, say: Callable[[str], None]
+) -> Jump:
+    """The answer of a search that found nothing, with what stands in the way, and with what a jump is found.
+
+    All that gives is tried together, then what has to give where one kind of limits does so alone, for as long as the
+    search took, ``spent``, s.
+    """
+    problem, until = answer.problem, process_time() + min(spent, LONGEST)
+    say("what stands in the way")
+    sides = answer.request.takeoff.durations, answer.request.landing.durations
+    timed = any(sides) or "duration" in answer.request.fixed
+    free = [kind for kind in ALL if kind != "duration" or timed]
+    way, helps = giving(*failed, free), dict[str, Problem]()
+    own = [each.kind for each in way]
+    for kind in [None, *(own if len(own) > 1 else []), *(kind for kind in free if kind not in own)]:
+        if process_time() > until or len(helps) >= MOST_HELPS:
+            break
+        gives = way if kind is None else giving(*failed, (kind,))
+        words, other = [], problem
+        for each in gives:
+            said, other = changed(other, each)
+            words.append(said)
+        name = " and ".join(words)
+        say(f"what would help: {name or kind}")
+        with suppress(InputError):
+            if gives and _searched(other, seed, 1, say)[0].ok:
+                helps[name] = other
+    told = tuple(sentence(each, problem) for each in way)
+    parts = [f"In the way: {'; '.join(told)}."] if told else []
+    parts.append(f"A jump is found with {'; or with '.join(helps)}." if helps else "Nothing that was tried helps.")
+    return replace(answer, explanation=" ".join([answer.explanation, *parts]), in_the_way=told, helps=helps)
+
+
+def _searched(
+    problem: Problem, seed: int, starts: int, say: Callable[[str], None]
+) -> tuple[Jump, tuple[JumpProgram, Solution] | None]:
+    """The first jump of some starts that passes its check, else the last; where there is none, how the best ended."""
+    request = problem.jump or JumpRequest()
+    setup = jump_setup(problem, request)
+    first = setup.program(ROOM)
+    first.separation.check_standing(first.node, first.motion(first.guess()))
+    best: tuple[JumpProgram, Solution] | None = None
     answer: Jump | None = None
     spent = 0
 
@@ -94,21 +143,17 @@ def jump(
         say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
         found = first.solved(first.guess(rng))
-        solution = found[1]
-        spent += solution.iterations
-        if not solution.converged:
-            best = min(best, solution.worst)
-            continue
-        answer = corrected(ROOM, asked, found, setup.program, complete)
-        if answer.ok:
-            return answer
-    if answer is not None:
-        return answer
-    return _not_found(
-        problem,
-        asked,
-        f"No jump was found in {tried} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
-    )
+        spent += found[1].iterations
+        if found[1].converged:
+            answer = corrected(ROOM, request, found, setup.program, complete)
+            if answer.ok:
+                break
+        elif best is None or found[1].worst < best[1].worst:
+            best = found
+    if answer is not None or best is None:
+        return answer or _not_found(problem, request, ""), None
+    missed, row = best[1].worst
+    return _not_found(problem, request, f"No jump was found in {tried} starts; {row} is missed by {missed:.2g}."), best
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
