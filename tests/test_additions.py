@@ -45,8 +45,8 @@ POWER: Edits = {
             '    "orientation_rate": MotionQuantity(',
             '    "powers": MotionQuantity(\n'
             "        lambda it: it.flown.torques * it.motion.velocities,\n"
-            "        lambda it: it.flown.torques[..., None] * it.velocity_jacobian\n"
-            "        + it.motion.velocities[..., None] * it.torque_jacobian,\n    ),\n"
+            "        lambda it: it.flown.torques[..., None] * it.quantity_jacobian('velocities')\n"
+            "        + it.motion.velocities[..., None] * it.quantity_jacobian('torques'),\n    ),\n"
             '    "orientation_rate": MotionQuantity(',
         ),
     ),
@@ -129,7 +129,7 @@ from types import SimpleNamespace
 from unittest.mock import MagicMock
 import numpy as np
 import floatplan as fp
-from floatplan.problem.schema import problem_schema
+from floatplan.problem.file import problem_schema
 from floatplan.studies.schema import varied_number
 from floatplan.studio import edits
 from floatplan.studio.session import View

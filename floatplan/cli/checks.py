@@ -81,7 +81,12 @@ def replay(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="DIR", help="Put flights.html, with its pictures, into this folder."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
+        ),
     ] = None,
     save: Save = False,
     json_output: Json = False,
@@ -131,9 +136,14 @@ def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: 
     if output is not None:
         check_directory(output)
     with progress("flying"):
-        flown = fp.replay_jump(jump, **options)
+        flown, files = fp.replay_jump(jump, **options), list[Path]()
+    if output is not None:
+        from floatplan.view.report.flights import write_jump_pages
+
+        with progress("drawing") as bar:
+            files = write_jump_pages(flown, output, bar.reach)
     ok = flown.landed or flown.perturbation.any
-    finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown), ok)
+    finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
 
 
 def _fly_many(

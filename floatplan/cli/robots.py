@@ -183,7 +183,7 @@ def schema(
     ] = None,
 ) -> None:
     """Print the JSON Schema (2020-12) of problem or study files, by which editors complete and check them."""
-    from floatplan.problem.schema import problem_schema
+    from floatplan.problem.file import problem_schema
     from floatplan.studies.schema import study_schema
 
     made = {File.PROBLEM: problem_schema, File.STUDY: study_schema}[file]

@@ -232,7 +232,7 @@ def launch_summary(launch: fp.Launch) -> RenderableType:
     return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
-def flown_jump_summary(flown: fp.JumpReplay) -> RenderableType:
+def flown_jump_summary(flown: fp.JumpReplay, files: Sequence[Path]) -> RenderableType:
     """Return the result of ``floatplan replay`` of a jump, for reading."""
     from floatplan.view.report.flights import LANDING_TITLES, jump_rows, summary
 
@@ -243,6 +243,7 @@ def flown_jump_summary(flown: fp.JumpReplay) -> RenderableType:
         Text(summary(flown)),
         Text(flown.control),
         _table(LANDING_TITLES, jump_rows(flown)) if flown.corrected is not None else _named(jump_rows(flown)),
+        *(Text(escaped(str(path)), overflow="fold") for path in files),
     )
 
 

@@ -225,8 +225,8 @@ def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
-def jump_sections(view: JumpView) -> list[dict[str, Any]]:
-    """Return the tables of a jump's report, as those of a plan's."""
+def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
     request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
     weights = force / (view.robot.mass * view.problem.flight.gravity)
     shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
@@ -236,9 +236,14 @@ def jump_sections(view: JumpView) -> list[dict[str, Any]]:
         Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
     lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
-    return [
+    of_both: list[dict[str, Any]] = [
         {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
         {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+    ]
+    if flown:
+        return [*of_both, {"title": "Flown", "rows": [*flown], "tone": view.tone}]
+    return [
+        *of_both,
         {"title": "Flight", **proved(view.flight)},
         {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
         *warned(view.flight),

@@ -44,7 +44,7 @@ def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] =
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
-        What is said of the stances before and after the flight, if anything.
+        What is said of the stances before and after the flight, or of a jump that was flown, if anything.
     """
     data = report_data(plan, path, stances)
     shown = {key: data[key] for key in ("name", "question", "version", "motion", "charts")}
@@ -130,7 +130,7 @@ def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[R
     motion = motion_data(sampled)
     if isinstance(plan, JumpView):
         word, tone, flight, problem = plan.verdict, plan.tone, plan.flight, plan.jump.problem
-        tables = jump_sections(plan)
+        tables = jump_sections(plan, stances)
         motion |= jump_data(plan)
         question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
     else:
