@@ -47,7 +47,7 @@ class Jump(Outputs, JumpMotion):
     status : "found" or "not_found"
     explanation : sentences for a person
     in_the_way : where none was found, limits that would have to give, by how much, and in which phase
-    helps : changes with which a jump was found then, in words, and the problem so changed
+    helps : the change with which a jump was found then, in words, and the problem so changed, if any
     """
 
     status: str = "not_found"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.relief import ALL, changed, giving, sentence
+from floatplan.stance.relief import changed, giving, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
@@ -30,8 +29,7 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
-LONGEST = 90.0  # [s] of computing, in which changes that would help are tried; no longer than the search took
-MOST_HELPS = 3  # [-] that are told
+BEYOND = (1.03, 1.3)  # [-] times what has to give: what is tried, one after the other
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -80,44 +78,30 @@ def jump(
         problem = replace(problem, jump=asked)
     seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
     say = progress or (lambda _: None)
-    began = process_time()
     with naming(file):
         answer, failed = _searched(problem, seed, starts, say)
-    return answer if failed is None else _explained(answer, failed, seed, process_time() - began, say)
+    return answer if failed is None else _explained(answer, failed, seed, say)
 
 
-def _explained(
-    answer: Jump, failed: tuple[JumpProgram, Solution], seed: int, spent: float, say: Callable[[str], None]
-) -> Jump:
-    """The answer of a search that found nothing, with what stands in the way, and with what a jump is found.
-
-    All that gives is tried together, then what has to give where one kind of limits does so alone, for as long as the
-    search took, ``spent``, s.
-    """
-    problem, until = answer.problem, process_time() + min(spent, LONGEST)
+def _explained(answer: Jump, failed: tuple[JumpProgram, Solution], seed: int, say: Callable[[str], None]) -> Jump:
+    """The answer of a search that found nothing, with what stands in the way, and what helps: tried by one start."""
     say("what stands in the way")
-    sides = answer.request.takeoff.durations, answer.request.landing.durations
-    timed = any(sides) or "duration" in answer.request.fixed
-    free = [kind for kind in ALL if kind != "duration" or timed]
-    way, helps = giving(*failed, free), dict[str, Problem]()
-    own = [each.kind for each in way]
-    for kind in [None, *(own if len(own) > 1 else []), *(kind for kind in free if kind not in own)]:
-        if process_time() > until or len(helps) >= MOST_HELPS:
-            break
-        gives = way if kind is None else giving(*failed, (kind,))
-        words, other = [], problem
-        for each in gives:
-            said, other = changed(other, each)
-            words.append(said)
-        name = " and ".join(words)
-        say(f"what would help: {name or kind}")
+    request = answer.request
+    way = giving(*failed, bool(request.takeoff.durations or request.landing.durations or "duration" in request.fixed))
+    told, tried = tuple(sentence(each, answer.problem) for each in way), "Nothing that was tried helps."
+    for beyond in BEYOND if way else ():
+        problem, words = answer.problem, list[str]()
+        for each in way:
+            change, problem = changed(problem, each, beyond)
+            words.append(change)
+        helps = " and ".join(words)
+        say(f"what would help: {helps}")
         with suppress(InputError):
-            if gives and _searched(other, seed, 1, say)[0].ok:
-                helps[name] = other
-    told = tuple(sentence(each, problem) for each in way)
-    parts = [f"In the way: {'; '.join(told)}."] if told else []
-    parts.append(f"A jump is found with {'; or with '.join(helps)}." if helps else "Nothing that was tried helps.")
-    return replace(answer, explanation=" ".join([answer.explanation, *parts]), in_the_way=told, helps=helps)
+            if _searched(problem, seed, 1, say)[0].ok:
+                answer, tried = replace(answer, helps={helps: problem}), f"A jump is found with {helps}."
+                break
+    explanation = f"{answer.explanation} In the way: {'; '.join(told) or 'not known'}. {tried}"
+    return replace(answer, explanation=explanation, in_the_way=told)
 
 
 def _searched(
