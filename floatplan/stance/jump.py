@@ -9,9 +9,8 @@ their derivatives), ``ratios``.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from floatplan.plans.reading import robot_record
 from floatplan.plans.verdicts import Certificate, verdict_in_words
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_to_dict
-from floatplan.problem.problem import Problem
 from floatplan.stance.check import JumpCheck, check_jump
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import Stance
@@ -46,14 +44,10 @@ class Jump(Outputs, JumpMotion):
     before, after : stances of takeoff and landing, in order of time
     status : "found" or "not_found"
     explanation : sentences for a person
-    in_the_way : where none was found, limits that would have to give, by how much, and in which phase
-    helps : the change with which a jump was found then, in words, and the problem so changed, if any
     """
 
     status: str = "not_found"
     explanation: str = ""
-    in_the_way: tuple[str, ...] = ()
-    helps: Mapping[str, Problem] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -94,9 +88,8 @@ class Jump(Outputs, JumpMotion):
         """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""
         told = {name: getattr(self, name) for name in ("status", "ok", "verdict", "explanation", "duration")}
         phases = [vars(phase) for phase in self.phases]
-        why = {"in_the_way": list(self.in_the_way), "helps": list(self.helps)}
         facts: dict[str, Any] = plain(
-            {**told, **why, "phases": phases, "figures": dict(self.check.figures), "sentences": self.check.sentences}
+            {**told, "phases": phases, "figures": dict(self.check.figures), "sentences": self.check.sentences}
         )
         return facts
 

@@ -72,8 +72,8 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
-    told = str(content["status"]), str(content["explanation"])
-    return Jump(problem, request, flight, tuple(sides["takeoff"]), tuple(sides["landing"]), *told)
+    answer = {"status": str(content["status"]), "explanation": str(content["explanation"])}
+    return Jump(problem, request, flight, tuple(sides["takeoff"]), tuple(sides["landing"]), **answer)
 
 
 def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.relief import changed, giving, sentence
+from floatplan.stance.relief import giving, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
@@ -29,7 +28,6 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
-BEYOND = (1.03, 1.3)  # [-] times what has to give: what is tried, one after the other
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -79,39 +77,9 @@ def jump(
     seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
     say = progress or (lambda _: None)
     with naming(file):
-        answer, failed = _searched(problem, seed, starts, say)
-    return answer if failed is None else _explained(answer, failed, seed, say)
-
-
-def _explained(answer: Jump, failed: tuple[JumpProgram, Solution], seed: int, say: Callable[[str], None]) -> Jump:
-    """The answer of a search that found nothing, with what stands in the way, and what helps: tried by one start."""
-    say("what stands in the way")
-    request = answer.request
-    way = giving(*failed, bool(request.takeoff.durations or request.landing.durations or "duration" in request.fixed))
-    told, tried = tuple(sentence(each, answer.problem) for each in way), "Nothing that was tried helps."
-    for beyond in BEYOND if way else ():
-        problem, words = answer.problem, list[str]()
-        for each in way:
-            change, problem = changed(problem, each, beyond)
-            words.append(change)
-        helps = " and ".join(words)
-        say(f"what would help: {helps}")
-        with suppress(InputError):
-            if _searched(problem, seed, 1, say)[0].ok:
-                answer, tried = replace(answer, helps={helps: problem}), f"A jump is found with {helps}."
-                break
-    explanation = f"{answer.explanation} In the way: {'; '.join(told) or 'not known'}. {tried}"
-    return replace(answer, explanation=explanation, in_the_way=told)
-
-
-def _searched(
-    problem: Problem, seed: int, starts: int, say: Callable[[str], None]
-) -> tuple[Jump, tuple[JumpProgram, Solution] | None]:
-    """The first jump of some starts that passes its check, else the last; where there is none, how the best ended."""
-    request = problem.jump or JumpRequest()
-    setup = jump_setup(problem, request)
-    first = setup.program(ROOM)
-    first.separation.check_standing(first.node, first.motion(first.guess()))
+        setup = jump_setup(problem, asked)
+        first = setup.program(ROOM)
+        first.separation.check_standing(first.node, first.motion(first.guess()))
     best: tuple[JumpProgram, Solution] | None = None
     answer: Jump | None = None
     spent = 0
@@ -127,17 +95,25 @@ def _searched(
         say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
         found = first.solved(first.guess(rng))
-        spent += found[1].iterations
-        if found[1].converged:
-            answer = corrected(ROOM, request, found, setup.program, complete)
-            if answer.ok:
-                break
-        elif best is None or found[1].worst < best[1].worst:
-            best = found
+        solution = found[1]
+        spent += solution.iterations
+        if not solution.converged:
+            best = found if best is None or solution.worst < best[1].worst else best
+            continue
+        answer = corrected(ROOM, asked, found, setup.program, complete)
+        if answer.ok:
+            return answer
     if answer is not None or best is None:
-        return answer or _not_found(problem, request, ""), None
-    missed, row = best[1].worst
-    return _not_found(problem, request, f"No jump was found in {tried} starts; {row} is missed by {missed:.2g}."), best
+        return answer or _not_found(problem, asked, "No jump was found.")
+    say("what stands in the way")
+    given = {
+        "takeoff": asked.takeoff.durations,
+        "flight": "duration" in asked.fixed,
+        "landing": asked.landing.durations,
+    }
+    timed = tuple(f"duration of ({side}" for side, asks in given.items() if asks)
+    told = [sentence(each, problem) for each in giving(*best, timed)] or ["{1} by {0:.2g}".format(*best[1].worst)]
+    return _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(told)}.")
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
