@@ -16,6 +16,7 @@ from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.exact import exact_stances, released
+from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
@@ -82,6 +83,7 @@ def jump(
         first.separation.check_standing(first.node, first.motion(first.guess()))
     best: tuple[JumpProgram, Solution] | None = None
     answer: Jump | None = None
+    known: JumpProgram | None = None  # of the start before: what it could not keep apart is kept apart from the start
     spent = 0
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
@@ -94,11 +96,11 @@ def jump(
         tried = start + 1
         say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
-        found = first.solved(first.guess(rng))
-        solution = found[1]
+        found = known, solution = solved(first, first.guess(rng), known)
         spent += solution.iterations
         if not solution.converged:
-            best = found if best is None or solution.worst < best[1].worst else best
+            if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
+                best = found
             continue
         answer = corrected(ROOM, asked, found, setup.program, complete)
         if answer.ok:
@@ -106,13 +108,13 @@ def jump(
     if answer is not None or best is None:
         return answer or _not_found(problem, asked, "No jump was found.")
     say("what stands in the way")
-    given = {
-        "takeoff": asked.takeoff.durations,
-        "flight": "duration" in asked.fixed,
-        "landing": asked.landing.durations,
-    }
-    timed = tuple(f"duration of ({side}" for side, asks in given.items() if asks)
-    told = [sentence(each, problem) for each in giving(*best, timed)] or ["{1} by {0:.2g}".format(*best[1].worst)]
+    flies, (missed, row) = "duration" in asked.fixed, best[1].worst
+    asks = (("takeoff", asked.takeoff.durations), ("flight", flies), ("landing", asked.landing.durations))
+    timed = tuple(f"duration of ({side}" for side, given in asks if given)
+    gives = giving(*best, timed) if best[1].missing == np.inf else []  # else all holds but distances
+    told = [sentence(each, problem) for each in gives] or [
+        f"{row}: {missed:.2g} m missing" if best[1].missing < np.inf else row
+    ]
     return _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(told)}.")
 
 

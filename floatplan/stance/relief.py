@@ -17,7 +17,7 @@ from floatplan.problem.problem import Problem
 from floatplan.stance.model import casadi
 from floatplan.stance.program import SMOOTH, JumpProgram, Solution
 
-KINDS = ("torque", "velocity", "friction", "range", "duration", "ground", "apart")
+KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
 LENGTH = 0.25  # [-] of the standing height, by which lengths give where their share is 1
 NARROW = 0.05  # [-] of its middle is half of a range at least
 LIGHT = 0.05  # [-] of the weight is the friction that gives at least
@@ -40,9 +40,7 @@ def kind_of(label: str) -> str:
     words = label.partition(" of ")[0]
     if " the ground (" in label:
         return "meets" if "meets" in label else "ground"
-    return {"rate": "velocity", "torque-speed curve": "torque"}.get(
-        words, "apart" if words.endswith("clear") else words
-    )
+    return {"rate": "velocity", "torque-speed curve": "torque"}.get(words, words)
 
 
 def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -> list[Given]:
@@ -62,9 +60,9 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     names = [kind for kind in KINDS if kind in kinds]
     loose = np.isin(kinds, names) & ((low < high) | (kinds == "duration")) & (np.isfinite(low) | np.isfinite(high))
     index = np.array([names.index(kind) if kind in names else 0 for kind in kinds])
-    raw = np.append(program.resampled(ended, program.phases), program.separation.angles)
+    raw = np.append(program.resampled(ended, program.phases), program.separation.start)
     values, sizes, own = np.asarray(evaluate(raw)).ravel(), np.ones(len(kinds)), m + np.flatnonzero(loose[m:])
-    sizes[np.isin(kinds, ("ground", "apart"))] = LENGTH * program.node.height
+    sizes[kinds == "ground"] = LENGTH * program.node.height
     sizes[own] = np.maximum((high - low)[own] / 2, NARROW * np.abs(high[own] + low[own]))
     for one, two in pairwise(np.flatnonzero(kinds == "friction").tolist()):
         if two == one + 1 and labels[one] == labels[two]:  # the two sides of a cone
@@ -76,7 +74,7 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     least = np.where(kinds == "duration", low / MOST, low - MOST * sizes)
     box = np.where(loose, (least, high + MOST * sizes), (low, high))[:, m:]
     found = _relaxed(program, take, room)(
-        x0=np.concatenate((program.guess(), program.separation.angles, np.full(len(names), FIRST))),
+        x0=np.concatenate((program.guess(), program.separation.start, np.full(len(names), FIRST))),
         lbx=np.append(box[0], np.zeros(len(names))),
         ubx=np.append(box[1], np.full(len(names), MOST)),
         lbg=np.where(signs < 0, -np.inf, low[take]),
