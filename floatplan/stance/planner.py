@@ -108,13 +108,12 @@ def jump(
     if answer is not None or best is None:
         return answer or _not_found(problem, asked, "No jump was found.")
     say("what stands in the way")
-    flies, (missed, row) = "duration" in asked.fixed, best[1].worst
-    asks = (("takeoff", asked.takeoff.durations), ("flight", flies), ("landing", asked.landing.durations))
-    timed = tuple(f"duration of ({side}" for side, given in asks if given)
-    gives = giving(*best, timed) if best[1].missing == np.inf else []  # else all holds but distances
-    told = [sentence(each, problem) for each in gives] or [
-        f"{row}: {missed:.2g} m missing" if best[1].missing < np.inf else row
-    ]
+    asks = [asked.takeoff.durations, "duration" in asked.fixed, asked.landing.durations]
+    sides = ("takeoff", "flight", "landing")
+    timed = tuple(f"duration of ({side}" for side, given in zip(sides, asks, strict=True) if given)
+    (missed, row), apart = best[1].worst, best[1].missing < np.inf  # then all else holds
+    gives = [] if apart else giving(*best, timed)
+    told = [sentence(each, problem) for each in gives] or [f"{row}: {missed:.2g} m missing" if apart else row]
     return _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(told)}.")
 
 
