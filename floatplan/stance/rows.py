@@ -32,6 +32,7 @@ class Bounds:
     Attributes
     ----------
     torque, stall, slope : (motors,) N m, N m, N m s/rad, of each motor; infinite where there is none
+    joint_torque : (n,) N m, of the generalised torques; infinite where those of motors say all
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
@@ -39,6 +40,7 @@ class Bounds:
     """
 
     torque: Array
+    joint_torque: Array
     stall: Array
     slope: Array
     velocity: Array
@@ -269,6 +271,9 @@ class NodeRows:
         bounds, robot, rows = self.bounds, self.model.robot, []
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
+        generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
+        for joint in np.flatnonzero(np.isfinite(bounds.joint_torque)).tolist():
+            rows.append((generalised[joint] / bounds.joint_torque[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}"))
         for motor in self._distinct:
             name, torque = robot.motors[motor], torques[motor]
             if np.isfinite(bounds.torque[motor]):
