@@ -18,6 +18,7 @@ OF_ROBOT = (  # as they are
     *("name", "joints", "mass", "position_limits", "velocity_limits", "torque_limits"),
     *("motors", "motor_torque_limits", "motor_velocity_limits", "tilt"),
 )
+OF_ENDS = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
 
 
 def robot_facts(robot: Robot) -> dict[str, Any]:
@@ -62,12 +63,11 @@ def momentum_facts(problem: Problem, sets: Mapping[str, Reachable]) -> dict[str,
             "angular_momentum_midpoint": sum(interval) / 2,
             "D_min": low,
             "D_max": high,
-            **{f"{end}_{key}": value for end in get_args(End) for key, value in _reached(sets.get(end)).items()},
+            **{
+                f"{end}_{key}": getattr(sets.get(end), key.removesuffix("_bounds"), None)
+                for end in get_args(End)
+                for key in OF_ENDS
+            },
         }
     )
     return facts
-
-
-def _reached(found: Reachable | None) -> dict[str, Any]:
-    keys = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
-    return {key: None if found is None else getattr(found, key.removesuffix("_bounds")) for key in keys}

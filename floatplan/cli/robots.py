@@ -1,17 +1,21 @@
-"""The commands about robots: which there are, what one is, and a first problem for it."""
+"""The commands about robots and problem files: which robots there are, what one is, a first problem, bounds of h."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
+import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
+from floatplan.files import write_atomically
 
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
@@ -33,12 +37,10 @@ def robots(json_output: common.Json = False) -> None:
 
 def _facts(source: str) -> dict[str, Any]:
     """A robot in short, its legs coupled where it has pairs of them; or why it cannot be used as it is."""
-    from floatplan.robot.robot import Robot
-
     reason = ""
     for coupled in ("mirror", None):
         try:
-            robot = Robot.from_urdf(common.bundled(source), coupled=coupled)
+            robot = fp.Robot.from_urdf(common.bundled(source), coupled=coupled)
         except InputError as error:
             reason = error.reason
         else:
@@ -118,7 +120,6 @@ def init(
     without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
     URDF. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
     """
-    from floatplan.files import write_atomically
     from floatplan.initial.flight import first_flight
     from floatplan.initial.robots import chosen_robot
     from floatplan.initial.text import problem_file_text
@@ -140,3 +141,54 @@ def init(
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)
+
+
+def bounds(
+    problem_file: common.ProblemFile,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
+    ] = None,
+    json_output: common.Json = False,
+) -> None:
+    """Tell which angular momentum suits a flight: of joints that do not turn back, and by their rates at both ends.
+
+    For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
+    the frame on the ground being at rest: intervals of angular momentum and velocity.
+    """
+    from floatplan.cli.facts import momentum_facts
+    from floatplan.motion.flight import reachable_sets
+
+    problem = fp.load_problem(problem_file)
+    sets = reachable_sets(problem)
+    facts = momentum_facts(problem, sets)
+    if picture is not None:
+        from floatplan.view.figures.robot_pictures import reachable_picture, save_picture
+
+        save_picture(picture, "--picture", reachable_picture, sets)
+    common.finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
+
+
+class File(StrEnum):
+    """Files that have a schema."""
+
+    PROBLEM = "problem"
+    STUDY = "study"
+
+
+def schema(
+    file: Annotated[File, typer.Argument(help="Which file.")] = File.PROBLEM,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write it there: floatplan.schema.json beside problems."),
+    ] = None,
+) -> None:
+    """Print the JSON Schema (2020-12) of problem or study files, by which editors complete and check them."""
+    from floatplan.problem.file import problem_schema
+    from floatplan.studies.schema import study_schema
+
+    made = {File.PROBLEM: problem_schema, File.STUDY: study_schema}[file]
+    text = json.dumps(made(), indent=2, allow_nan=False)
+    if output is None:
+        typer.echo(text)
+        return
+    common.print_path(write_atomically(output, f"{text}\n"))

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.initial.flight import FirstFlight
-from floatplan.initial.problems import DIGITS, FAST
+from floatplan.initial.flight import DIGITS, FAST, FirstFlight
 from floatplan.initial.robots import ChosenRobot
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture

@@ -13,10 +13,10 @@ from floatplan.arrays import Array, IntArray
 from floatplan.files import write_atomically
 from floatplan.plans.plans import SOLVED
 from floatplan.plans.presentation import raised
-from floatplan.studies.columns import words
 from floatplan.studies.file import LARGER_IS_BETTER, Axis, StudyFile, check_map, coloured, versions
+from floatplan.studies.folder import words
 from floatplan.studies.rows import STATUSES
-from floatplan.view.map import HeatMap, MapAxis, PackedNumbers, colours, flight_data, heatmap, map_page
+from floatplan.view.map import HeatMap, PackedNumbers, colours, flight_data, heatmap, map_page
 from floatplan.view.style import rendered, styled
 
 DPI_OF_MAPS = 200  # [1/in]
@@ -68,7 +68,7 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     units = units_of(table)
     others = [path for path in study.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
-    across, up = (MapAxis(_label(key, units), each) for key, each in edges.items())
+    across, up = ((_label(key, units), each) for key, each in edges.items())
     return HeatMap(across, up, colour, shown, _label(z, units), title)
 
 

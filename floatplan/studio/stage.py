@@ -75,7 +75,7 @@ class Stage:
         self.kept = scene.RobotNodes(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
-        self.grips: dict[str, dict[int, scene.Grip]] = {}
+        self.grips: dict[str, dict[int, Any]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **scene.LINES)
@@ -126,7 +126,7 @@ class Stage:
         ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
         parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
-        for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
+        for part, node in [*parts, *grips.items()]:
             self._on_drag(node, f"{end} {part}", partial(self.turn, end, part))
         self.grips[end] = grips
         return ghost

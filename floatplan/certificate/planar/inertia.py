@@ -13,6 +13,7 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,18 +26,9 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.urdf import (
-    Joint,
-    Placement,
-    Urdf,
-    check_roles,
-    motion,
-    motors_of,
-    read_urdf,
-    recorded_content,
-    unit_axis,
-)
+from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
 from floatplan.errors import InputError
+from floatplan.files import LARGEST_URDF, read_regular
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
@@ -55,10 +47,13 @@ def kept_robot(path: Path, record: RobotRecord) -> PlanarRobot:
     Raises
     ------
     InputError
-        As :func:`~floatplan.certificate.planar.urdf.recorded_content`,
-        :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`planar_robot`.
+        The file cannot be read, or has another SHA-256; or as :func:`~floatplan.certificate.planar.urdf.read_urdf` and
+        :func:`planar_robot`.
     """
-    content = recorded_content(path, record.sha256)
+    content = read_regular(path, LARGEST_URDF, "a URDF file")
+    if hashlib.sha256(content).hexdigest() != record.sha256:
+        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
+        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
     roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
     key = json.dumps([record.sha256, *roles])
     if key not in _kept:
@@ -189,7 +184,8 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         def in_plane(point: Any) -> Any:
             return flint.acb(point[horizontal, 0], sigma * point[vertical, 0])
 
-        motors = motors_of(urdf, record)
+        by_name = {joint.name: joint for joint in urdf.joints}
+        motors = (*record.joints, *(name for name in record.coupled if not is_geared(by_name, record, name)))
         ratios = _ratios(record, motors)
         bodies = [_Body(-1, [flint.arb(0)] * len(record.joints), [flint.arb(0)] * len(motors), flint.acb(0))]
         body_of = {urdf.root: 0}
@@ -257,14 +253,14 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
         at = placed[joint.parent] * joint.origin
         turned = joint
         if joint.name in record.joints or joint.name in record.coupled:
-            axis = at.rotation * unit_axis(joint)
+            axis = at.rotation * joint.unit_axis
             if any(not abs(axis[k, 0]) < LARGEST_TILT for k in range(3) if k != normal_axis):
                 raise InputError("its axis is not the plane's normal", element=f'joint "{joint.name}"')
             sign = signs[joint.name] = 1.0 if axis[normal_axis, 0] > 0 else -1.0
             turned = replace(joint, axis=flint.arb_mat(3, 1, [sign * at.rotation[normal_axis, k] for k in range(3)]))
         offset = record.coupled.get(joint.name, {}).get("offset", 0.0)
         position = float(record.locked.get(joint.name, offset))
-        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, position)
+        placed[joint.child] = at if joint.kind == "fixed" else at * turned.motion(position)
     return placed, signs
 
 

@@ -11,8 +11,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate.bernstein import bernstein, magnitude
-from floatplan.certificate.branch_and_bound import Goal, Items, Minimum, smallest
+from floatplan.certificate.branch_and_bound import Goal, Items, Minimum, bernstein, magnitude, smallest
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor, stack
 from floatplan.certificate.findings import RECORDED_PEAK, at_most
 from floatplan.certificate.planar.flight import FlightEnclosure

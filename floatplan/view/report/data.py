@@ -7,7 +7,7 @@ writes as text.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -195,21 +195,18 @@ def proved(plan: Plan) -> dict[str, Any]:
     """Return the table of what was proved of a plan."""
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
-    return {"rows": [*proof, _replayed(plan.record.replay)], "tone": tone}
+    replay, words = plan.record.replay, "none in the plan file; floatplan replay --save makes one"
+    if replay is not None:
+        landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
+        error = short(replay.get("orientation_error"))
+        words = f"{replay.get('engine')}: {landed}, orientation off by {error} rad"
+    return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
 def warned(plan: Plan) -> list[dict[str, Any]]:
     """Return the table of a plan's warnings, if there are any."""
     rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
-
-
-def _replayed(replay: Mapping[str, Any] | None) -> Row:
-    if replay is None:
-        return Row("replay", "none in the plan file; floatplan replay --save makes one")
-    landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
-    error = short(replay.get("orientation_error"))
-    return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
 
 
 def phase_lines(view: JumpView) -> list[list[str]]:
@@ -228,8 +225,8 @@ def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
-def jump_sections(view: JumpView) -> list[dict[str, Any]]:
-    """Return the tables of a jump's report, as those of a plan's."""
+def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
     request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
     weights = force / (view.robot.mass * view.problem.flight.gravity)
     shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
@@ -239,9 +236,14 @@ def jump_sections(view: JumpView) -> list[dict[str, Any]]:
         Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
     lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
-    return [
+    of_both: list[dict[str, Any]] = [
         {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
         {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+    ]
+    if flown:
+        return [*of_both, {"title": "Flown", "rows": [*flown], "tone": view.tone}]
+    return [
+        *of_both,
         {"title": "Flight", **proved(view.flight)},
         {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
         *warned(view.flight),
