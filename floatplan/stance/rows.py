@@ -273,7 +273,9 @@ class NodeRows:
         rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
         generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
         for joint in np.flatnonzero(np.isfinite(bounds.joint_torque)).tolist():
-            rows.append((generalised[joint] / bounds.joint_torque[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}"))
+            rows.append(
+                (generalised[joint] / bounds.joint_torque[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}")
+            )
         for motor in self._distinct:
             name, torque = robot.motors[motor], torques[motor]
             if np.isfinite(bounds.torque[motor]):
