@@ -88,7 +88,7 @@ BEND: Edits = {
         ),
         ("(Circle, HalfPlane, Bar)}", "(Circle, HalfPlane, Bar, Bend)}"),
     ),
-    "floatplan/plans/schema.py": (
+    "floatplan/plans/record.py": (
         (
             '    "capsule": {"start"',
             '    "bend": {"start": POINT, "corner": POINT, "end": POINT, "radius": non_negative},\n'

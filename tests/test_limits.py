@@ -12,7 +12,7 @@ from floatplan.planning import search
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.shapes import collisions, links
-from floatplan.robot.urdf import check, read
+from floatplan.robot.urdf import check, tree
 from floatplan.simulation import closed_loop, forward
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
@@ -75,7 +75,7 @@ def test_sizes(page):
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
         f"above {reading.LARGEST_FOUND:g}",
-        f"below {read.LARGEST:g}",
+        f"below {tree.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
         *(f"`.{kind}`" for kind in collisions.MESH_KINDS),
     ],

@@ -10,9 +10,10 @@ from typing import Any
 
 from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
 from floatplan.errors import InputError, ProblemError
-from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
+from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.urdf.example_robots import PREFIX
 from floatplan.tables import REST
 
 PLACE = "command line"
@@ -115,7 +116,7 @@ def gain(option: str, text: str | None) -> float | dict[str, float] | None:
 
 def is_robot(source: str) -> bool:
     """Whether the argument names a robot; a problem file otherwise."""
-    return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
+    return source.startswith(PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
 
 
 def named_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:

@@ -21,6 +21,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.urdf.example_robots import PREFIX
 from floatplan.tables import REST
 
 Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]
@@ -28,7 +29,6 @@ Name: TypeAlias = Annotated[
     str | None, Key("Of the problem, and of the folder of its results; the file's name where left out")
 ]
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
-DATA_PREFIX = "example-robot-data:"
 
 STATE = ("positions", "velocities", "accelerations")
 SETTLED = STATE[1:]  # of which words may be asked for
@@ -293,7 +293,7 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
 
 def _robot(asked: RobotRequest, path: Path) -> Robot:
     asked.check("robot")
-    source = asked.urdf if asked.urdf.startswith(DATA_PREFIX) else path.parent / asked.urdf
+    source = asked.urdf if asked.urdf.startswith(PREFIX) else path.parent / asked.urdf
     return robot_as_asked(source, asked.choices(), path, "robot.")
 
 
@@ -322,10 +322,16 @@ def _posture(state: JointState, rest: str) -> dict[str, Any]:
     return values
 
 
+def urdf_from(robot: Robot, path: Path) -> str:
+    """The robot's URDF as a file at a path names it: relative to its folder, or in example-robot-data."""
+    if robot.source.startswith(PREFIX):
+        return robot.source
+    return Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
+
+
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
-    relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
     return {
-        "urdf": robot.source if robot.source.startswith(DATA_PREFIX) else relative,
+        "urdf": urdf_from(robot, path),
         "plane": robot.plane.name,
         "joints": list(robot.joints),
         "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},

@@ -34,8 +34,7 @@ from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.example_robots import urdf_path
-from floatplan.robot.urdf.read import UrdfText, read_urdf, reference_posture
-from floatplan.robot.urdf.tree import UrdfTree
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture
 
 NAME = optional(text)
 NAMES = many(text, "names")

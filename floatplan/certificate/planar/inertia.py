@@ -98,10 +98,6 @@ class PlanarRobot:
     segments : link name -> pairs of Points
         From its origin to the origins of its children's joints, and of its own where a locked prismatic joint holds it
         away from there; only its origin where that is all there is of a link that has an inertia.
-    placed : link name -> Placement in the root link at planned positions zero
-    origins : (m) acb
-        Place of each body's origin in the root link's plane at planned positions zero, m.
-    in_plane : from a point (3, 1) of the root link to acb in its plane
     with_collision : links that have a ``<collision>`` element
     """
 
@@ -118,9 +114,6 @@ class PlanarRobot:
     frames: Mapping[str, Point]
     carriers: Mapping[str, tuple[str, ...]]
     segments: Mapping[str, tuple[tuple[Point, Point], ...]]
-    placed: Mapping[str, Placement]
-    origins: tuple[Any, ...]
-    in_plane: Callable[[Any], Any]
     with_collision: frozenset[str]
 
     def weights_of(self, point: Point) -> list[Any]:
@@ -133,19 +126,12 @@ class PlanarRobot:
         return row
 
     def link_point(self, link: str, place: Sequence[float]) -> Point:
-        """Point of a link, m: (x, y, z) in the link's frame, or (horizontal, vertical) from its origin.
-
-        The plane's two axes are the root link's, in the posture with all planned positions zero.
-        """
-        if link not in self.placed:
+        """Point of a link, m: (horizontal, vertical) from its origin, with all planned positions zero."""
+        if link not in self.segments:
             raise InputError(f'the robot has no link "{link}"', element="shapes")
-        origin = self.frames[link]
+        origin, (x, y) = self.frames[link], place
         with flint.ctx.workprec(PRECISION):
-            values = [flint.arb(float(value)) for value in place]
-            if len(values) == 2:
-                return Point(origin.body, origin.local + flint.acb(values[0], self.sigma * values[1]))
-            in_root = self.placed[link].point(flint.arb_mat(3, 1, values))
-            return Point(origin.body, self.in_plane(in_root) - self.origins[origin.body])
+            return Point(origin.body, origin.local + flint.acb(flint.arb(float(x)), self.sigma * flint.arb(float(y))))
 
 
 @dataclass
@@ -224,9 +210,6 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
             carriers=_carriers(urdf),
             segments=_segments(urdf, points, placed, lambda body, place: in_plane(place) - bodies[body].origin),
-            placed=placed,
-            origins=tuple(body.origin for body in bodies),
-            in_plane=in_plane,
             with_collision=frozenset(name for name, link in urdf.links.items() if link.has_collision),
         )
 

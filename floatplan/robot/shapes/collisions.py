@@ -20,7 +20,7 @@ from floatplan.errors import InputError
 from floatplan.files import is_file, read_regular
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.urdf.check import read_origin
-from floatplan.robot.urdf.read import number, only, triple
+from floatplan.robot.urdf.tree import number, only, triple
 
 MESH_KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives: a small one can hold gigabytes
 LARGEST_MESH = 100_000_000  # [bytes]
