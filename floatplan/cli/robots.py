@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 from typer.core import TyperCommand
@@ -15,8 +16,16 @@ import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
-from floatplan.files import write_atomically
+from floatplan.files import plain, write_atomically
 
+if TYPE_CHECKING:
+    from floatplan.motion.flight import Reachable
+
+OF_ROBOT = (  # as they are
+    *("name", "joints", "mass", "position_limits", "velocity_limits", "torque_limits"),
+    *("motors", "motor_torque_limits", "motor_velocity_limits", "tilt"),
+)
+OF_ENDS = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
 
@@ -93,7 +102,6 @@ def info(
 ) -> None:
     """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
     from floatplan.cli.asked import named_robot
-    from floatplan.cli.facts import robot_facts
 
     robot = named_robot(source, choices, degrees)
     facts = robot_facts(robot)
@@ -103,6 +111,38 @@ def info(
         save_picture(Path(shapes), "--shapes", shapes_picture, robot)
     listed = {"frames": frames, "shapes": shapes == LISTED}
     common.finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
+
+
+def robot_facts(robot: fp.Robot) -> dict[str, Any]:
+    """Return a robot's properties; lists in the order of ``joints``, ``None`` for a limit that is not given.
+
+    The extremes of D are those over the joint ranges of the URDF, [-pi, pi] where it gives none.
+    """
+    from floatplan.motion.flight import inertia_extremes
+    from floatplan.problem.resolution import position_limits
+    from floatplan.robot.leak import explain_leak, out_of_plane_leak
+
+    low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
+    leak = out_of_plane_leak(robot)
+    facts: dict[str, Any] = plain(
+        {
+            **{name: getattr(robot, name) for name in OF_ROBOT},
+            "locked": dict(robot.locked),
+            **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+            "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
+            "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
+            "D_min": low,
+            "D_max": high,
+            "frames": sorted(robot.frames),
+            "shapes": [
+                {"link": shape.link, "length": abs(shape.end - shape.start), "radius": shape.radius}
+                for shape in robot.shapes
+            ],
+            "out_of_plane_leak": leak,
+            "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
+        }
+    )
+    return facts
 
 
 def init(
@@ -155,7 +195,6 @@ def bounds(
     For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
     the frame on the ground being at rest: intervals of angular momentum and velocity.
     """
-    from floatplan.cli.facts import momentum_facts
     from floatplan.motion.flight import reachable_sets
 
     problem = fp.load_problem(problem_file)
@@ -166,6 +205,32 @@ def bounds(
 
         save_picture(picture, "--picture", reachable_picture, sets)
     common.finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
+
+
+def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[str, Any]:
+    """Return (7)-(10): the extremes of D over the problem's joint ranges, the interval for h and its midpoint.
+
+    Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
+    intervals null where they are not bounded.
+    """
+    from floatplan.motion.flight import End, angular_momentum_interval, inertia_extremes
+
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    interval = angular_momentum_interval(problem)
+    facts: dict[str, Any] = plain(
+        {
+            "angular_momentum_bounds": interval,
+            "angular_momentum_midpoint": sum(interval) / 2,
+            "D_min": low,
+            "D_max": high,
+            **{
+                f"{end}_{key}": getattr(sets.get(end), key.removesuffix("_bounds"), None)
+                for end in get_args(End)
+                for key in OF_ENDS
+            },
+        }
+    )
+    return facts
 
 
 class File(StrEnum):

@@ -106,6 +106,7 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
     ]
     explanations, explanation = words(table, "explanation")
     coefficients = _in_fractions(study, table)
+    places = {name: numbers.add(table[name].to_numpy(), "<f4") for name in (*study.paths, *measured)}
     return {
         "name": study.name,
         "question": f"{study.base.name}, {study.base.robot.name}: {len(table)} rows",
@@ -114,8 +115,8 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "map": study.map,
         "axes": [_axis(study, axis) for axis in study.samples.axes],
         "columns": {
-            name: {"unit": units.get(name, ""), "values": numbers.add(table[name].to_numpy(), "<f4")}
-            for name in (*study.paths, *measured)
+            name: {"unit": units.get(name, ""), "label": _label(name, units), "values": place}
+            for name, place in places.items()
         },
         "status": numbers.add(_statuses(table), "<u1"),
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},

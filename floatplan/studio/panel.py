@@ -98,7 +98,7 @@ class Controls:
         actions = {
             "Undo": session.undo,
             "Redo": session.redo,
-            "Play / pause": lambda: player.play(not player.playing),
+            "Play / pause": lambda: setattr(player, "playing", not player.playing),
         }
 
         def act(name: str, event: Any) -> None:
@@ -181,7 +181,7 @@ class Controls:
         self._button("Let it go", "keep", lambda: self._session.keep(False), color="gray")
         self._comparison = self._gui.add_html("")
         speed = self._gui.add_dropdown("flown at", tuple(SPEEDS), initial_value="half speed")
-        on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
+        on(speed.on_update, lambda _: setattr(self._player, "speed", SPEEDS[speed.value]))
 
     def _save(self, folder: str) -> None:
         place = self._gui.add_text("folder", folder)

@@ -111,26 +111,22 @@ class PackedNumbers:
 
     def __init__(self) -> None:
         self._places: dict[bytes, int] = {}
-        self._block = bytearray()
+        self.block = bytearray()
 
     def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
         """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
         array = np.ascontiguousarray(values, dtype=kind)
         content = array.tobytes()
         if content not in self._places:
-            self._block += bytes(-len(self._block) % array.itemsize)
-            self._places[content] = len(self._block)
-            self._block += content
+            self.block += bytes(-len(self.block) % array.itemsize)
+            self._places[content] = len(self.block)
+            self.block += content
         return [self._places[content], array.size]
-
-    def in_base64(self) -> bytes:
-        """All of them."""
-        return base64.b64encode(self._block)
 
 
 def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
     """Return the page, as HTML."""
-    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers=numbers.in_base64())
+    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers=base64.b64encode(numbers.block))
 
 
 def flight_data(problem: Problem) -> dict[str, Any]:

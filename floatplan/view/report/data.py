@@ -1,8 +1,7 @@
 """Data of the report's page: samples of the motion, the weights that place the robot's links from them, and tables.
 
 The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` does, from orientation and joints, so that
-a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text, which the page
-writes as text.
+a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text.
 """
 
 from __future__ import annotations
@@ -87,12 +86,9 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         "factor": chart.factor,
         "series": series,
         "lines": [
-            {
-                "name": line.name,
-                "colour": to_hex(line.colour),
-                "value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value),
-                "part": line.part,
-            }
+            vars(line)
+            | {"colour": to_hex(line.colour)}
+            | {"value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value)}
             for line in lines
         ],
         "beyond": beyond[0] if beyond else "",
@@ -117,13 +113,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     return {
         "robot": _robot(problem),
         "frames": [
-            {
-                "name": name,
-                "role": role,
-                "colour": colour,
-                "body": frame.body,
-                "at": rounded(outlines.pairs(np.array(frame.local))),
-            }
+            _frame(name, role, colour, frame.body, frame.local)
             for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
         ],
         "trail": TRAILS[0],
@@ -142,6 +132,11 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             for index, obstacle in enumerate(problem.obstacles)
         ],
     }
+
+
+def _frame(name: str, role: str, colour: str, body: int, place: complex) -> dict[str, Any]:
+    """A frame at a place of a body, m."""
+    return {"name": name, "role": role, "colour": colour, "body": body, "at": rounded(outlines.pairs(place))}
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
@@ -257,13 +252,7 @@ def jump_data(view: JumpView) -> dict[str, Any]:
     and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
     """
     frames = [
-        {
-            "name": name,
-            "role": "stands",
-            "colour": view.colours[name],
-            "body": spot.body,
-            "at": rounded(outlines.pairs(spot.place)),
-        }
+        _frame(name, "stands", view.colours[name], spot.body, spot.place)
         | {
             key: [f"{column}_x.{index}", f"{column}_z.{index}"]
             for key, column in (("force", "force"), ("acts", "foot"))

@@ -1,8 +1,8 @@
 """The report: a plan as one page that plays, works without a network, and carries everything that it shows.
 
-What comes from files (names of joints, frames and problems) is untrusted. It enters the page as JSON whose ``<``, ``>``
-and ``&`` are escaped, and the page writes it as text, never as markup. On top of that the page's security policy admits
-no script but its own, identified by their hashes, and no address of any kind.
+What comes from files (names of joints, frames and problems) is untrusted. It enters the page as escaped HTML, or as
+JSON whose ``<``, ``>`` and ``&`` are escaped, which the page writes as text, never as markup. On top of that the page's
+security policy admits no script but its own, identified by their hashes, and no address of any kind.
 """
 
 from __future__ import annotations

@@ -61,8 +61,7 @@ def scene(plan: Shown) -> str:
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
-    com, orientation, positions = outlines.coordinates(plan, times)
-    poses = outlines.body_poses(plan.robot, orientation, positions, com)
+    poses = outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
     low, high = outlines.picture_box(plan, placed)
     with silence():  # a local server: viser records what is sent to it
