@@ -268,14 +268,12 @@ class NodeRows:
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
-        bounds, robot, rows = self.bounds, self.model.robot, []
+        bounds, robot = self.bounds, self.model.robot
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
         generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
-        for joint in np.flatnonzero(np.isfinite(bounds.joint_torque)).tolist():
-            rows.append(
-                (generalised[joint] / bounds.joint_torque[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}")
-            )
+        shares, limited = generalised / bounds.joint_torque, np.flatnonzero(np.isfinite(bounds.joint_torque))
+        rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct:
             name, torque = robot.motors[motor], torques[motor]
             if np.isfinite(bounds.torque[motor]):
