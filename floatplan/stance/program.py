@@ -53,6 +53,7 @@ SMOOTH = 0.1  # [-] of squared torques beside the factor
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
+IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
 EXCHANGES = 8  # [-] programs at most in which more is kept apart
@@ -370,7 +371,7 @@ class JumpProgram:
         )
 
     def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
-        """The same program, with what it keeps apart, and held joints whose torques are rows."""
+        """The same program, with what it keeps apart, and what is among its rows of what is left out at first."""
         other = copy(self)
         vars(other).pop("_solver", None)
         other.node, other.separation = copy(self.node), separation
@@ -383,9 +384,7 @@ class JumpProgram:
         return [y, v, a, durations]
 
     def solved(self, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
-        """Solve from a guess; again with what the solution breaks, until nothing is.
-
-        That is what comes too near, where either way around is tried, and torques of joints that are held.
+        """Solve from a guess; again with what comes too near, on either way around, or should have been a row.
 
         Parameters
         ----------
