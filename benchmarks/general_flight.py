@@ -19,7 +19,6 @@ from floatplan.motion.planar.clearance import _cross
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight, planar_flight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
-from floatplan.robot.planar.tree import rotations_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ class GeneralDynamics(Dynamics):
         With h held, ``d theta0' = -(dh/dq) / D_0``: dh/dq at the full velocity, which contains theta0'.
         """
         distinct, turn = self._distinct, self._turn
-        rotations = rotations_of(positions @ distinct.turns.T, turn)
+        rotations = self._tree.rotations(positions @ distinct.turns.T)
         gathered = (rotations.conj() @ distinct.coupling) * rotations
         rows = gathered.real @ distinct.rates
         rate = (angular_momentum - (rows[:, 1:] * velocities).sum(axis=1)) / rows[:, 0]

@@ -110,7 +110,7 @@ def _within(largest: float, unit: str) -> Range:
 
 MOST_OBSTACLES = 200  # of a problem, and as many pairs of links to keep apart
 # What every number of a problem or plan file may be, by key: beyond it nobody means what is written, and doubles
-# overflow. URDF files have their own bounds, floatplan.robot.urdf.read.
+# overflow. URDF files have their own bounds, floatplan.robot.urdf.tree.
 RANGES: dict[str, Range] = {
     "duration": Range(1e-3, 1e3, "s"),
     "orientation": _within(1e4, "rad"),

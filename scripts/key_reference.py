@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from floatplan.keys import KIND, in_files
-from floatplan.problem.schema import TABLES, problem_schema
+from floatplan.problem.file import TABLES, problem_schema
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
 OPENING = """# Keys of a problem file

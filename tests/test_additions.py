@@ -45,8 +45,8 @@ POWER: Edits = {
             '    "orientation_rate": MotionQuantity(',
             '    "powers": MotionQuantity(\n'
             "        lambda it: it.flown.torques * it.motion.velocities,\n"
-            "        lambda it: it.flown.torques[..., None] * it.velocity_jacobian\n"
-            "        + it.motion.velocities[..., None] * it.torque_jacobian,\n    ),\n"
+            "        lambda it: it.flown.torques[..., None] * it.quantity_jacobian('velocities')\n"
+            "        + it.motion.velocities[..., None] * it.quantity_jacobian('torques'),\n    ),\n"
             '    "orientation_rate": MotionQuantity(',
         ),
     ),
@@ -88,7 +88,7 @@ BEND: Edits = {
         ),
         ("(Circle, HalfPlane, Bar)}", "(Circle, HalfPlane, Bar, Bend)}"),
     ),
-    "floatplan/plans/schema.py": (
+    "floatplan/plans/record.py": (
         (
             '    "capsule": {"start"',
             '    "bend": {"start": POINT, "corner": POINT, "end": POINT, "radius": non_negative},\n'
@@ -129,7 +129,7 @@ from types import SimpleNamespace
 from unittest.mock import MagicMock
 import numpy as np
 import floatplan as fp
-from floatplan.problem.schema import problem_schema
+from floatplan.problem.file import problem_schema
 from floatplan.studies.schema import varied_number
 from floatplan.studio import edits
 from floatplan.studio.session import View
@@ -174,7 +174,7 @@ by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors
 assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
 inputs = MagicMock()
 LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), inputs)
-assert f"{problem.robot.joints[0]}, W" in [call.args[0].label for call in inputs.slider.call_args_list]
+assert f"{problem.robot.joints[0]}, W" in [call.args[0] for call in inputs.slider.call_args_list]
 try:
     fp.Replanner(plan)
 except fp.InputError as error:
@@ -248,7 +248,7 @@ assert "bend" in report(plan) and figures(plan)
 assert "BendTable" in problem_schema()["$defs"]
 assert varied_number("obstacles.0.corner.1", False).unit == "m"
 
-assert [dial.label for dial in obstacle_dials(0, bend)] == [
+assert [label for label, *_ in obstacle_dials(0, bend)] == [
     "start →, m", "start ↑, m", "corner →, m", "corner ↑, m", "end →, m", "end ↑, m", "radius, m", "margin, m"
 ]
 gui = MagicMock()

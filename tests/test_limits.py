@@ -11,8 +11,8 @@ from floatplan.export import ros_bag, table
 from floatplan.planning import search
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
-from floatplan.robot.shapes import links, meshes
-from floatplan.robot.urdf import check, read
+from floatplan.robot.shapes import collisions, links
+from floatplan.robot.urdf import check, tree
 from floatplan.simulation import closed_loop, forward
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
@@ -40,7 +40,7 @@ SIZES = {
     "bandwidth of a replay's feedback": f"{forward.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
-    "a mesh": f"{meshes.LARGEST_MESH // 10**6} MB",
+    "a mesh": f"{collisions.LARGEST_MESH // 10**6} MB",
     "tables and lists within each other, in any file": files.DEEPEST,
     "characters of a name": errors.LONGEST_NAME,
 }
@@ -75,9 +75,9 @@ def test_sizes(page):
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
         f"above {reading.LARGEST_FOUND:g}",
-        f"below {read.LARGEST:g}",
+        f"below {tree.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
-        *(f"`.{kind}`" for kind in meshes.KINDS),
+        *(f"`.{kind}`" for kind in collisions.MESH_KINDS),
     ],
 )
 def test_other_numbers(page, number):

@@ -16,7 +16,7 @@ from floatplan.inflight.prediction import distance_rows
 from floatplan.kernel.constraints import ObstacleRows, SumRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
-from floatplan.plans.schema import OBSTACLES
+from floatplan.plans.record import OBSTACLES
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.view.outlines import OUTLINES
 

@@ -22,11 +22,16 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
 from floatplan.certificate.enclosure import Balls
 from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
-from floatplan.certificate.planar.boundary import at_ends, boundary_findings, flight_findings, orientation_findings
 from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
 from floatplan.certificate.planar.flight import fly
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
-from floatplan.certificate.planar.limits import limit_findings
+from floatplan.certificate.planar.limits import (
+    at_ends,
+    boundary_findings,
+    flight_findings,
+    limit_findings,
+    orientation_findings,
+)
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.errors import InputError, naming
 from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
@@ -109,9 +114,9 @@ def prove(
     Parameters
     ----------
     shapes : of the links, and their hulls: what stands on the ground
-        Capsules, m: places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
-        the root link's axes in the posture with all planned positions zero. Of None, a link is the segments from its
-        origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
+        Capsules, m: places are (horizontal, vertical) from the link's origin, along the root link's axes in the posture
+        with all planned positions zero. Of None, a link is the segments from its origin to its children's joints; a
+        robot that has ``<collision>`` elements needs them given.
     unknown_meshes : files that these are around and whose hashes the record lacks: they leave clearances undecided
     """
     with _ONE_AT_A_TIME:

@@ -135,8 +135,7 @@ class Taylor:
         return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __sub__(self, other: Taylor) -> Taylor:
-        c = self.c - other.c
-        return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
+        return self + -other
 
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""
@@ -183,11 +182,6 @@ def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
     joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
     c, e = (each.reshape(*each.shape[:-1], len(pairs), -1) for each in (joined.c, joined.e))
     return [Taylor(c[..., index, :], e[..., index, :]) for index in range(len(pairs))]
-
-
-def join_cells(models: Sequence[Taylor]) -> Taylor:
-    """Join models along the axis of cells."""
-    return Taylor(np.concatenate([m.c for m in models], axis=1), np.concatenate([m.e for m in models], axis=0))
 
 
 def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:

@@ -10,9 +10,10 @@ from typing import Any
 
 from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
 from floatplan.errors import InputError, ProblemError
-from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
+from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.urdf.example_robots import PREFIX
 from floatplan.tables import REST
 
 PLACE = "command line"
@@ -78,7 +79,12 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
     for name, value in options.items():
         option, (place, *inner) = f"--{name.replace('_', '-')}", OPTIONS[name].key.split(".")
         if not inner:
-            tables[place] |= _posture(option, _numbers(option, value, degrees), joints)
+            numbers = _numbers(option, value, degrees)
+            if len(numbers) != 1 + len(joints):
+                count = "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
+                wanted = f"{count} where {1 + len(joints)} are wanted"
+                raise _wrong(option, wanted, f"give orientation, {', '.join(joints)}")
+            tables[place] |= {"orientation": numbers[0], "positions": numbers[1:]}
         elif place in REST:
             word = REST[place] if inner == ["velocities"] else "free"
             tables[place][inner[0]] = word if value.strip() == word else _one_or_many(_numbers(option, value, degrees))
@@ -86,14 +92,6 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
             read = _numbers_or_word(value, NUMBERS[name]) if name in NUMBERS else value
             tables[place][inner[0]] = {inner[1]: read} if inner[1:] else read
     return tables
-
-
-def _posture(option: str, numbers: Sequence[float], joints: Sequence[str]) -> dict[str, Any]:
-    if len(numbers) != 1 + len(joints):
-        count = "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
-        wanted = f"{count} where {1 + len(joints)} are wanted"
-        raise _wrong(option, wanted, f"give orientation, {', '.join(joints)}")
-    return {"orientation": numbers[0], "positions": numbers[1:]}
 
 
 def _numbers(option: str, text: str, degrees: bool) -> list[float]:
@@ -115,7 +113,7 @@ def gain(option: str, text: str | None) -> float | dict[str, float] | None:
 
 def is_robot(source: str) -> bool:
     """Whether the argument names a robot; a problem file otherwise."""
-    return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
+    return source.startswith(PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
 
 
 def named_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
+import floatplan as fp
 from floatplan.cli.common import Json, MotionFile, PlanFile, Save, Urdf, finish, read_motion
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
-
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
-    from floatplan.stance.jump import Jump
 
 
 def certify(
@@ -26,14 +23,12 @@ def certify(
     json_output: Json = False,
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
-    from floatplan.certificate.certificate import BUDGET
-    from floatplan.certificate.certificate import certify as prove
-    from floatplan.plans.reading import load_record
-
     with progress("proving"):
-        certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+        certificate = fp.certify(plan_file, urdf=urdf, **({} if budget is None else {"budget": budget}))
     facts = certificate.to_dict()
     if save:
+        from floatplan.plans.reading import load_record
+
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
     finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
 
@@ -86,7 +81,12 @@ def replay(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="DIR", help="Put flights.html, with its pictures, into this folder."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
+        ),
     ] = None,
     save: Save = False,
     json_output: Json = False,
@@ -97,18 +97,18 @@ def replay(
     corrected. A jump is flown in MuJoCo with contact, from standing to a second after its end, where it is to stand.
     """
     from floatplan.cli.asked import gain
-    from floatplan.plans.plan import Plan
     from floatplan.simulation.forward import check_engine
+    from floatplan.simulation.replay import STEP
 
     checked = check_engine(engine or "pinocchio")
     plan = read_motion(motion_file, urdf)
     of_jumps = {"friction": friction, "kp": kp, "kd": kd}
     of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
-    beside, kind = (of_jumps, "jumps") if isinstance(plan, Plan) else (of_plans, "plans")
+    beside, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
     for name, value in beside.items():
         if value is not None:
             raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
-    if not isinstance(plan, Plan):
+    if not isinstance(plan, fp.Plan):
         if engine not in (None, "mujoco"):
             raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
         options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
@@ -120,48 +120,46 @@ def replay(
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
-    from floatplan.simulation.replay import STEP
-    from floatplan.simulation.replay import replay as fly
-
     with progress("flying"):
-        flown = fly(
-            plan, engine=checked, perturb=perturb, feedback=feedback, step=STEP if step is None else step, seed=seed
-        )
+        longest = STEP if step is None else step
+        flown = fp.replay(plan, engine=checked, perturb=perturb, feedback=feedback, step=longest, seed=seed)
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(motion_file)
     finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
 
 
-def _fly_jump(jump: Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
+def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
     """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
     from floatplan.cli.results import check_directory
-    from floatplan.simulation.jump_replay import replay_jump
 
     if output is not None:
         check_directory(output)
     with progress("flying"):
-        flown = replay_jump(jump, **options)
+        flown, files = fp.replay_jump(jump, **options), list[Path]()
+    if output is not None:
+        from floatplan.view.report.flights import write_jump_pages
+
+        with progress("drawing") as bar:
+            files = write_jump_pages(flown, output, bar.reach)
     ok = flown.landed or flown.perturbation.any
-    finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown), ok)
+    finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
 
 
 def _fly_many(
-    plan: Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
+    plan: fp.Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
 ) -> NoReturn:
     """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
     from floatplan.cli.results import check_directory
-    from floatplan.inflight.authority import authority
-    from floatplan.simulation.closed_loop import closed_loop
 
     if output is not None:
         check_directory(output)
     given = {name: value for name, value in options.items() if value is not None}
-    flown = None if rate is None else closed_loop(plan, rate, **given)
-    found = authority(plan) if with_authority else None
+    flown = None if rate is None else fp.closed_loop(plan, rate, **given)
+    found = fp.authority(plan) if with_authority else None
     page = None
     if output is not None:
         from floatplan.view.report.flights import write_flights_page

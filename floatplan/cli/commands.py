@@ -6,17 +6,16 @@ import atexit
 import gc
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from floatplan.cli import checks, common, problems, robots, show
-from floatplan.cli.jumps import jump, launch, needs_casadi
+import floatplan as fp
+from floatplan.cli import checks, common, robots, show
+from floatplan.cli.jumps import jump, launch, needs_casadi, takeoff
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
-
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
+from floatplan.files import runs_folder
 
 GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
@@ -43,10 +42,9 @@ def main() -> None:
 def _print_version(wanted: bool) -> None:
     """Print the version, and which solver makes plans without inequalities."""
     if wanted:
-        import floatplan
         from floatplan.kernel.library import description
 
-        typer.echo(f"floatplan {floatplan.__version__}, {description()}")
+        typer.echo(f"floatplan {fp.__version__}, {description()}")
         raise typer.Exit(common.DONE)
 
 
@@ -94,8 +92,6 @@ def plan(
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.export.table import sample_times
-    from floatplan.files import runs_folder
-    from floatplan.planning.planner import plan as search
 
     problem = asked_problem(source, options, choices, degrees)
     directory = runs_folder(problem.name, "flight") if output is None else output
@@ -106,7 +102,7 @@ def plan(
 
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
-        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+        answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
     with progress("stances", quiet):
         stances, of_stances = launches(answer, seed) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
@@ -128,20 +124,19 @@ def plan(
     common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
 
 
-def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
+def _without_obstacles(answer: fp.Plan, seed: int) -> fp.Plan | None:
     """Return a plan of the problem without its obstacles, for the pictures, if it is found at once and hits them."""
-    from floatplan.planning.planner import plan as search
     from floatplan.view.figures.snapshots import worst_passage
 
     if not answer.problem.obstacles:
         return None
-    unobstructed = search(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
+    unobstructed = fp.plan(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
 COMMANDS = (  # in the order in which --help lists them
-    *(plan, problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
-    *(show.export, study, studio, jump, launch, problems.takeoff, robots.init),
+    *(plan, robots.bounds, robots.info, checks.certify, checks.replay, robots.robots, robots.schema, show.show),
+    *(show.export, study, studio, jump, launch, takeoff, robots.init),
 )
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, show.export: show.ExportCommand}
 for command in COMMANDS:

@@ -17,16 +17,15 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpe
 import typer
 from typer.core import TyperGroup
 
+import floatplan as fp
 from floatplan.cli import INTERRUPTED
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
-from floatplan.files import is_file
+from floatplan.files import is_file, read_json
 from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from floatplan.plans.plan import Plan
-    from floatplan.stance.jump import Jump
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -173,17 +172,13 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
 
 def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
     """The same error; one about an option of the command names it as it is typed, with its dashes."""
-    option = f"--{error.element}"
-    if error.source is None and option in _options(command):
-        return InputError(error.reason, element=option, advice=error.advice)
-    return error
-
-
-def _options(command: Callable[..., object]) -> Iterator[str]:
+    option, options = f"--{error.element}", set[str]()
     for name, hint in get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
             if isinstance(info, typer.models.OptionInfo):
-                yield from info.param_decls or (f"--{name.replace('_', '-')}",)
+                options |= {*(info.param_decls or (f"--{name.replace('_', '-')}",))}
+    known = error.source is None and option in options
+    return InputError(error.reason, element=option, advice=error.advice) if known else error
 
 
 class Commands(TyperGroup):
@@ -228,16 +223,13 @@ def program() -> str:
     return shlex.quote(near(called.absolute()))
 
 
-def read_motion(path: str, urdf: str | None) -> Plan | Jump:
+def read_motion(path: str, urdf: str | None) -> fp.Plan | fp.Jump:
     """Read a plan or a jump, whichever the file says that it holds."""
-    from floatplan.files import read_json
-    from floatplan.plans.plan import load_plan
     from floatplan.stance.jump import FORMAT
-    from floatplan.stance.jump_file import load_jump
 
     content = read_json(Path(path), kind="a plan or jump file")
     is_jump = isinstance(content, dict) and content.get("format") == FORMAT
-    return load_jump(path, urdf) if is_jump else load_plan(path, urdf)
+    return fp.load_jump(path, urdf) if is_jump else fp.load_plan(path, urdf)
 
 
 def tell(quiet: bool) -> Callable[[str], None]:

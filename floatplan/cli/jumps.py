@@ -1,4 +1,4 @@
-"""The commands about what the ground has to do with a flight: ``jump``, from standing to standing, and ``launch``."""
+"""The commands about what the ground has to do with a flight: ``jump``, ``takeoff``, ``launch``."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
+import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
+from floatplan.files import runs_folder
 
 Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
 Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
@@ -33,21 +35,17 @@ def jump(
     jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where a jump was found,
     proved and checked so.
     """
-    from floatplan.certificate.certificate import certify
     from floatplan.cli.results import REPORT, check_directory, write_jump
-    from floatplan.files import runs_folder
-    from floatplan.problem.file import load_problem
-    from floatplan.stance.planner import jump as search
 
-    problem = load_problem(problem_file)
+    problem = fp.load_problem(problem_file)
     directory = runs_folder(problem.name, "jump") if output is None else output
     check_directory(directory)
     began = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):
-        found = search(problem, seed=seed, starts=starts, progress=bar.say)
+        found = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
         if found.flight is not None and found.flight.ok:
             bar.say("proving the flight")
-            found = found.with_certificate(certify(found.flight))
+            found = found.with_certificate(fp.certify(found.flight))
     files = write_jump(found, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and found.flight is not None:
         files.append(found.show(directory / REPORT, browse=False))
@@ -55,6 +53,26 @@ def jump(
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
     ok = found.ok and proved
     common.finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
+
+
+def takeoff(
+    problem_file: common.ProblemFile,
+    json_output: common.Json = False,
+) -> None:
+    """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
+
+    Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
+    rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
+    """
+    from floatplan.motion.flight import no_common_momentum
+
+    problem = fp.load_problem(problem_file)
+    ends = fp.takeoff(problem), fp.landing(problem)
+    disagreement = no_common_momentum(problem)
+    found = {str(contact.end): contact.to_dict() for contact in ends}
+    facts = {"joints": list(problem.robot.joints), **found, "no_common_momentum": disagreement}
+    ok = all(contact.ok for contact in ends) and disagreement is None
+    common.finish(facts, json_output, lambda summary: summary.contact_summary(ends, disagreement), ok)
 
 
 def launch(
@@ -72,16 +90,12 @@ def launch(
 
     What is found is checked 2000 times a second. Exit code 1 where none is found: that is no proof that there is none.
     """
-    from floatplan.plans.plan import load_plan
-    from floatplan.problem.jump import JumpRequest
-    from floatplan.stance.launch import launch as search
-
-    plan = load_plan(plan_file, urdf)
-    request = plan.problem.jump or JumpRequest()
+    plan = fp.load_plan(plan_file, urdf)
+    request = plan.problem.jump or fp.JumpRequest()
     if friction is not None:
         request = replace(request, friction=friction)
     with progress("launch"), naming(plan_file):
-        found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
+        found = fp.launch(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
     facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
     common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
 

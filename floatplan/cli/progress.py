@@ -12,35 +12,28 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress
 
 DELAY = 1.0  # [s] before a bar appears
 LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
 
 
 class ProgressBar:
-    """A bar that appears in a terminal once its work has taken a second; elsewhere, words in a line each, or nothing.
+    """A bar that appears in a terminal once it has begun; ``told`` elsewhere, words in a line each, or nothing.
 
     Parameters
     ----------
     what : str
         The work: "planning".
-    shown : bool
-        Whether there is a terminal to show the bar in.
     told : bool
-        Whether words are printed where there is none.
+        Whether words are printed.
     """
 
-    def __init__(self, what: str, shown: bool, told: bool) -> None:
-        self._what, self._told = what, told
+    def __init__(self, what: str, told: bool) -> None:
+        self._what, self._told, self._ended = what, told, False
         self._looks: dict[str, Any] = {"description": what, "completed": 0, "total": None}
         self._lock = Lock()
         self._bar: Progress | None = None
-        self._task: TaskID | None = None
-        self._timer = Timer(DELAY, self._begin) if shown else None
-        if self._timer is not None:
-            self._timer.daemon = True
-            self._timer.start()
 
     def say(self, words: str) -> None:
         """Say in a few words how the work goes."""
@@ -52,33 +45,30 @@ class ProgressBar:
         """Say how much of the work is done."""
         self._update(completed=done, total=total or None)
 
-    def end(self) -> None:
-        """Take the bar away."""
-        if self._timer is not None:
-            self._timer.cancel()
-        with self._lock:
-            self._timer = None
-            if self._bar is not None:
-                self._bar.stop()
-                self._bar = None
-
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Show the bar, unless the work has ended meanwhile."""
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         with self._lock:
-            if self._timer is None:  # the work has ended meanwhile
-                return
-            columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._task = self._bar.add_task(**self._looks)
-            self._bar.start()
+            if not self._ended:
+                columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+                self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+                self._bar.add_task(**self._looks)
+                self._bar.start()
+
+    def end(self) -> None:
+        """Take the bar away."""
+        with self._lock:
+            self._ended = True
+            if self._bar is not None:
+                self._bar.stop()
 
     def _update(self, **looks: Any) -> None:
         with self._lock:
             self._looks |= looks
-            if self._bar is not None and self._task is not None:
-                self._bar.update(self._task, **looks)
+            if self._bar is not None:
+                self._bar.update(self._bar.task_ids[0], **looks)
 
 
 @contextmanager
@@ -96,10 +86,15 @@ def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[Pro
     """
     heard = not quiet and sys.stderr is not None and not logging.getLogger("floatplan").handlers
     terminal = heard and sys.stderr.isatty()
-    bar = ProgressBar(what, shown=terminal, told=heard and tell and not terminal)
+    bar = ProgressBar(what, told=heard and tell and not terminal)
+    timer = Timer(DELAY, bar.begin)
+    timer.daemon = True
+    if terminal:
+        timer.start()
     try:
         yield bar
     finally:
+        timer.cancel()
         bar.end()
 
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.export.table import table_text
 from floatplan.files import write_atomically, write_together
-from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
 from floatplan.tables import LIMIT_TABLE
-
-if TYPE_CHECKING:
-    from floatplan.stance.jump import Jump
 
 PLAN, JUMP, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "jump.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
@@ -48,7 +44,9 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
     return InputError(reason, source="--output", element=str(directory), advice="choose another directory")
 
 
-def write_results(plan: Plan, directory: Path, rate: float, tell: Callable[[str], object] | None = None) -> list[Path]:
+def write_results(
+    plan: fp.Plan, directory: Path, rate: float, tell: Callable[[str], object] | None = None
+) -> list[Path]:
     """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
 
     Older results stay where the new ones cannot be written, and go before the first new one takes its place; ``tell``
@@ -63,7 +61,7 @@ def write_results(plan: Plan, directory: Path, rate: float, tell: Callable[[str]
     return write_together(contents, replacing=lambda: _remove_older(directory, tell))
 
 
-def write_jump(jump: Jump, directory: Path, tell: Callable[[str], object] | None = None) -> list[Path]:
+def write_jump(jump: fp.Jump, directory: Path, tell: Callable[[str], object] | None = None) -> list[Path]:
     """Write jump.json and its flight's plan.json in place of an older run's results, and return their paths.
 
     Of a jump that was not found there is no plan, and that of an older jump goes. Errors as :func:`write_results`.
@@ -104,12 +102,8 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
         tell(f"{directory}: the plan there is replaced, and what was made of it removed: {', '.join(names)}")
 
 
-def write_problem(plan: Plan, directory: Path) -> Path:
+def write_problem(plan: fp.Plan, directory: Path) -> Path:
     """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
     path = directory / PROBLEM
-    return write_atomically(path, schema_line(directory) + problem_text(plan.problem, path))
-
-
-def schema_line(directory: Path) -> str:
-    """The first line of a problem file by which editors find its schema, where that is beside it; else empty."""
-    return f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
+    schema = f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
+    return write_atomically(path, schema + problem_text(plan.problem, path))

@@ -1,18 +1,31 @@
-"""The commands about robots: which there are, what one is, and a first problem for it."""
+"""The commands about robots and problem files: which robots there are, what one is, a first problem, bounds of h."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 from typer.core import TyperCommand
 
+import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
+from floatplan.files import plain, write_atomically
 
+if TYPE_CHECKING:
+    from floatplan.motion.flight import Reachable
+
+OF_ROBOT = (  # as they are
+    *("name", "joints", "mass", "position_limits", "velocity_limits", "torque_limits"),
+    *("motors", "motor_torque_limits", "motor_velocity_limits", "tilt"),
+)
+OF_ENDS = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
 
@@ -33,12 +46,10 @@ def robots(json_output: common.Json = False) -> None:
 
 def _facts(source: str) -> dict[str, Any]:
     """A robot in short, its legs coupled where it has pairs of them; or why it cannot be used as it is."""
-    from floatplan.robot.robot import Robot
-
     reason = ""
     for coupled in ("mirror", None):
         try:
-            robot = Robot.from_urdf(common.bundled(source), coupled=coupled)
+            robot = fp.Robot.from_urdf(common.bundled(source), coupled=coupled)
         except InputError as error:
             reason = error.reason
         else:
@@ -91,7 +102,6 @@ def info(
 ) -> None:
     """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
     from floatplan.cli.asked import named_robot
-    from floatplan.cli.facts import robot_facts
 
     robot = named_robot(source, choices, degrees)
     facts = robot_facts(robot)
@@ -101,6 +111,38 @@ def info(
         save_picture(Path(shapes), "--shapes", shapes_picture, robot)
     listed = {"frames": frames, "shapes": shapes == LISTED}
     common.finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
+
+
+def robot_facts(robot: fp.Robot) -> dict[str, Any]:
+    """Return a robot's properties; lists in the order of ``joints``, ``None`` for a limit that is not given.
+
+    The extremes of D are those over the joint ranges of the URDF, [-pi, pi] where it gives none.
+    """
+    from floatplan.motion.flight import inertia_extremes
+    from floatplan.problem.resolution import position_limits
+    from floatplan.robot.leak import explain_leak, out_of_plane_leak
+
+    low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
+    leak = out_of_plane_leak(robot)
+    facts: dict[str, Any] = plain(
+        {
+            **{name: getattr(robot, name) for name in OF_ROBOT},
+            "locked": dict(robot.locked),
+            **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+            "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
+            "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
+            "D_min": low,
+            "D_max": high,
+            "frames": sorted(robot.frames),
+            "shapes": [
+                {"link": shape.link, "length": abs(shape.end - shape.start), "radius": shape.radius}
+                for shape in robot.shapes
+            ],
+            "out_of_plane_leak": leak,
+            "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
+        }
+    )
+    return facts
 
 
 def init(
@@ -118,7 +160,6 @@ def init(
     without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
     URDF. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
     """
-    from floatplan.files import write_atomically
     from floatplan.initial.flight import first_flight
     from floatplan.initial.robots import chosen_robot
     from floatplan.initial.text import problem_file_text
@@ -140,3 +181,79 @@ def init(
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)
+
+
+def bounds(
+    problem_file: common.ProblemFile,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
+    ] = None,
+    json_output: common.Json = False,
+) -> None:
+    """Tell which angular momentum suits a flight: of joints that do not turn back, and by their rates at both ends.
+
+    For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
+    the frame on the ground being at rest: intervals of angular momentum and velocity.
+    """
+    from floatplan.motion.flight import reachable_sets
+
+    problem = fp.load_problem(problem_file)
+    sets = reachable_sets(problem)
+    facts = momentum_facts(problem, sets)
+    if picture is not None:
+        from floatplan.view.figures.robot_pictures import reachable_picture, save_picture
+
+        save_picture(picture, "--picture", reachable_picture, sets)
+    common.finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
+
+
+def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[str, Any]:
+    """Return (7)-(10): the extremes of D over the problem's joint ranges, the interval for h and its midpoint.
+
+    Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
+    intervals null where they are not bounded.
+    """
+    from floatplan.motion.flight import End, angular_momentum_interval, inertia_extremes
+
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    interval = angular_momentum_interval(problem)
+    facts: dict[str, Any] = plain(
+        {
+            "angular_momentum_bounds": interval,
+            "angular_momentum_midpoint": sum(interval) / 2,
+            "D_min": low,
+            "D_max": high,
+            **{
+                f"{end}_{key}": getattr(sets.get(end), key.removesuffix("_bounds"), None)
+                for end in get_args(End)
+                for key in OF_ENDS
+            },
+        }
+    )
+    return facts
+
+
+class File(StrEnum):
+    """Files that have a schema."""
+
+    PROBLEM = "problem"
+    STUDY = "study"
+
+
+def schema(
+    file: Annotated[File, typer.Argument(help="Which file.")] = File.PROBLEM,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write it there: floatplan.schema.json beside problems."),
+    ] = None,
+) -> None:
+    """Print the JSON Schema (2020-12) of problem or study files, by which editors complete and check them."""
+    from floatplan.problem.file import problem_schema
+    from floatplan.studies.schema import study_schema
+
+    made = {File.PROBLEM: problem_schema, File.STUDY: study_schema}[file]
+    text = json.dumps(made(), indent=2, allow_nan=False)
+    if output is None:
+        typer.echo(text)
+        return
+    common.print_path(write_atomically(output, f"{text}\n"))

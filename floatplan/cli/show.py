@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+import floatplan as fp
 from floatplan.cli.common import MotionFile, OpenPage, Quiet, Urdf, print_path, read_motion
 from floatplan.cli.progress import progress
 from floatplan.errors import naming
@@ -44,13 +45,12 @@ def show(
 ) -> None:
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
-    from floatplan.plans.plan import load_plan
 
     motion = read_motion(motion_file, urdf)
     with naming(motion_file):
         plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
-    other = None if compare is None else load_plan(compare)
+    other = None if compare is None else fp.load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
@@ -108,7 +108,6 @@ def export(
     Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
     """
     from floatplan.cli.asked import gain
-    from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of
 
     known = format_of(form)
@@ -116,6 +115,6 @@ def export(
     motion = read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
     with progress("exporting", quiet):
-        path = write(motion, form, path, rate, kp=stiffness, kd=damping)
+        path = motion.export(form, path, rate, kp=stiffness, kd=damping)
     if not quiet:
         print_path(path)

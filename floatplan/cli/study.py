@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.progress import ProgressBar, progress
-from floatplan.errors import escaped
+from floatplan.errors import escaped, import_optional
+from floatplan.files import runs_folder
 
 if TYPE_CHECKING:
-    from floatplan.problem.problem import Problem
     from floatplan.studies.driver import Progress
 
 PORT = 8080  # of the studio
@@ -51,10 +52,8 @@ def study(
     try:
         if engine == "processes" and jobs != 1:
             get_ready("floatplan.studies.study")
-        from floatplan.studies.study import study as run
-
         with progress("study", quiet, tell=True) as bar:
-            done = run(
+            done = fp.study(
                 study_file,
                 folder=output,
                 restart=restart,
@@ -114,8 +113,6 @@ def studio(
     Drag the robot at takeoff and landing, obstacles, sliders; Ctrl-C ends it. A robot without a problem file begins
     with the flight that floatplan init finds.
     """
-    from floatplan.errors import import_optional
-    from floatplan.files import runs_folder
     from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")
@@ -132,14 +129,12 @@ def studio(
             raise typer.Exit(common.DONE) from None
 
 
-def _problem(source: str, quiet: bool) -> Problem:
+def _problem(source: str, quiet: bool) -> fp.Problem:
     """The problem of a file, or the first flight of a robot."""
     from floatplan.cli.asked import is_robot
 
     if not is_robot(source):
-        from floatplan.problem.file import load_problem
-
-        return load_problem(source)
+        return fp.load_problem(source)
     from floatplan.initial.flight import first_flight
     from floatplan.initial.robots import chosen_robot
 

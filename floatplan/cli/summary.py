@@ -6,28 +6,18 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
+import floatplan as fp
 from floatplan.arguments import percent, short, shortened
 from floatplan.errors import escaped
-from floatplan.motion.flight import Contact
-from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
-from floatplan.plans.verdicts import TONES, Certificate, Tone
-from floatplan.problem.problem import Problem
-
-if TYPE_CHECKING:
-    from floatplan.inflight.authority import Authority
-    from floatplan.simulation.closed_loop import ClosedLoop
-    from floatplan.simulation.jump_landings import JumpReplay
-    from floatplan.simulation.replay import Replay
-    from floatplan.stance.jump import Jump
-    from floatplan.stance.launch import Launch
+from floatplan.plans.verdicts import TONES, Tone
 
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
@@ -42,7 +32,7 @@ COLOURS: Mapping[Tone, str] = {"good": "green", "open": "yellow", "bad": "red"}
 
 
 def plan_summary(
-    plan: Plan, files: Sequence[Path], program: str = "floatplan", stances: Sequence[Row] = ()
+    plan: fp.Plan, files: Sequence[Path], program: str = "floatplan", stances: Sequence[Row] = ()
 ) -> RenderableType:
     """Return at most 25 lines about a plan and the files that were written of it.
 
@@ -122,7 +112,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     return Group(table, listed, *follows, _named(rest), *warnings)
 
 
-def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableType:
+def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> RenderableType:
     """Return the result of ``floatplan bounds``, for reading: of joints that do not turn back, and of their rates."""
     low, high = facts["angular_momentum_bounds"]
     given = problem.flight.angular_momentum
@@ -141,7 +131,7 @@ def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableTy
     return Group(table, _table(("", "least", "largest"), rows), _reachable(facts))
 
 
-def certificate_summary(certificate: Certificate) -> RenderableType:
+def certificate_summary(certificate: fp.Certificate) -> RenderableType:
     """Return the result of ``floatplan certify``, for reading: what is not proved comes first."""
     titles, cells = certificate.table()
     colours = {str(verdict): f"bold {COLOURS[tone]}" for verdict, tone in TONES.items()}
@@ -153,7 +143,7 @@ def certificate_summary(certificate: Certificate) -> RenderableType:
     return Group(verdict, _table(titles, rows), *_more(len(cells) - MOST_FINDINGS_SHOWN))
 
 
-def replay_summary(flown: Replay) -> RenderableType:
+def replay_summary(flown: fp.Replay) -> RenderableType:
     """Return the result of ``floatplan replay``, for reading."""
     landed = "landed" if flown.landed else "landed elsewhere, disturbed" if flown.disturbed else "missed the goal"
     tone: Tone = "good" if flown.landed else "open" if flown.disturbed else "bad"
@@ -169,7 +159,7 @@ def replay_summary(flown: Replay) -> RenderableType:
     )
 
 
-def contact_summary(ends: Sequence[Contact], disagreement: str | None) -> RenderableType:
+def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> RenderableType:
     """Return the result of ``floatplan takeoff``, for reading; ``disagreement`` of the ends about a free h."""
     parts: list[RenderableType] = []
     for contact in ends:
@@ -210,7 +200,7 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
     return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"
 
 
-def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
+def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
     """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
     from floatplan.view.report.data import PHASES, STANCES, check_lines, phase_lines
 
@@ -232,7 +222,7 @@ def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str
     )
 
 
-def launch_summary(launch: Launch) -> RenderableType:
+def launch_summary(launch: fp.Launch) -> RenderableType:
     """Return the result of ``floatplan launch``, for reading."""
     verdict, *rest = launch.sentences
     unproved = "" if launch.impossible else "That none was found does not prove that none exists."
@@ -242,7 +232,7 @@ def launch_summary(launch: Launch) -> RenderableType:
     return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
-def flown_jump_summary(flown: JumpReplay) -> RenderableType:
+def flown_jump_summary(flown: fp.JumpReplay, files: Sequence[Path]) -> RenderableType:
     """Return the result of ``floatplan replay`` of a jump, for reading."""
     from floatplan.view.report.flights import LANDING_TITLES, jump_rows, summary
 
@@ -253,10 +243,11 @@ def flown_jump_summary(flown: JumpReplay) -> RenderableType:
         Text(summary(flown)),
         Text(flown.control),
         _table(LANDING_TITLES, jump_rows(flown)) if flown.corrected is not None else _named(jump_rows(flown)),
+        *(Text(escaped(str(path)), overflow="fold") for path in files),
     )
 
 
-def flights_summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
+def flights_summary(flown: fp.ClosedLoop | None, found: fp.Authority | None, page: Path | None) -> RenderableType:
     """Return the result of ``floatplan replay`` with --replan and --authority, for reading."""
     from floatplan.view.report.flights import AUTHORITY_TITLES, LANDING_TITLES, authority_rows, landing_rows, summary
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,21 +21,6 @@ from floatplan.plans.plan import Plan
 from floatplan.simulation.forward import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
-
-ARRAYS = (
-    "orientation",
-    "orientation_rate",
-    "positions",
-    "velocities",
-    "accelerations",
-    "torques",
-    "motor_torques",
-    "com_position",
-    "com_velocity",
-    "base_position",
-    "angular_momentum",
-)  # of a FlightState, in the archive's order
-
 
 UNITREE_LEGS = ("FR", "FL", "RR", "RL")  # in the order of Unitree's SDK, in which each has hip, thigh and calf
 UNITREE_JOINTS = [f"{leg}_{part}_joint" for leg in UNITREE_LEGS for part in ("hip", "thigh", "calf")]
@@ -106,9 +91,9 @@ def format_of(name: str) -> Format:
 def npz_content(plan: Plan, rate: float) -> bytes:
     """Return NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
     state = plan.at(table.sample_times(plan.duration, rate))
-    arrays = {name: getattr(state, name) for name in ARRAYS}
+    arrays = {field.name: getattr(state, field.name) for field in fields(state)}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
-    return _archive({"times": state.times, **names, **arrays})
+    return _archive({"times": state.times} | names | arrays)
 
 
 def pinocchio_content(motion: Exported, rate: float) -> bytes:
@@ -131,18 +116,10 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
 def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
     """Return what a controller needs beside the motion at times (N,), as far as there is any.
 
-    ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,); ``contacts`` (N, C), whether each
-    stands; ``forces`` (N, C, 3), N, in the world, and ``contact_points``, m, where they act, NaN of what does not
-    stand; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
+    That is what :meth:`Exported.contacts` tells, and ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
     """
-    arrays: dict[str, Any] = {}
-    found = motion.contacts(times)
-    if found is not None:
-        arrays |= {"phase": found.phase, "phase_begin": found.begin, "contact_names": np.array(found.names)}
-        arrays |= {"contacts": found.stand, "forces": found.forces, "contact_points": found.points}
-    if motion.gains is not None:
-        arrays |= dict(zip(("kp", "kd"), motion.gains, strict=True))
-    return arrays
+    gains = {} if motion.gains is None else dict(zip(("kp", "kd"), motion.gains, strict=True))
+    return motion.contacts(times) | gains
 
 
 def ros_content(motion: Exported, rate: float) -> str:

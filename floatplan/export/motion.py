@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arrays import Array, BoolArray, IntArray, read_only
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.flight import FullMotion, free_flyer
 from floatplan.plans.plan import Plan
@@ -34,28 +34,6 @@ class WholeMotion:
     base_quaternion: Array
     base_velocity: Array
     base_angular_velocity: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Contacts:
-    """Contacts at N instants; at a change of them those of the phase before.
-
-    Attributes
-    ----------
-    begin : (P,) s, of each phase
-    phase : (N,) number of the phase, from 0
-    names : (C,) of all points that stand at some time
-    stand : (N, C) whether each does
-    forces : (N, C, 3) N, on the robot, in the world's axes
-    points : (N, C, 3) m, where they act, in the world; NaN where the point does not stand
-    """
-
-    begin: Array
-    phase: IntArray
-    names: tuple[str, ...]
-    stand: BoolArray
-    forces: Array
-    points: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,18 +114,27 @@ class Exported:
             base_angular_velocity=v[:, 3:6],
         )
 
-    def contacts(self, times: Array) -> Contacts | None:
-        """Return the contacts at times (N,), s; None of a motion without phases."""
+    def contacts(self, times: Array) -> dict[str, Any]:
+        """Return the contacts at times (N,), s, at a change of them those before; nothing of a motion without phases.
+
+        ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,) of all points that stand at some
+        time; ``contacts`` (N, C), whether each stands; ``forces`` (N, C, 3), N, on the robot, in the world, and
+        ``contact_points``, m, where they act, NaN of what does not stand.
+        """
         motion, phases = self.motion, self.motion.phases
         if not phases:
-            return None
+            return {}
         times = np.minimum(times, motion.duration)
         phase = np.searchsorted([each.end for each in phases[:-1]], times)
         forces, points = motion.forces(times), motion.contact_points(times)
-        arrays = (np.stack([each[name] for name in forces], axis=1) for each in (forces, points))
-        stand = np.array([[name in each.contacts for name in forces] for each in phases])[phase]
-        begin = np.array([each.begin for each in phases])
-        return Contacts(begin, phase, tuple(forces), stand, *arrays)
+        return {
+            "phase": phase,
+            "phase_begin": np.array([each.begin for each in phases]),
+            "contact_names": np.array([*forces]),
+            "contacts": np.array([[name in each.contacts for name in forces] for each in phases])[phase],
+            "forces": np.stack([forces[name] for name in forces], axis=1),
+            "contact_points": np.stack([points[name] for name in forces], axis=1),
+        }
 
 
 def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
-from floatplan.export.motion import Contacts, Exported
+from floatplan.export.motion import Exported
 from floatplan.export.table import whole_nanoseconds
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so
@@ -109,7 +109,7 @@ def mcap_content(exported: Exported, rate: float) -> bytes:
         state = {name: values[index].tolist() for name, values in quantities.items()}
         write["/joint_states"](instant, {"header": _header(instant, ""), "name": list(exported.joints), **state})
     contacts = exported.contacts(times)
-    if contacts is not None:
+    if contacts:
         _write_contacts(writer, contacts, nanoseconds.tolist(), world)
     if exported.gains is not None:
         sizes = zip(("kp, kd", "joint"), exported.gains.shape, (exported.gains.size, len(exported.joints)), strict=True)
@@ -120,18 +120,19 @@ def mcap_content(exported: Exported, rate: float) -> bytes:
     return stream.getvalue()
 
 
-def _write_contacts(writer: Any, contacts: Contacts, instants: list[int], world: str) -> None:
+def _write_contacts(writer: Any, contacts: Mapping[str, Any], instants: list[int], world: str) -> None:
     """Write who stands, and the forces, at instants, ns."""
     phase = _topic(writer, "/phase", ("std_msgs/msg/Int32", "int32 data", (), False))
     points = []
-    for name in contacts.names:
+    for name in contacts["contact_names"]:
         place = "/contacts/" + re.sub(r"\W", "_", name, flags=re.ASCII)
         stands = _topic(writer, f"{place}/stands", ("std_msgs/msg/Bool", "bool data", (), False))
         force = _topic(writer, f"{place}/force", ("geometry_msgs/msg/Vector3Stamped", *FORCE, False))
         points.append((stands, force))
     for index, instant in enumerate(instants):
-        phase(instant, {"data": int(contacts.phase[index])})
-        for (stands, force), stand, vector in zip(points, contacts.stand[index], contacts.forces[index], strict=True):
+        phase(instant, {"data": int(contacts["phase"][index])})
+        acting = zip(points, contacts["contacts"][index], contacts["forces"][index], strict=True)
+        for (stands, force), stand, vector in acting:
             stands(instant, {"data": bool(stand)})
             numbers = dict(zip("xyz", vector.tolist(), strict=True))
             force(instant, {"header": _header(instant, world), "vector": numbers})

@@ -126,12 +126,12 @@ def full_columns(motion: Exported, rate: float) -> list[Column]:
 def contact_columns(motion: Exported, times: Array) -> list[Column]:
     """Return the columns of contacts at times (N,), s; none where nothing is said of them."""
     found = motion.contacts(times)
-    if found is None:
+    if not found:
         return []
-    columns = [Column("phase", "1", found.phase)]
-    for index, point in enumerate(found.names):
-        columns.append(Column(f"{point}_contact", "1", found.stand[:, index].astype(np.int64)))
-        forces = found.forces[:, index].T
+    columns = [Column("phase", "1", found["phase"])]
+    for index, point in enumerate(found["contact_names"]):
+        columns.append(Column(f"{point}_contact", "1", found["contacts"][:, index].astype(np.int64)))
+        forces = found["forces"][:, index].T
         columns += [Column(f"{point}_f{letter}", "N", force) for letter, force in zip(SPACE, forces, strict=True)]
     return columns
 

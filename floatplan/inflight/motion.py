@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial import chebyshev
+from numpy.polynomial.chebyshev import chebval
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.quadrature import chebyshev_values
 from floatplan.motion.sine_polynomial import Form, WrittenMotion, basis
 from floatplan.plans.plan import Plan
 
@@ -49,28 +48,19 @@ class RemainingMotion:
     def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Positions, velocities, accelerations (N, n) at times (N,), s since takeoff; at rest outside of its time."""
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        p, rate, curvature = self.p(instants)
-        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
-        positions, velocities = self.centre + sine, cosine * rate
-        accelerations = cosine * curvature - sine * rate**2
+        inside = np.minimum(np.maximum(instants - self.begin, 0.0), self.remaining)
+        positions, velocities, accelerations = self._written.at(inside)
         outside = (instants > self.end) | (instants < self.begin)
         if outside.any():
             velocities[outside] = accelerations[outside] = 0.0
         return positions, velocities, accelerations
 
-    def p(self, times: Array) -> Array:
-        """Return p, p', p'' (3, N, n) by time at times (N,); at the nearer end outside of its time."""
-        x = np.minimum(np.maximum((times - self.begin) * (2 / self.remaining) - 1, -1.0), 1.0)
-        return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(self.table.shape[1])) @ self._polynomials)
-
     @cached_property
-    def _polynomials(self) -> Array:
-        """p, p', p'' (3, k+1, n) by time in Chebyshev polynomials of 2 u - 1."""
-        per_second = 1 / self.remaining
-        polynomials: Array = self.table @ self.coefficients
-        polynomials[1] *= per_second
-        polynomials[2] *= per_second**2
-        return polynomials
+    def _written(self) -> WrittenMotion:
+        """The same by time since ``begin``."""
+        p, rate, curvature = self.table @ self.coefficients
+        chebyshev = p, rate / self.remaining, curvature / self.remaining**2
+        return WrittenMotion(self.centre, self.amplitude, self.remaining, chebyshev)
 
 
 class Rewriting:
@@ -83,20 +73,19 @@ class Rewriting:
         size = max(plan.coefficients.shape[1], CONDITIONS + LEAST_FREE)
         self.form = Form(size - CONDITIONS)
         functions = basis(self.form)
-        derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
-        rest = [((0, size - len(part)), (0, 0)) for part in derivatives]  # zeros: of no higher degree
-        self._table = read_only(np.stack([np.pad(*each) for each in zip(derivatives, rest, strict=True)]))
         self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
         self.of_values = np.linalg.inv(functions.values(self.points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
-        p, rate, curvature = written.chebyshev
-        polynomials = chebyshev_values(2 * self.points - 1, len(p) - 1)
-        ends = chebyshev_values(np.array([-1.0, 1.0]), len(p) - 1)
-        coefficients = self.of_values @ (polynomials @ p)
-        boundary = np.stack([ends[:, : len(part)] @ part for part in (p, rate, curvature)])
+        coefficients = self.of_values @ chebval(2 * self.points - 1, written.chebyshev[0]).T
+        boundary = np.stack([chebval([-1.0, 1.0], part).T for part in written.chebyshev])
         self.landing = read_only(boundary[:, 1])
         scale = plan.duration ** np.arange(3.0)[:, None]  # from derivatives by time to those by u
         coefficients[:3], coefficients[3:CONDITIONS] = boundary[:, 0] * scale, self.landing * scale
         self.first = RemainingMotion(
-            np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
+            np.array(plan.centre),
+            np.array(plan.amplitude),
+            0.0,
+            plan.duration,
+            read_only(coefficients),
+            functions.series,
         )

@@ -20,9 +20,8 @@ from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, flight_
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
-from floatplan.problem.limits import Shares, shares_of_limits
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.problem import Problem
+from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 from floatplan.tables import LIMIT_TABLE
 

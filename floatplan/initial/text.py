@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 from pathlib import Path
 from textwrap import wrap
@@ -12,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.initial.flight import FirstFlight
-from floatplan.initial.problems import DIGITS, FAST
+from floatplan.initial.flight import DIGITS, FAST, FirstFlight
 from floatplan.initial.robots import ChosenRobot
+from floatplan.problem.file import urdf_from
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
 from floatplan.problem.resolution import position_limits
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.example_robots import PREFIX
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
 WIDTH = 110  # [-] characters of a comment
@@ -61,11 +59,9 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
-    assert robot.path is not None
-    relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
     lines = [
         "[robot]",
-        f"urdf = {_value(robot.source if robot.source.startswith(PREFIX) else relative)}",
+        f"urdf = {_value(urdf_from(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
     choices = chosen.choices

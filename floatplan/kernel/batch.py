@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.bodies import filled_grid, filled_robot, merged_bodies
+from floatplan.kernel.bodies import Bodies, filled_grid, filled_robot
 from floatplan.kernel.layout import ENUMERATIONS, Filled, Structure, address, constants, structure_array
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
@@ -144,7 +144,7 @@ class Solver:
         self.bodies = len(tree.mass)
         self._most_nodes = USUAL_NODES
         low, high = position_limits.T
-        self._robot = filled_robot(merged_bodies(tree, (low + high) / 2, (high - low) / 2), free)
+        self._robot = filled_robot(Bodies(tree, (low + high) / 2, (high - low) / 2), free)
 
     def plan(self, rows: Rows, search: Search) -> Answers:
         """Plan a batch; the answer to a row depends on that row and on the search alone."""

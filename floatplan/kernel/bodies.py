@@ -9,12 +9,11 @@ are then one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.kernel.layout import Filled
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
@@ -23,9 +22,10 @@ from floatplan.robot.planar.tree import PlanarTree
 NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
 
 
-@dataclass(frozen=True, eq=False)
 class Bodies:
-    """Bodies (m,) that turn differently, body 0 not at all against the base.
+    """Bodies (m,) of a tree that turn differently, for joint ranges of the given centres and amplitudes (n,), rad.
+
+    Body 0 does not turn against the base.
 
     Attributes
     ----------
@@ -47,17 +47,25 @@ class Bodies:
     is_mirrored : whether angles count the other way
     """
 
-    real: Array
-    imaginary: Array
-    parent: IntArray
-    first: IntArray
-    joint: IntArray
-    ratio: Array
-    rotations: ComplexArray
-    group: IntArray
-    links: ComplexArray
-    rotors: Array
-    is_mirrored: bool
+    def __init__(self, tree: PlanarTree, centre: Array, amplitude: Array) -> None:
+        constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
+        turns, self.group = tree.distinct_turns
+        parent, terms = _built_up(turns)
+        entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
+        self.parent = np.array(parent, dtype=np.int64)
+        self.first = np.cumsum([0, *map(len, terms)]).astype(np.int64)
+        self.joint = np.array([joint for joint, _ in entries], dtype=np.int64)
+        self.ratio = np.array([ratio for _, ratio in entries], dtype=np.float64)
+        self.rotations = np.eye(len(turns))[self.group].T * constant
+        coupling = self.rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ self.rotations.T
+        links = (constant.conj()[:, None] * tree.coupling) @ self.rotations.T
+        links[np.arange(len(links)), self.group] += tree.inertia
+        self.is_mirrored = tree.turn < 0
+        if self.is_mirrored:
+            coupling, links = coupling.conj(), links.conj()
+        self.real, self.imaginary = np.ascontiguousarray(coupling.real), np.ascontiguousarray(coupling.imag)
+        self.links = links
+        self.rotors = np.zeros_like(tree.turns) if tree.rotors is None else tree.rotors * amplitude
 
     @property
     def is_real(self) -> bool:
@@ -68,35 +76,6 @@ class Bodies:
         """Weights (.., m) that give points by the rotations of these bodies, from those (.., M) by the tree's."""
         points = weights @ self.rotations.T
         return np.asarray(points.conj() if self.is_mirrored else points)
-
-
-def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
-    """Return a tree's bodies for joint ranges of the given centres and amplitudes (n,), rad."""
-    constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
-    turns, group = tree.distinct_turns
-    parent, terms = _built_up(turns)
-    first = np.cumsum([0, *map(len, terms)])
-    entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
-    rotations = np.eye(len(turns))[group].T * constant
-    coupling = rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ rotations.T
-    links = (constant.conj()[:, None] * tree.coupling) @ rotations.T
-    links[np.arange(len(group)), group] += tree.inertia
-    is_mirrored = tree.turn < 0
-    if is_mirrored:
-        coupling, links = coupling.conj(), links.conj()
-    return Bodies(
-        np.ascontiguousarray(coupling.real),
-        np.ascontiguousarray(coupling.imag),
-        np.array(parent, dtype=np.int64),
-        first.astype(np.int64),
-        np.array([joint for joint, _ in entries], dtype=np.int64),
-        np.array([ratio for _, ratio in entries], dtype=np.float64),
-        rotations,
-        group,
-        links,
-        np.zeros_like(tree.turns) if tree.rotors is None else tree.rotors * amplitude,
-        is_mirrored,
-    )
 
 
 def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
@@ -123,7 +102,7 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
 def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Filled]:
     """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
     joints = tree.turns.shape[1]
-    bodies = merged_bodies(tree, np.zeros(joints), np.ones(joints))
+    bodies = Bodies(tree, np.zeros(joints), np.ones(joints))
     return bodies, filled_robot(bodies, [0] * joints)
 
 

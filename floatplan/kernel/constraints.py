@@ -20,8 +20,8 @@ from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.problem.limits import Shares
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.problem import Shares
 
 SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
 RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Wanted"]
@@ -224,7 +224,7 @@ class RowTargets:
         self.constraints, self.count, self.instants = constraints, count, len(s)
         self._kept = constraints.flight.duration * s, target
         self._template = STRUCTURES["Evaluation"](back_off=back_off)
-        self._template.motion.instants = len(s)
+        self._template.motion.instants = self._template.variables.instants = len(s)
         self._template.motion.per_second = 1 / constraints.flight.duration
         self._template.point_to(times=self._kept[0], target=target)
         self._room = constraints.kernel.motion_room(*constraints.references, self._template, 0)
@@ -286,28 +286,28 @@ class MotionRows:
 
     def drift(self, by_x: ByX, instants: int) -> Array:
         """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
-        structure, joints = self._structure, self._flown.joints
-        structure.size = by_x.basis.shape[2]
+        structure, joints, variables = self._structure, self._flown.joints, self._structure.variables
+        variables.size = by_x.basis.shape[2]
         structure.point_to(sine=joints.sine, cosine=joints.position_by_p, p_rate=joints.p_rate)
         if self._constraints.needs_accelerations:
             structure.point_to(p_curvature=joints.p_curvature)
-        structure.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
+        variables.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
         if by_x.of_axes is not None:
-            structure.point_to(of_axes=by_x.of_axes)
-        drift = np.empty((instants, by_x.basis.shape[2]))
+            variables.point_to(of_axes=by_x.of_axes)
+        drift = np.empty((instants, variables.size))
         self._call(DRIFT, count=instants, result=address(drift))
         return drift
 
     def jacobian(self, attitude_slopes: Array) -> Array:
         """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
         self._structure.point_to(attitude_slopes=attitude_slopes)
-        jacobian = np.empty((self._instants.count, self._structure.size))
+        jacobian = np.empty((self._instants.count, self._structure.variables.size))
         self._call(JACOBIAN, result=address(jacobian))
         return jacobian
 
     def gradient(self, weights: Array) -> Array:
         """Derivatives (size,) by x of quantities times ``weights`` (instants, terms), summed; after :meth:`drift`."""
-        gradient = np.empty(self._structure.size)
+        gradient = np.empty(self._structure.variables.size)
         self._call(GRADIENT, address(weights), len(weights), address(gradient))
         return gradient
 

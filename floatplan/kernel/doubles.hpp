@@ -2,6 +2,7 @@
 
 struct Double2 {
     double high, low;
+    Double2(double high = 0, double low = 0) : high(high), low(low) {}
 };
 
 static inline Double2 quick_sum(double a, double b) {  // |a| >= |b|
@@ -39,11 +40,6 @@ static inline Double2 operator*(Double2 a, Double2 b) {
     return quick_sum(p.high, p.low + (a.high * b.low + a.low * b.high));
 }
 
-static inline Double2 operator*(Double2 a, double b) {
-    Double2 p = exact_product(a.high, b);
-    return quick_sum(p.high, p.low + a.low * b);
-}
-
 static inline double quotient(Double2 a, Double2 b) {  // correctly rounded but for near ties
     double first = a.high / b.high;
     Double2 rest = a + b * -first;
@@ -52,18 +48,15 @@ static inline double quotient(Double2 a, Double2 b) {  // correctly rounded but 
 
 // Coefficients b (columns) in powers of seconds of a combination of the basis, see powers_of_seconds() of
 // floatplan/motion/exact_polynomials.py.
-static inline void write_coefficients(const double *combination, const Double2 *time,
-                                      const Powers &powers, Index columns,
-                        double *b) {
+static inline void write_coefficients(const double *combination, const Double2 *time, const Powers &powers,
+                                      Index columns, double *b) {
     Double2 rest[MOST_COLUMNS];
-    for (Index k = 0; k < columns; ++k) {
-        rest[k] = {0, 0};
+    for (Index k = 0; k < columns; ++k)
         for (Index c = 0; c < columns; ++c) {
             double high = powers.columns[k * columns + c];
             if (high != 0 && combination[c] != 0)
                 rest[k] = rest[k] + Double2{high, powers.columns_low[k * columns + c]} * combination[c];
         }
-    }
     for (Index k = columns - 1; k >= 0; --k) {
         b[k] = quotient(rest[k], time[k]);
         Double2 rounding = rest[k] + time[k] * -b[k];

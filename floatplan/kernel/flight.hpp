@@ -174,16 +174,8 @@ class FlightUpdate {
 
     // p (n), or a derivative of it by time; at the nearer end outside of the motion's time.
     void argument(const double *motion, double time, Index order, double *p) const {
-        double u = smaller(larger((time - motion[0]) / (motion[1] - motion[0]), 0), 1), x = 2 * u - 1;
-        const double *polynomials = motion + 2 + order * columns * n;
-        double before = 1, polynomial = x;
-        for (Index i = 0; i < n; ++i) p[i] = polynomials[i];
-        for (Index r = 1; r < columns; ++r) {
-            for (Index i = 0; i < n; ++i) p[i] += polynomial * polynomials[r * n + i];
-            double next = 2 * x * polynomial - before;
-            before = polynomial;
-            polynomial = next;
-        }
+        const double u = smaller(larger((time - motion[0]) / (motion[1] - motion[0]), 0), 1);
+        chebyshev_sums(motion + 2 + order * columns * n, columns, n, u, 1, p);
     }
 
     void look_at(Index k, double time) {

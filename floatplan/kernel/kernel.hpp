@@ -120,18 +120,23 @@ struct Constraints {
 // What is wanted of a motion's rows.
 enum class Wanted : Index { rates, values, drift, jacobian, gradient };
 
+// How joints and h depend on so many variables x.
+struct Variables {
+    Index size, instants;
+    const double *basis;      // (3, instants, size): by x, of p and its derivatives
+    const Index *columns;     // (joints + 1): where each joint's x begin; then h
+    const double *axes;       // of h, by the rest of x
+    const double *of_axes;    // (3, instants, joints, axes): p by these too, or null
+};
+
 // One motion of a search at some instants, and by what its rows change.
 struct Evaluation {
-    Index size;
+    Variables variables;
     double momentum, back_off;
     const double *positions, *velocities, *accelerations;  // (instants, joints)
     const double *times, *attitude;                        // (instants)
-    const Index *target;                            // (instants, rows): where a row goes, negative: nowhere
+    const Index *target;                                   // (instants, rows): where a row goes, negative: nowhere
     const double *sine, *cosine, *p_rate, *p_curvature;    // (instants, joints) of JointMotion
-    const double *basis;                                   // (3, instants, size): by x, of p and its derivatives
-    const Index *columns;                           // (joints + 1): where each joint's x begin; then h
-    const double *axes;                                    // of h, by the rest of x
-    const double *of_axes;                                 // (3, instants, joints, axes): p by these too, or null
     const double *attitude_slopes;                         // (instants, size)
     Motion motion;
 };

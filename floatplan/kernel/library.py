@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from floatplan.errors import InputError
@@ -16,25 +16,18 @@ from floatplan.kernel.layout import FUNCTIONS
 INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 
 
-class Kernel:
+class Kernel(SimpleNamespace):
     """The library, loaded: its functions as ``kernel.cpp`` exports them."""
 
-    plan: Callable[..., int]
-    flight: Callable[..., None]
-    peaks: Callable[..., int]
-    motion_room: Callable[..., int]
-    rows: Callable[..., None]
-    flight_room: Callable[..., int]
-    minima: Callable[..., int]
-    quadratic: Callable[..., int]
+    instructions: Any
 
     def __init__(self, library: ctypes.CDLL) -> None:
-        exported: dict[str, Any] = {}
+        super().__init__()
         for name, (returned, arguments) in FUNCTIONS.items():
-            exported[name] = getattr(library, f"floatplan_{name}")
-            exported[name].restype, exported[name].argtypes = returned, arguments
-        vars(self).update(exported)
-        self.instructions = int(exported["instructions"]())
+            exported = getattr(library, f"floatplan_{name}")
+            exported.restype, exported.argtypes = returned, arguments
+            setattr(self, name, exported)
+        self.instructions = int(self.instructions())
 
 
 def _is_cut_off(path: Path) -> bool:
@@ -48,23 +41,6 @@ def _is_cut_off(path: Path) -> bool:
 
 
 @cache
-def _loaded() -> tuple[Kernel | None, str]:
-    """The kernel, and why it is not there."""
-    path = FOLDER / LIBRARY
-    if not path.is_file():
-        return None, "not compiled"
-    try:
-        if _is_cut_off(path):
-            return None, "damaged: python -m floatplan.kernel.build"
-        library = ctypes.CDLL(str(path))
-        library.floatplan_sources.restype = ctypes.c_char_p
-        if library.floatplan_sources().decode() != sources_digest():
-            return None, "compiled from other sources: python -m floatplan.kernel.build"
-        return Kernel(library), ""
-    except (OSError, AttributeError) as error:
-        return None, f"cannot be loaded: {error}"
-
-
 def kernel() -> Kernel:
     """Return the compiled kernel.
 
@@ -73,10 +49,18 @@ def kernel() -> Kernel:
     InputError
         It is not there or cannot be loaded: the installation is not complete.
     """
-    found, reason = _loaded()
-    if found is None:
-        raise InputError(f"the kernel cannot be used: {reason}", advice="install floatplan again")
-    return found
+    path, reason = FOLDER / LIBRARY, "not compiled"
+    try:
+        if path.is_file():
+            reason = "damaged: python -m floatplan.kernel.build"
+            if not _is_cut_off(path):
+                loaded = Kernel(ctypes.CDLL(str(path)))
+                if loaded.sources().decode() == sources_digest():
+                    return loaded
+                reason = "compiled from other sources: python -m floatplan.kernel.build"
+    except (OSError, AttributeError) as error:
+        reason = f"cannot be loaded: {error}"
+    raise InputError(f"the kernel cannot be used: {reason}", advice="install floatplan again")
 
 
 def description() -> str:

@@ -1,13 +1,5 @@
 // Rows of constraints of a flight, and their derivatives: of searches, and of the rest of a flight that is corrected.
 
-// How joints and h depend on the variables: as in Evaluation.
-struct Variables {
-    Index size, instants;
-    const double *basis;
-    const Index *columns;
-    const double *axes, *of_axes;
-};
-
 // What p, and as many of its derivatives as `orders` says, change by (count), times weights, added to a row; `apart` is
 // from one order to the next.
 static inline void add_orders(int orders, const double *weights, const double *by, Index apart,
@@ -223,10 +215,6 @@ static inline void evaluate_rows(const Robot &robot, const Constraints &constrai
     }
 }
 
-static inline Variables variables_of(const Evaluation &at) {
-    return {at.size, at.motion.instants, at.basis, at.columns, at.axes, at.of_axes};
-}
-
 // Derivatives (instants, size) by x of theta0', at so many of the first instants.
 static inline void evaluate_drift(const Robot &robot, Evaluation &at, Index instants, double *drift) {
     Motion &m = at.motion;
@@ -234,27 +222,26 @@ static inline void evaluate_drift(const Robot &robot, Evaluation &at, Index inst
     take(at.cosine, robot.joints, m, m.cosine);
     take(at.p_rate, robot.joints, m, m.p_rate);
     if (at.p_curvature) take(at.p_curvature, robot.joints, m, m.p_curvature);
-    zero(drift, instants * at.size);
-    for (Index k = 0; k < instants; ++k) chain_rate(variables_of(at), m, robot.joints, k, drift + k * at.size);
+    zero(drift, instants * at.variables.size);
+    for (Index k = 0; k < instants; ++k) chain_rate(at.variables, m, robot.joints, k, drift + k * at.variables.size);
 }
 
 // Derivatives (.., size) of the rows, each where at.target says; after values and drift of the same motion.
 static inline void evaluate_jacobian(const Robot &robot, const Constraints &constraints, Evaluation &at,
                                      double *jacobian) {
-    const Variables variables = variables_of(at);
     for (Index k = 0; k < at.motion.instants; ++k) {
         const Index *target = at.target + k * constraints.rows;
-        const double *attitude = at.attitude_slopes + k * at.size;
+        const double *attitude = at.attitude_slopes + k * at.variables.size;
         for (Index row = 0; row < constraints.rows; ++row) {
             if (target[row] < 0) continue;
-            double *slopes = jacobian + target[row] * at.size;
+            double *slopes = jacobian + target[row] * at.variables.size;
             const Index opposite = constraints.opposite[row];
             if (opposite < 0 || target[opposite] < 0) {
-                differentiate_row(robot, constraints, at.motion, variables, row, k, attitude, slopes);
+                differentiate_row(robot, constraints, at.motion, at.variables, row, k, attitude, slopes);
                 continue;
             }
-            const double *other = jacobian + target[opposite] * at.size;
-            for (Index c = 0; c < at.size; ++c) slopes[c] = -other[c];
+            const double *other = jacobian + target[opposite] * at.variables.size;
+            for (Index c = 0; c < at.variables.size; ++c) slopes[c] = -other[c];
         }
     }
 }
@@ -263,9 +250,9 @@ static inline void evaluate_jacobian(const Robot &robot, const Constraints &cons
 static inline void evaluate_gradient(const Robot &robot, const Constraints &constraints, Evaluation &at,
                                      const double *weights, Index instants, double *gradient) {
     const Index n = robot.joints, terms = 2 + 2 * n + robot.links;
-    zero(gradient, at.size);
+    zero(gradient, at.variables.size);
     for (Index k = 0; k < instants; ++k, weights += terms) {
         differentiate_sum(robot, at.motion, k, weights, constraints.needs_moments);
-        chain(variables_of(at), at.motion, n, k, constraints.needs_accelerations ? 2 : 1, gradient);
+        chain(at.variables, at.motion, n, k, constraints.needs_accelerations ? 2 : 1, gradient);
     }
 }

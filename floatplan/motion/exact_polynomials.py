@@ -64,10 +64,8 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     ``r_k L_k(s)``. L_k is small, and vanishes with two derivatives at both ends where its degree allows it: (13) does
     not suffer from the rounding of large terms, and p hardly does.
     """
-    factors = [_fixed_of_double(value) for value in combination]
-    rest = [
-        sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in _fixed_columns(len(combination) - CONDITIONS)
-    ]
+    factors, rows = [_fixed(value) for value in combination], _fixed_columns(len(combination) - CONDITIONS)
+    rest = [sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in rows]
     written = [0.0] * len(rest)
     for k in range(len(rest) - 1, -1, -1):
         unit, halvings = _unit(duration, k)
@@ -86,13 +84,8 @@ def _unit(duration: float, k: int) -> tuple[int, int]:
     return numerator**k << FIXED_POINT, k * (denominator.bit_length() - 1)
 
 
-def _fixed_of_double(value: float) -> int:
-    """In fixed point; a double's denominator is a power of two."""
-    numerator, denominator = value.as_integer_ratio()
-    return numerator << FIXED_POINT >> denominator.bit_length() - 1
-
-
-def _fixed(value: Fraction) -> int:
+def _fixed(value: Fraction | float) -> int:
+    """In fixed point."""
     numerator, denominator = value.as_integer_ratio()
     return (numerator << FIXED_POINT) // denominator
 

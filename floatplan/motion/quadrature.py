@@ -8,7 +8,6 @@ Theory and Approximation Practice, ch. 8 and 19).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -27,7 +26,6 @@ LOOKED_AT = 17  # instants about a candidate at each of them
 LOWEST = 8  # candidates
 
 
-@dataclass(frozen=True, eq=False)
 class GaussLegendre:
     """Gauss-Legendre quadrature with N nodes on [0, 1].
 
@@ -38,9 +36,10 @@ class GaussLegendre:
         Legendre coefficients (in 2 s - 1) of the interpolant, from values at the nodes.
     """
 
-    nodes: Array
-    weights: Array
-    transform: Array
+    def __init__(self, count: int) -> None:
+        x, w = legendre.leggauss(count)
+        self.nodes, self.weights = read_only((x + 1) / 2), read_only(w / 2)
+        self.transform = read_only((np.arange(count)[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w)
 
     def integrals(self, instants: Array) -> Array:
         """Matrix (len(instants), N): values at the nodes to integrals of their interpolant over [0, instant]."""
@@ -94,10 +93,7 @@ def chebyshev_values(x: Array, degree: int) -> Array:
 @lru_cache(maxsize=32)
 def gauss_legendre(count: int) -> GaussLegendre:
     """Return the quadrature with ``count`` nodes."""
-    x, w = legendre.leggauss(count)
-    degree = np.arange(count)
-    transform = (degree[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w
-    return GaussLegendre(read_only((x + 1) / 2), read_only(w / 2), read_only(transform))
+    return GaussLegendre(count)
 
 
 @lru_cache(maxsize=16)
@@ -208,7 +204,8 @@ def narrowed(
     if len(where) > AT_ONCE:
         parts = [slice(first, first + AT_ONCE) for first in range(0, len(where), AT_ONCE)]
         found = [narrowed(values, column[part], where[part], least[part], span, last) for part in parts]
-        return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+        where, least = map(np.concatenate, zip(*found, strict=True))
+        return where, least
     chosen = np.arange(len(where))
     for _ in range(CLOSER_LOOKS if len(where) else 0):
         around = np.clip(where[:, None] + span * np.linspace(-1, 1, LOOKED_AT), 0, last)

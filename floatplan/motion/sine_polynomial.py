@@ -58,7 +58,6 @@ class Form(NamedTuple):
         return tuple(condition for condition in range(CONDITIONS) if condition not in self.free_ends)
 
 
-@dataclass(frozen=True, eq=False)
 class Basis:
     """The polynomials of s whose combination is p: the Hermite ones of given conditions, then the free ones.
 
@@ -70,8 +69,12 @@ class Basis:
         The same in Chebyshev polynomials of 2 s - 1.
     """
 
-    powers: Array
-    chebyshev: Array
+    def __init__(self, form: Form) -> None:
+        columns = basis_columns(form.bubbles)
+        if form.free_ends:
+            ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
+            columns = np.concatenate((columns[:, form.given], ends, columns[:, CONDITIONS:]), axis=1)
+        self.powers, self.chebyshev = read_only(columns.astype(np.float64)), read_only(chebyshev_of_powers(columns))
 
     def values(self, s: Array) -> tuple[Array, Array, Array]:
         """Each column and its first two derivatives by s at the instants s: three arrays (len(s), 6+m)."""
@@ -88,20 +91,14 @@ class Basis:
     @cached_property
     def _derivatives(self) -> tuple[Array, Array]:
         """First and second derivatives by s of the columns, in Chebyshev polynomials of 2 s - 1."""
-        return (
-            read_only(chebyshev.chebder(self.chebyshev, scl=2)),
-            read_only(chebyshev.chebder(self.chebyshev, 2, scl=2)),
-        )
+        first, second = (read_only(chebyshev.chebder(self.chebyshev, order, scl=2)) for order in (1, 2))
+        return first, second
 
 
 @lru_cache(maxsize=32)
 def basis(form: Form) -> Basis:
     """Return the basis of a form: p has degree ``5 + form.bubbles``."""
-    columns = basis_columns(form.bubbles)
-    if form.free_ends:
-        ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
-        columns = np.concatenate((columns[:, form.given], ends, columns[:, CONDITIONS:]), axis=1)
-    return Basis(read_only(columns.astype(np.float64)), read_only(chebyshev_of_powers(columns)))
+    return Basis(form)
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
@@ -176,18 +173,8 @@ def joint_motion(
     p, p_rate = _one_after_the_other(value, coefficients), _one_after_the_other(first, coefficients)
     sine, cosine = amplitude * np.sin(p), amplitude * np.cos(p)
     per_second = 1 / duration
-    velocity_by_rate = per_second * cosine
-    return JointMotion(
-        positions=centre + sine,
-        velocities=velocity_by_rate * p_rate,
-        position_by_p=cosine,
-        velocity_by_rate=velocity_by_rate,
-        sine=sine,
-        p_rate=p_rate,
-        second=second,
-        coefficients=coefficients,
-        per_second=per_second,
-    )
+    by_rate = per_second * cosine
+    return JointMotion(centre + sine, by_rate * p_rate, cosine, by_rate, sine, p_rate, second, coefficients, per_second)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,18 +15,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.batch import (
-    EASY_ITERATIONS,
-    FEASIBLE,
-    FINE,
-    INFEASIBLE,
-    OPTIMAL,
-    QUADRATURE_ERROR,
-    UNRESOLVED,
-    Answers,
-    Rows,
-    Search,
-)
+from floatplan.kernel import batch
+from floatplan.kernel.batch import Answers, Rows, Search
 from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
@@ -46,21 +36,20 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
-from floatplan.plans.plans import Answer
+from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
-STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
+STATUS: dict[int, str] = {batch.INFEASIBLE: "infeasible", batch.FEASIBLE: "feasible", batch.OPTIMAL: "optimal"}
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
-COUNTS = ("evaluations", "iterations", "starts", "solved")
 ATTEMPTS = 300  # [-] most starts tried at each degree
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
-CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
+CAUTIOUS = replace(batch.FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +137,7 @@ class Outcome:
     @property
     def converged_quickly(self) -> bool:
         """Whether it is optimal, and took so few iterations that other starts promise little."""
-        return self.is_optimal and self.solution.iterations <= EASY_ITERATIONS
+        return self.is_optimal and self.solution.iterations <= batch.EASY_ITERATIONS
 
     @cached_property
     def objective_value(self) -> float:
@@ -231,7 +220,7 @@ class Attempts:
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
         model, variables, blocks = self.model, start.variables, self.constraints
-        settings = FINE if start.at_once and not blocks else CAUTIOUS
+        settings = batch.FINE if start.at_once and not blocks else CAUTIOUS
         level = self._level if start.at_once or not blocks else min(self._level + CLOSER, WATCHED_AT_MOST)
 
         def make_objective(nodes: Sampling) -> Objective:
@@ -245,7 +234,7 @@ class Attempts:
             """The start; of those followed at once the best motion without limits as well."""
             yield start.x
             if start.at_once:
-                yield solve(model, variables, make_objective, (), start.x, FINE, stop).x
+                yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
 
         if not blocks:
             compiled = follow_compiled(self.problem, model, start, settings.longest_step)
@@ -293,7 +282,7 @@ class Attempts:
     def _judge(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
         motion, counts = solution.evaluation.detail, self.model.flight.node_counts
-        level = max(motion.flown.level_needed(QUADRATURE_ERROR), self._level)
+        level = max(motion.flown.level_needed(batch.QUADRATURE_ERROR), self._level)
 
         def at_level(level: int) -> Trajectory:
             nodes = self.model.nodes(level, variables.polynomials.form)
@@ -301,11 +290,11 @@ class Attempts:
 
         if motion.model is not self.model or counts[level] > motion.sampling.grid.nodes:
             motion = at_level(level)
-        while motion.flown.unresolved > UNRESOLVED and level < len(counts) - 1:  # the level was foretold from few nodes
+        while motion.flown.unresolved > batch.UNRESOLVED and level < len(counts) - 1:
             level += 1
             motion = at_level(level)
         missed = max(map(abs, motion.residual[0].tolist()))
-        if motion.flown.unresolved > UNRESOLVED:
+        if motion.flown.unresolved > batch.UNRESOLVED:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, level, solution.x, motion)
         violation = missed if missed > ORIENTATION else 0.0

@@ -101,10 +101,9 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
             row = int(np.argmin(values[end]))
             if exists[end] and values[end, row] < -block.tolerance:
                 amount = -values[end, row] * block.scale[row]
-                sentences.append(
-                    f"At {verb} the {name} itself is impossible: {block.labels[row]} is violated by"
-                    f" {amount:.4g} {block.unit} ({block.cause.format(end=name)})."
-                )
+                violated = f"{block.labels[row]} is violated by {amount:.4g} {block.unit}"
+                cause = block.cause.format(end=name)
+                sentences.append(f"At {verb} the {name} itself is impossible: {violated} ({cause}).")
     return sentences
 
 
@@ -117,9 +116,8 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         number, row, value, s = best.worst.lowest
         block, time = prepared.constraints[number], s * prepared.problem.flight.duration
         amount = f"{-value * block.scale[row]:.4g} {block.unit}"
-        sentences.append(
-            f"In the nearest motion found, {block.labels[row]} is violated by {amount} at t = {time:.4f} s."
-        )
+        violated = f"{block.labels[row]} is violated by {amount}"
+        sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
     if not best.variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
     return [*sentences, f"{found.counts['starts']} starts were tried, up to degree {max(best.variables.degrees)}."]

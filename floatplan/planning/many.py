@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from floatplan.planning.attempt import STATUS
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions
-from floatplan.plans.plans import SOLVED, Answer, Plans
+from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, processes
 from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
@@ -31,6 +32,8 @@ from floatplan.problem.problem import Problem
 CHUNK = 2048  # problems of a batch
 AT_ONCE = 8  # problems that a process is given at a time
 LONGER = "search=True searches longer"
+# Plain problems of one robot, joint ranges and degrees: their indices (M,) among all, one of them, the numbers of some.
+_Batch: TypeAlias = tuple[IntArray, Problem, Callable[[IntArray], plain.Numbers]]
 PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.4 s
 
 
@@ -102,22 +105,13 @@ def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
     return max(map(len, degrees), default=0), max((max(each, default=0) for each in degrees), default=0) + 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Batch:
-    """Plain problems of one robot, joint ranges and degrees: their indices (M,) among all, and the numbers of some."""
-
-    indices: IntArray
-    like: Problem
-    numbers: Callable[[IntArray], plain.Numbers]
-
-
 def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], list[int]]:
     """Batches of plain problems, and the indices of the others."""
     if isinstance(problems, Family):
         indices = np.arange(len(problems))
         if not (plain.is_plain_family(problems) and len(problems)):
             return [], indices.tolist()
-        return [_Batch(indices, problems.base, lambda some: plain.Numbers.of_family(problems, some))], []
+        return [(indices, problems.base, lambda some: plain.Numbers.of_family(problems, some))], []
     groups: dict[object, list[int]] = {}
     others = []
     for index, problem in enumerate(problems):
@@ -129,23 +123,24 @@ def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], lis
     def numbers(some: IntArray) -> plain.Numbers:
         return plain.Numbers.of_problems([problems[index] for index in some.tolist()])
 
-    return [_Batch(np.array(group), problems[group[0]], numbers) for group in groups.values()], others
+    return [(np.array(group), problems[group[0]], numbers) for group in groups.values()], others
 
 
 def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions) -> list[int]:
     """Plan a batch in chunks; indices of the problems whose numbers may be bad are returned, not planned."""
-    solver = plain.solver(batch.like, batch.like.degrees)
+    all_indices, like, numbers_of = batch
+    solver = plain.solver(like, like.degrees)
     search = Search(starts=options.starts, most_starts=MOST_STARTS + options.starts - 1, seed=options.seed)
 
     def answered(chunk: IntArray) -> tuple[IntArray, plain.Numbers, Answers, list[int]]:
-        numbers, left = batch.numbers(chunk), []
+        numbers, left = numbers_of(chunk), []
         doubtful = numbers.doubtful()
         if doubtful.any():
             left, chunk = chunk[doubtful].tolist(), chunk[~doubtful]
             numbers = numbers.some(np.flatnonzero(~doubtful))
         return chunk, numbers, solver.plan(numbers.rows(), search), left
 
-    chunks = [batch.indices[first : first + CHUNK] for first in range(0, len(batch.indices), CHUNK)]
+    chunks = [all_indices[first : first + CHUNK] for first in range(0, len(all_indices), CHUNK)]
     left: list[int] = []
     with ThreadPoolExecutor(options.jobs) as pool:
         for indices, numbers, answers, doubtful in (map if options.jobs == 1 else pool.map)(answered, chunks):
@@ -164,33 +159,36 @@ def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, answers: Answ
     plans.residual[indices] = answers.residual
     _, n, columns = answers.coefficients.shape
     plans.coefficients[indices, :n, :columns] = answers.coefficients
-    for name in ("evaluations", "iterations", "starts", "solved"):
+    for name in COUNTS:
         getattr(plans, name)[indices] = getattr(answers, name)
     for index, starts in zip(indices[~solved].tolist(), answers.starts[~solved].tolist(), strict=True):
         plans.messages[index] = f"No plan was found from {starts} starts; {LONGER}."
 
 
 def _finish(plans: Plans, tasks: Sequence[tuple[int, Answer | None]], options: SearchOptions, jobs: int) -> None:
-    """Answer problems one by one, in this process or several; see :func:`_answered`."""
+    """Answer problems one by one, in this process or several; see :func:`_answering`."""
     groups = [(tasks[first : first + AT_ONCE],) for first in range(0, len(tasks), AT_ONCE)]
     several = jobs > 1 and len(tasks) > 1
     ready = (plans.problems, options)
-    with processes(jobs, (__name__,), _receive, *ready) if several else nullcontext() as pool:
-        answers = in_order(pool, _answer, groups, lambda group: _answered(group, *ready))
+    with processes(jobs, (__name__,), _answering, *ready) if several else nullcontext() as pool:
+        answers = in_order(pool, groups, _answering(*ready))
         for (index, _), answer in zip(tasks, chain.from_iterable(answers), strict=True):
             plans.keep(index, answer)
 
 
-def _answered(
-    tasks: Sequence[tuple[int, Answer | None]], problems: Sequence[Problem], options: SearchOptions
-) -> Iterator[Answer]:
-    """Answer problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
-    for index, known in tasks:
+def _answering(
+    problems: Sequence[Problem], options: SearchOptions
+) -> Callable[[Sequence[tuple[int, Answer | None]]], list[Answer]]:
+    """Return what answers problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
+
+    def answered(index: int, known: Answer | None) -> Answer:
         try:
             problem = problems[index]
-            yield _proved(problem, known, options) if known else _searched(problem, options)
+            return _proved(problem, known, options) if known else _searched(problem, options)
         except InputError as error:
-            yield Answer("error", message=str(error))
+            return Answer("error", message=str(error))
+
+    return one_thread(lambda tasks: [answered(*task) for task in tasks])
 
 
 def _searched(problem: Problem, options: SearchOptions) -> Answer:
@@ -212,17 +210,3 @@ def _proved(problem: Problem, answer: Answer, options: SearchOptions) -> Answer:
     if better.certificate is None or (not better.certificate.proved and certificate.verdict == "undecided"):
         better = judged(plan, certificate)
     return Answer.of_plan(better, better.status if better.ok else answer.status)
-
-
-_given: tuple[Sequence[Problem], SearchOptions]
-
-
-def _receive(problems: Sequence[Problem], options: SearchOptions) -> None:
-    """Make a process ready."""
-    global _given
-    _given = problems, options
-
-
-@one_thread
-def _answer(tasks: Sequence[tuple[int, Answer | None]]) -> list[Answer]:
-    return list(_answered(tasks, *_given))

@@ -119,9 +119,8 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
     record = plan.record.with_checks(certificate=certificate.to_dict())
     failed = [finding for finding in certificate.findings if finding.verdict == certificate.verdict]
     if certificate.proved:
-        return plan.with_record(
-            replace(record, explanation="The flight is proved: all that is asked of it holds at all times.")
-        )
+        said = "The flight is proved: all that is asked of it holds at all times."
+        return plan.with_record(replace(record, explanation=said))
     said = "; ".join(_sentence(finding) for finding in failed)
     if certificate.verdict == "refuted":
         return plan.with_record(replace(record, ok=False, status="infeasible", explanation=f"Refuted: {said}."))
@@ -161,6 +160,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     of_joints: dict[str, Any] = {
         key: list(less(key, robot.joints, values).values()) for key, values in problem.joint_limits.items()
     }
+    curves = zip(less("motor", robot.motors, problem.motor_stall).items(), problem.motor_slope, strict=True)
     rate = limits.orientation_rate
     return replace(
         problem,
@@ -169,13 +169,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
             limits,
             **of_joints,
             torque=torque,
-            motor={
-                name: Motor(stall, slope)
-                for (name, stall), slope in zip(
-                    less("motor", robot.motors, problem.motor_stall).items(), problem.motor_slope, strict=True
-                )
-                if math.isfinite(stall)
-            },
+            motor={name: Motor(stall, slope) for (name, stall), slope in curves if math.isfinite(stall)},
             orientation_rate=None if rate is None else rate - more("orientation_rate"),
         ),
         obstacles=tuple(

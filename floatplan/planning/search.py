@@ -236,12 +236,12 @@ def _outcomes(
 
     ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
     several = options.jobs > 1
-    with processes(options.jobs, (__name__,), _prepare, *ready) if several else nullcontext() as pool:
+    with processes(options.jobs, (__name__,), _attempting, *ready) if several else nullcontext() as pool:
         for degrees, attempts in _stages(prepared.problem):
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
             numbers = range(together.starts if together else 0, attempts)
             tried: list[Outcome] = []
-            for outcome in in_order(pool, _attempt, [(degrees, raised, number) for number in numbers], here):
+            for outcome in in_order(pool, [(degrees, raised, number) for number in numbers], here):
                 if outcome is None:  # there are not so many starts
                     break
                 if not allowance.grants(outcome, is_first):
@@ -283,22 +283,19 @@ def _follow(
     return prepared.attempt(known[number], expired, most_work) if number < len(known) else None
 
 
-_prepared: Attempts
-_expired: Callable[[], bool]
-_most_work: float
-
-
 @one_thread
-def _prepare(problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float) -> None:
-    """Make a process ready for attempts."""
-    global _prepared, _expired, _most_work
-    _prepared, _expired, _most_work = Attempts(problem, seed, momentum), expiry(budget), most_work
+def _attempting(
+    problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float
+) -> Callable[..., Outcome | None]:
+    """Return what follows starts in a process of its own, by degrees, given starts and number."""
+    prepared, expired = Attempts(problem, seed, momentum), expiry(budget)
 
+    @one_thread
+    def attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
+        outcome = _follow(prepared, given, number, degrees, expired, most_work)
+        return _portable(outcome) if outcome else None
 
-@one_thread
-def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-    outcome = _follow(_prepared, given, number, degrees, _expired, _most_work)
-    return _portable(outcome) if outcome else None
+    return attempt
 
 
 def _portable(outcome: Outcome) -> Outcome:

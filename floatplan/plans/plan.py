@@ -22,8 +22,7 @@ from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import PlanRecord
-from floatplan.plans.schema import check_asked
+from floatplan.plans.record import PlanRecord, check_asked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict

@@ -16,8 +16,7 @@ from floatplan.arguments import in_short, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
-from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
-from floatplan.plans.schema import FILE, check_asked
+from floatplan.plans.record import FILE, FORMAT, PlanRecord, RobotRecord, check_asked
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.robot.urdf.example_robots import PREFIX
 
@@ -57,7 +56,7 @@ def checked(record: PlanRecord) -> PlanRecord:
     Raises
     ------
     InputError
-        As :func:`load_record` and :func:`~floatplan.plans.schema.check_asked`; and of numbers that are not finite,
+        As :func:`load_record` and :func:`~floatplan.plans.record.check_asked`; and of numbers that are not finite,
         which a file would hold as ``null``.
     """
     check_depth(vars(record))

@@ -1,22 +1,49 @@
-"""What is answered, as data: exactly what a plan file holds. No physics.
+"""What is answered, as data: exactly what a plan file holds, its keys, and what each may be. No physics.
 
 The file is JSON, format ``floatplan.plan/1``. Numbers are written so that they read back bit for bit; a number that
-does not exist (no obstacle, no limit) is ``null``.
+does not exist (no obstacle, no limit) is ``null``. A key of its problem that the certificate does not know is something
+that it would not prove, and a value of another kind something that it would pass over: both are refused, and so are the
+few numbers that have to fit each other.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    by_joint,
+    by_name,
+    flag,
+    many,
+    one_of,
+    optional,
+    pair,
+    positive,
+    text,
+    whole,
+)
+from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, Range
 
 FORMAT = "floatplan.plan/1"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
+SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
+NO_KEY = "must not be there: a plan file has no such key"
+NOT_PROVED = "is not known, and so cannot be proved"
+
+number = FINITE
+non_negative = number_in(Range(0.0, math.inf, ""))
 
 
 @dataclass(frozen=True)
@@ -126,3 +153,195 @@ class PlanRecord:
     def save(self, path: str | Path) -> Path:
         """Write the plan file; it appears whole or not at all."""
         return write_atomically(path, self.to_json())
+
+
+def table(value: Any, element: str) -> None:
+    """Check that something is a table."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"must be a table, not {value!r}", element=element)
+
+
+@dataclass(frozen=True)
+class KeyedTable:
+    """A table with these keys and no others, unless ``unknown``, what is said of others, is left empty."""
+
+    keys: Mapping[str, Check]
+    optional: Mapping[str, Check] = field(default_factory=dict)
+    unknown: str = NOT_PROVED
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        table(value, element)
+        inside = f"{element}." if element else ""
+        for name, item in value.items():
+            check = self.keys.get(name) or self.optional.get(name)
+            if check is not None:
+                check(item, inside + name)
+            elif self.unknown:
+                raise InputError(self.unknown, element=f"{inside}{name}")
+        for name in self.keys:
+            if name not in value:
+                raise InputError("is missing", element=inside + name)
+
+
+POINT = pair(number)
+
+
+def direction(value: Any, element: str) -> None:
+    """Check that something is two numbers that are not both zero."""
+    POINT(value, element)
+    if not any(value):
+        raise InputError("has length zero", element=element)
+
+
+def _anything(value: Any, element: str) -> None:
+    """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
+
+
+ROBOT = KeyedTable(
+    {"urdf": text, "sha256": text, "joints": many(text, "names"), "plane": text},
+    {
+        "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
+        "locked": by_name(number),
+        "meshes": by_name(text),
+        "resting": many(number, "numbers"),
+        **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
+    },
+    NO_KEY,
+)
+FILE = KeyedTable(
+    {
+        "format": one_of(FORMAT),
+        "status": one_of("optimal", "feasible", "infeasible", "interrupted"),
+        "ok": flag,
+        "explanation": text,
+        "problem": KeyedTable({"flight": KeyedTable({"duration": positive()}, unknown="")}, unknown=""),
+        "robot": ROBOT,
+        "angular_momentum": number,
+        "angular_momentum_bounds": POINT,
+        **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),
+        "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
+        "com": KeyedTable({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
+        "objective": KeyedTable({"name": text, "value": number}, unknown=NO_KEY),
+        "clearance_min": optional(number),
+        "solver": KeyedTable({}, dict.fromkeys(SOLVER, optional(number)), unknown=""),
+        "problem_file": optional(text),
+    },
+    {
+        "motor_torque_peak": optional(by_name(number)),
+        **dict.fromkeys(("warnings", "utilisation"), optional(many(table, "tables"))),
+        "out_of_plane_leak": optional(number),
+        **dict.fromkeys(("certificate", "replay"), optional(table)),
+        "floatplan": text,
+    },
+    NO_KEY,
+)
+
+DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
+SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
+OBSTACLES: Mapping[str, Mapping[str, Check]] = {
+    "circle": {"center": POINT, "radius": non_negative},
+    "half-plane": {"point": POINT, "normal": direction},
+    "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
+}
+
+
+@lru_cache(maxsize=8)
+def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTable:
+    """What a problem may hold whose planned joints are ``joints``, and those with a motor ``moving``."""
+    n = len(joints)
+    numbers = many(number, "numbers", n)
+    limits = many(optional(number), "numbers", n)
+    postures = {
+        end: KeyedTable(
+            {"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers},
+            optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
+        )
+        for end, rest in REST.items()
+    }
+    flight: dict[str, Check] = {
+        "duration": positive(),
+        "angular_momentum": one_of("midpoint", "free", or_number=number),
+        "takeoff": KeyedTable({"frame": text, "position": POINT}),
+        "landing": KeyedTable({"frame": text, "height": number}),
+        "horizontal_velocity": number,
+        "gravity": number,
+    }
+    kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
+    motor = KeyedTable({"stall": positive(), "slope": non_negative})
+    may_be_kept: dict[str, Check] = {
+        "motor": KeyedTable({}, dict.fromkeys(moving, motor)),
+        "motor_torque": KeyedTable({}, dict.fromkeys(moving, positive())),
+        "orientation_rate": optional(number),
+    }
+    for row in JOINT_LIMITS:
+        (kept if row.always else may_be_kept)[row.key] = limits
+    return KeyedTable(
+        {
+            **postures,
+            "flight": KeyedTable(flight),
+            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVES)}),
+            "limits": KeyedTable(kept, may_be_kept),
+        },
+        {
+            "name": text,
+            "ground": flag,
+            "obstacles": many(_obstacle, "obstacles"),
+            "self_clearance": many(_pair, "tables"),
+            "jump": table,  # around the flight, of which nothing is proved
+        },
+    )
+
+
+def _obstacle(value: Any, element: str) -> None:
+    table(value, element)
+    kind = one_of(*OBSTACLES)(value.get("kind"), f"{element}.kind")
+    KeyedTable({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
+    window = value.get("window")
+    if window is not None and not window[0] <= window[1]:
+        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
+
+
+def _pair(value: Any, element: str) -> None:
+    KeyedTable({"links": pair(text, "names of links")}, {"margin": non_negative})(value, element)
+    if value["links"][0] == value["links"][1]:
+        raise InputError("names one link twice", element=f"{element}.links")
+
+
+def check_asked(record: PlanRecord) -> None:
+    """Refuse what the certificate would pass over.
+
+    Raises
+    ------
+    InputError
+        A table of the problem holds a key that is not known or lacks one, a value is of the wrong kind, a list is not
+        one entry per joint; or degree, objective and coefficients do not fit together.
+    """
+    joints, problem = record.robot.joints, record.problem
+    if len(set(joints)) != len(joints):
+        raise InputError("names a joint twice", element="robot.joints")
+    problem_table(joints, (*joints, *record.robot.coupled))(problem, "problem")
+    for name in ("obstacles", "self_clearance"):
+        count = len(problem.get(name) or ())
+        if count > MOST_OBSTACLES:
+            raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=f"problem.{name}")
+    _check_degree(record)
+    objective = problem["motion"]["objective"]
+    if record.objective["name"] != objective:
+        raise InputError(f"is {record.objective['name']!r}, but {objective!r} is asked", element="objective.name")
+
+
+def _check_degree(record: PlanRecord) -> None:
+    """The coefficients are those of polynomials of the degrees asked for, (12)."""
+    degree, joints = record.problem["motion"]["degree"], record.robot.joints
+    if isinstance(degree, str):
+        return
+    degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * len(joints)
+    if len(degrees) != len(joints):
+        raise InputError(f"must have {len(joints)} entries, not {len(degrees)}", element="problem.motion.degree")
+    written = record.coefficients.shape[1] - 1
+    if max(degrees, default=written) != written:
+        raise InputError(f"is {degree}, but the coefficients are of degree {written}", element="problem.motion.degree")
+    for joint, row, own in zip(joints, record.coefficients, degrees, strict=True):
+        if row[own + 1 :].any():
+            raise InputError(f"is {own} for {joint}, whose coefficients go beyond", element="problem.motion.degree")

@@ -63,7 +63,7 @@ def same_modules() -> Iterator[None]:
 
 @contextmanager
 def processes(
-    count: int, modules: tuple[str, ...], prepare: Callable[..., None] | None = None, *given: Any
+    count: int, modules: tuple[str, ...], prepare: Callable[..., Any] | None = None, *given: Any
 ) -> Iterator[Executor]:
     """Make processes that end at once, amid their work too, where they are let go or this process ends.
 
@@ -72,7 +72,7 @@ def processes(
     count : int
     modules : names of what they need, loaded before they begin
     prepare : callable, optional
-        Called with ``given`` in each process when it begins.
+        Called with ``given`` in each process when it begins; what it returns does the tasks of :func:`in_order`.
     """
     from concurrent.futures import ProcessPoolExecutor  # here, because :func:`get_ready` does without
 
@@ -87,17 +87,15 @@ def processes(
             answers._writer.close()  # else the rest of what a process was sending when it ended is waited for
 
 
-def in_order(
-    pool: Executor | None, work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], alone: Callable[..., Any]
-) -> Iterator[Any]:
-    """Yield what ``work`` makes of the arguments of each task, in their order, by the processes of a pool.
+def in_order(pool: Executor | None, tasks: Sequence[tuple[Any, ...]], alone: Callable[..., Any]) -> Iterator[Any]:
+    """Yield what the processes of a pool make of the arguments of each task, in their order.
 
     What is lost where the system kills a process, and all of it without a pool, is done by ``alone``, here, when its
     turn comes.
     """
     futures: list[Future[Any]] = []
     with suppress(BrokenExecutor):
-        futures += [pool.submit(work, *task) for task in tasks] if pool else []
+        futures += [pool.submit(_do, *task) for task in tasks] if pool else []
     for task, future in zip_longest(tasks, futures):
         try:
             result = future.result() if future else alone(*task)
@@ -106,7 +104,14 @@ def in_order(
         yield result
 
 
-def _begin(ended: Connection, prepare: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+_work: Callable[..., Any]  # of a process that is ready
+
+
+def _do(*task: Any) -> Any:
+    return _work(*task)
+
+
+def _begin(ended: Connection, prepare: Callable[..., Any] | None, given: tuple[Any, ...]) -> None:
     """Make a process ready: Ctrl-C is for the main one; where that lets go of its end of a pipe, this one goes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -116,4 +121,5 @@ def _begin(ended: Connection, prepare: Callable[..., None] | None, given: tuple[
 
     threading.Thread(target=watch, daemon=True).start()
     if prepare is not None:
-        prepare(*given)
+        global _work
+        _work = prepare(*given)

@@ -243,8 +243,11 @@ class Obstacle(Keyed):
 
     @property
     def thickness(self) -> float:
-        """Least width, m: a point that moves less between two instants cannot have passed through unseen."""
-        return min(piece.thickness for piece in self.pieces)
+        """Least width, m: a point that moves less between two instants cannot have passed through unseen.
+
+        Nothing passes through what has no radius, a half-plane.
+        """
+        return min(2 * getattr(piece, "radius", math.inf) for piece in self.pieces)
 
     @property
     def where(self) -> str:
@@ -287,11 +290,6 @@ class Circle(Obstacle):
         return cls(center=(place.real, place.imag), radius=0.1 * size)
 
     @property
-    def thickness(self) -> float:
-        """The diameter."""
-        return 2 * self.radius
-
-    @property
     def where(self) -> str:
         """Centre and radius."""
         return f"at ({shortened(self.center, 6)}) m, radius {self.radius:g} m"
@@ -311,11 +309,6 @@ class HalfPlane(Obstacle):
     def example(cls, place: complex, size: float) -> Self:
         """A ceiling."""
         return cls(point=(place.real, place.imag), normal=(0.0, -1.0))
-
-    @property
-    def thickness(self) -> float:
-        """Nothing passes through a half-plane."""
-        return math.inf
 
     @property
     def where(self) -> str:
@@ -350,11 +343,6 @@ class Bar(Obstacle):
         """A level bar."""
         ends = (place.real - 0.2 * size, place.imag), (place.real + 0.2 * size, place.imag)
         return cls(start=ends[0], end=ends[1], radius=0.04 * size)
-
-    @property
-    def thickness(self) -> float:
-        """Across."""
-        return 2 * self.radius
 
     @property
     def where(self) -> str:

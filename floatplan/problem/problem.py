@@ -18,27 +18,14 @@ from floatplan.arguments import Check, Checked, flag, html_table, made, many, op
 from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
 from floatplan.pool.threads import one_thread
-from floatplan.problem import resolution
+from floatplan.problem import parts, resolution
 from floatplan.problem.jump import JumpRequest, jump_errors
-from floatplan.problem.parts import (
-    OBSTACLE_KINDS,
-    Flight,
-    Ground,
-    JointState,
-    Landing,
-    Limits,
-    Motion,
-    Obstacle,
-    Posture,
-    SelfClearance,
-    Takeoff,
-)
 from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
-from floatplan.tables import LimitKey
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitKey
 
 LONGEST_LIST = 12  # [-] joints listed one by one
-PAIRS = many(made(SelfClearance), "SelfClearance")
+PAIRS = many(made(parts.SelfClearance), "SelfClearance")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,19 +55,19 @@ class Problem(Checked):
     """
 
     robot: Robot
-    start: Posture
-    goal: Posture
-    flight: Flight
-    motion: Motion = field(default_factory=Motion)
-    limits: Limits = field(default_factory=Limits)
-    obstacles: tuple[Obstacle, ...] = ()
-    self_clearances: tuple[SelfClearance, ...] = ()
+    start: parts.Posture
+    goal: parts.Posture
+    flight: parts.Flight
+    motion: parts.Motion = field(default_factory=parts.Motion)
+    limits: parts.Limits = field(default_factory=parts.Limits)
+    obstacles: tuple[parts.Obstacle, ...] = ()
+    self_clearances: tuple[parts.SelfClearance, ...] = ()
     name: str = "flight"
     ground: bool = False
     jump: JumpRequest | None = None
     written: InitVar[str | None] = None
-    initial: JointState = field(init=False)
-    final: JointState = field(init=False)
+    initial: parts.JointState = field(init=False)
+    final: parts.JointState = field(init=False)
     position_limits: Array = field(init=False)
     joint_limits: Mapping[LimitKey, Array] = field(init=False)
     torque_limits: Array = field(init=False)
@@ -88,17 +75,17 @@ class Problem(Checked):
     motor_stall: Array = field(init=False)
     motor_slope: Array = field(init=False)
     degrees: tuple[int, ...] = field(init=False)
-    takeoff: Takeoff = field(init=False)
-    landing: Landing = field(init=False)
+    takeoff: parts.Takeoff = field(init=False)
+    landing: parts.Landing = field(init=False)
     file_text: str | None = field(init=False, repr=False)
     checks: ClassVar[Mapping[str, Check]] = {
         "robot": made(Robot, advice="load it with Robot.from_urdf"),
-        "start": made(Posture),
-        "goal": made(Posture),
-        "flight": made(Flight),
-        "motion": made(Motion),
-        "limits": made(Limits),
-        "obstacles": many(made(*OBSTACLE_KINDS.values()), "obstacles"),
+        "start": made(parts.Posture),
+        "goal": made(parts.Posture),
+        "flight": made(parts.Flight),
+        "motion": made(parts.Motion),
+        "limits": made(parts.Limits),
+        "obstacles": many(made(*parts.OBSTACLE_KINDS.values()), "obstacles"),
         "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
         "name": text,
         "ground": flag,
@@ -204,7 +191,7 @@ class Problem(Checked):
 
     @cached_property
     @one_thread
-    def ground_plane(self) -> Ground:
+    def ground_plane(self) -> parts.Ground:
         """The half-plane below the ground's line, asked for or not.
 
         Raises
@@ -213,7 +200,7 @@ class Problem(Checked):
             The collision geometry of the takeoff link is wrong.
         """
         height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
-        return Ground(point=(0.0, height), normal=(0.0, 1.0))
+        return parts.Ground(point=(0.0, height), normal=(0.0, 1.0))
 
     @cached_property
     def ground_shapes(self) -> tuple[LinkCapsule, ...]:
@@ -262,9 +249,55 @@ class Problem(Checked):
         return self.motion.degree == "auto"
 
 
-def _posture(state: JointState, joints: Sequence[str]) -> str:
+def _posture(state: parts.JointState, joints: Sequence[str]) -> str:
     angles = np.rad2deg([state.orientation, *state.positions]) + 0.0
     if len(joints) <= LONGEST_LIST:
         return ", ".join(f"{name} {angle:.5g}°" for name, angle in zip(("orientation", *joints), angles, strict=True))
     listed = ", ".join(f"{angle:.5g}" for angle in angles[1 : LONGEST_LIST + 1])
     return f"orientation {angles[0]:.5g}°, joints {listed}, … ({len(joints)} in all)°"
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """Limits (r,) of a key, in a unit, and what is used of them: the magnitudes of two sums of quantities, together.
+
+    ``used, also`` : weights (r, m) of quantities by their names; their sums are 1 where the whole of a limit is used
+    """
+
+    key: LimitKey
+    labels: tuple[str, ...]
+    limit: Array
+    unit: str
+    used: Mapping[str, Array]
+    also: Mapping[str, Array] = field(default_factory=dict)
+
+
+def shares_of_limits(problem: Problem, tangent: int = 1) -> Iterator[Shares]:
+    """Yield what a problem's limits bound of motions whose base turns in so many directions.
+
+    They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates
+    and accelerations, of motors that are weaker when they turn, and of the base's rate.
+    """
+    robot, own = problem.robot, problem.motor_torque_limits
+    implied = ((robot.motor_ratios == 0) | np.isfinite(own)[:, None]).all(axis=0)
+    generalized = np.where(implied, np.inf, problem.torque_limits)
+    of_motors, of_joints = (robot.motors, np.eye(len(robot.motors))), (robot.joints, np.eye(len(robot.joints)))
+    kinds: list[tuple[LimitKey, str, Array, tuple[Sequence[str], Array], Array | None]] = [
+        ("torque", "torque", own, of_motors, None),
+        ("torque", "generalized torque", generalized, (robot.joints, robot.motor_ratios.T), None),
+        *((row.key, row.key, problem.joint_limits[row.key], of_joints, None) for row in JOINT_LIMITS),
+        ("torque", "speed-dependent torque", problem.motor_stall, of_motors, problem.motor_slope),
+    ]
+    for key, what, limits, (subjects, rows), slope in kinds:
+        limited = np.flatnonzero(np.isfinite(limits))
+        if limited.size:
+            row, limit = LIMIT_TABLE[key], limits[limited]
+            names = tuple(f"{what} of {subjects[i]}" for i in limited.tolist())
+            also = (
+                {} if slope is None else {"velocities": (slope[limited] / limit)[:, None] * robot.motor_ratios[limited]}
+            )
+            yield Shares(key, names, limit, row.unit, {row.quantity: rows[limited] / limit[:, None]}, also)
+    if problem.limits.orientation_rate is not None:
+        row, limit = LIMIT_TABLE["orientation_rate"], np.full(tangent, problem.limits.orientation_rate)
+        used = {row.quantity: np.eye(tangent) / limit[:, None]}
+        yield Shares(row.key, ("orientation rate",) * tangent, limit, row.unit, used)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.errors import InputError, refuse
+from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
 from floatplan.problem.parts import JointState, JointValues
 from floatplan.robot.robot import Frame, Robot
@@ -63,9 +64,8 @@ def _joint_values(robot: Robot, values: Any, element: str, default: float | None
         check_joint_names(robot, values, element)
         missing = [joint for joint in robot.joints if joint not in values]
         if missing and default is None:
-            raise InputError(
-                f"no value for joint {missing[0]!r}", element=element, advice=f"give one for each of {listed(robot)}"
-            )
+            advice = f"give one for each of {listed(robot)}"
+            raise InputError(f"no value for joint {missing[0]!r}", element=element, advice=advice)
         filled = [values.get(joint, default) for joint in robot.joints]
     else:
         filled = [values] * len(robot.joints) if isinstance(values, int | float) else values
@@ -116,16 +116,14 @@ def check_joint_names(robot: Robot, values: Mapping[str, object], element: str) 
     """Refuse names that are not those of planned joints."""
     for joint in values:
         if joint not in robot.joints:
-            raise InputError(
-                f"{joint!r} is not a planned joint of the robot", element=element, advice=f"joints: {listed(robot)}"
-            )
+            reason = f"{joint!r} is not a planned joint of the robot"
+            raise InputError(reason, element=element, advice=f"joints: {listed(robot)}")
 
 
 def _check_frame(robot: Robot, name: str, element: str) -> None:
     if name not in robot.frames:
-        raise InputError(
-            f"the robot has no frame {name!r}", element=element, advice=f"frames: {', '.join(sorted(robot.frames))}"
-        )
+        advice = f"frames: {', '.join(sorted(robot.frames))}"
+        raise InputError(f"the robot has no frame {name!r}", element=element, advice=advice)
 
 
 def listed(robot: Robot) -> str:
@@ -151,9 +149,8 @@ def position_limits(robot: Robot, limits: parts.Limits) -> Array:
         if not low < high:
             raise InputError(f"low {low} is not below high {high}", element=element)
         if high - low < NARROWEST:
-            raise InputError(
-                f"[{low}, {high}] is narrower than {NARROWEST:g} rad", element=element, advice="lock the joint"
-            )
+            reason = f"[{low}, {high}] is narrower than {NARROWEST:g} rad"
+            raise InputError(reason, element=element, advice="lock the joint")
         given[robot.joints.index(joint)] = low, high
     return read_only(given)
 
@@ -167,13 +164,11 @@ def joint_limits(robot: Robot, limits: parts.Limits) -> dict[str, Array]:
         All that is wrong with them.
     """
     resolved: dict[str, Array] = {}
-    errors = []
-    for row in JOINT_LIMITS:
-        try:
-            resolved[row.key] = _joint_limit(robot, row, getattr(limits, row.key))
-        except InputError as error:
-            errors.append(error)
-    refuse(errors)
+
+    def resolve(row: LimitRow) -> None:
+        resolved[row.key] = _joint_limit(robot, row, getattr(limits, row.key))
+
+    refuse(faults(partial(resolve, row) for row in JOINT_LIMITS))
     return resolved
 
 
@@ -235,17 +230,11 @@ def _of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: An
     for joint in given:
         if joint in robot.coupled and joint not in robot.motors:
             leader = robot.coupled[joint].leader
-            raise InputError(
-                f"{joint!r} has no motor of its own: the URDF couples it to {leader!r} by <mimic>",
-                element=element,
-                advice=f"set that of {leader!r}",
-            )
+            reason = f"{joint!r} has no motor of its own: the URDF couples it to {leader!r} by <mimic>"
+            raise InputError(reason, element=element, advice=f"set that of {leader!r}")
         if joint not in robot.motors:
-            raise InputError(
-                f"{joint!r} is not a planned joint of the robot, nor one coupled to it",
-                element=element,
-                advice=f"joints: {', '.join(robot.motors)}",
-            )
+            reason = f"{joint!r} is not a planned joint of the robot, nor one coupled to it"
+            raise InputError(reason, element=element, advice=f"joints: {', '.join(robot.motors)}")
     leaders = [robot.joints[index] for index in _leaders(robot).tolist()]
     return [given.get(motor, given.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
 
@@ -259,37 +248,27 @@ def end_errors(
     rest where no frame is named that stands on the ground.
     """
     if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
-        yield InputError(
-            f"{REST[element]!r} needs a frame that stands on the ground",
-            element=f"{element}.velocities",
-            advice=f"name it as flight.{REST[element]}, or give the rates",
-        )
-    values = (state.positions.tolist(), state.velocities.tolist(), state.accelerations.tolist())
-    for joint, (low, high), position, velocity, acceleration in zip(
-        robot.joints, limits.tolist(), *values, strict=True
-    ):
+        reason = f"{REST[element]!r} needs a frame that stands on the ground"
+        advice = f"name it as flight.{REST[element]}, or give the rates"
+        yield InputError(reason, element=f"{element}.velocities", advice=advice)
+    values = (each.tolist() for each in (limits, state.positions, state.velocities, state.accelerations))
+    for joint, (low, high), position, velocity, acceleration in zip(robot.joints, *values, strict=True):
         inside = min(position - low, high - position)
         if inside > EDGE * (high - low):
             continue
         edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
         if not inside >= 0:
             degrees, lowest, highest = map(math.degrees, (position, low, high))
-            yield InputError(
-                f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
-                f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})",
-                element=f"{element}.positions.{joint}",
-                advice="move it inside, or widen the range with limits.position",
-            )
+            reason = f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
+            reason += f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})"
+            advice = "move it inside, or widen the range with limits.position"
+            yield InputError(reason, element=f"{element}.positions.{joint}", advice=advice)
         elif not (velocity == 0 or math.isnan(velocity)):
-            yield InputError(
-                f"{velocity:.6g} rad/s {edge}",
-                element=f"{element}.velocities.{joint}",
-                advice="a joint can only be on the edge of its range at rest",
-            )
+            advice = "a joint can only be on the edge of its range at rest"
+            yield InputError(f"{velocity:.6g} rad/s {edge}", element=f"{element}.velocities.{joint}", advice=advice)
         elif acceleration * (2 * position - low - high) > 0:
-            yield InputError(
-                f"{acceleration:.6g} rad/s^2 {edge} points out of it", element=f"{element}.accelerations.{joint}"
-            )
+            reason = f"{acceleration:.6g} rad/s^2 {edge} points out of it"
+            yield InputError(reason, element=f"{element}.accelerations.{joint}")
 
 
 def surroundings_errors(
@@ -304,26 +283,19 @@ def surroundings_errors(
             yield InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
     shapes = len(robot.shapes) if obstacles else 0
     if len(obstacles) <= MOST_OBSTACLES and shapes * len(obstacles) > MOST_DISTANCES:
-        yield InputError(
-            f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances",
-            element="obstacles",
-            advice="leave some out, or simplify the robot's collision geometry",
-        )
+        reason = f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances"
+        advice = "leave some out, or simplify the robot's collision geometry"
+        yield InputError(reason, element="obstacles", advice=advice)
     for index, obstacle in enumerate(obstacles):
         start, end = obstacle.window or (0.0, duration)
         if obstacle.window and (end < 0 or start > duration):
-            yield InputError(
-                f"the window [{start}, {end}] s lies outside the flight of {duration} s",
-                element=f"obstacles[{index}].window",
-            )
+            reason = f"the window [{start}, {end}] s lies outside the flight of {duration} s"
+            yield InputError(reason, element=f"obstacles[{index}].window")
     known = {shape.link for shape in robot.shapes} if pairs else set()
     for index, pair in enumerate(pairs):
         for link in (link for link in pair.links if link not in known):
-            yield InputError(
-                f"no link {link!r} with a shape",
-                element=f"self_clearance[{index}].links",
-                advice=f"links: {sorted(known)}",
-            )
+            element, advice = f"self_clearance[{index}].links", f"links: {sorted(known)}"
+            yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
 
 
 def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:
@@ -345,11 +317,9 @@ def lowest_point(robot: Robot, link: str, state: JointState) -> float:
     if standing is None:
         return frame_height(robot, robot.frames[link], state)
     shapes = robot.link_hulls[standing]
-    bodies = [shape.body for shape in shapes]
-    starts, ends = (
-        _heights(robot, bodies, [getattr(shape, end) for shape in shapes], state) for end in ("start", "end")
-    )
-    return float((np.minimum(starts, ends) - [shape.radius for shape in shapes]).min())
+    points = [(shape.body, point, shape.radius) for shape in shapes for point in (shape.start, shape.end)]
+    bodies, places, radii = zip(*points, strict=True)
+    return float((_heights(robot, bodies, places, state) - radii).min())
 
 
 def ground_height(robot: Robot, takeoff: str, position: tuple[float, float], initial: JointState) -> float:

@@ -29,20 +29,12 @@ from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.model import build_model, check_model, coordinates, planned_limits
 from floatplan.robot.planar.plane import Plane
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
+from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
-from floatplan.robot.shapes.links import (
-    LinkCapsule,
-    left_out,
-    link_outlines,
-    link_shapes,
-    mesh_digests,
-    missing_meshes,
-    moving_hulls,
-)
+from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.example_robots import urdf_path
-from floatplan.robot.urdf.read import UrdfText, read_urdf, reference_posture
-from floatplan.robot.urdf.tree import UrdfTree
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture
 
 NAME = optional(text)
 NAMES = many(text, "names")
@@ -198,7 +190,7 @@ class Robot:
         resting = [choice.resting[name] for name in choice.planned]
         missing = [
             f'link "{link}": collision mesh "{filename}" not found; left out of its shape'
-            for link, filename in missing_meshes(tree, text.path.parent)
+            for link, filename in links.missing_meshes(tree, text.path.parent)
         ]
         return cls(
             name=tree.name,
@@ -261,7 +253,7 @@ class Robot:
 
     @cached_property
     def _left_out(self) -> InputError | None:
-        return left_out(self.layout.tree, self.path.parent)
+        return links.left_out(self.layout.tree, self.path.parent)
 
     @cached_property
     def file_tree(self) -> UrdfTree:
@@ -271,7 +263,7 @@ class Robot:
     @cached_property
     def meshes(self) -> Mapping[str, str]:
         """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
-        return MappingProxyType(mesh_digests(self.layout.tree, self.path.parent))
+        return MappingProxyType(links.mesh_digests(self.layout.tree, self.path.parent))
 
     @property
     def shapes(self) -> tuple[LinkCapsule, ...]:
@@ -316,20 +308,20 @@ class Robot:
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
         standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
-        return moving_hulls(self.tree, self.link_hulls, standing, exact)
+        return links.moving_hulls(self.tree, self.link_hulls, standing, exact)
 
     @cached_property
     @one_thread
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
         with naming(self.path):
-            return link_shapes(self.layout, self.path.parent, self.meshes)
+            return links.link_shapes(self.layout, self.path.parent, self.meshes)
 
     @property
     @one_thread
     def outlines(self) -> list[tuple[int, Outline]]:
         """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
         with naming(self.path):
-            return link_outlines(self.layout, self.path.parent, self.meshes)
+            return links.link_outlines(self.layout, self.path.parent, self.meshes)
 
     @property
     def mass(self) -> float:

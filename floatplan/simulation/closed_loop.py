@@ -28,18 +28,8 @@ from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
-from floatplan.simulation.forward import (
-    BANDWIDTH,
-    FASTEST,
-    Accelerations,
-    Engine,
-    State,
-    accelerations_of,
-    check_engine,
-    critical_gains,
-    joint_inertia,
-    runge_kutta_step,
-)
+from floatplan.simulation import forward
+from floatplan.simulation.forward import Accelerations, Engine, State
 from floatplan.simulation.perturbation import OF_JUMPS, Drawn, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, perturbed_takeoff, reduced_model
 from floatplan.tables import Range
@@ -189,7 +179,7 @@ def closed_loop(
     flights: int = FLIGHTS,
     seed: int = 0,
     engine: Engine = "pinocchio",
-    feedback: float = BANDWIDTH,
+    feedback: float = forward.BANDWIDTH,
     budget: float | None = BUDGET,
 ) -> ClosedLoop:
     """Fly perturbed robots, each with corrections in flight and without.
@@ -218,10 +208,10 @@ def closed_loop(
         A flight cannot be integrated, or not one ended within the budget.
     """
     began = clock.perf_counter()
-    check_engine(engine)
+    forward.check_engine(engine)
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
     rate = positive(MOST_RATE, "Hz")(rate, "replan")
-    feedback = positive(FASTEST, "rad/s")(feedback, "feedback")
+    feedback = positive(forward.FASTEST, "rad/s")(feedback, "feedback")
     seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_JUMPS, "is for jumps")
@@ -300,7 +290,7 @@ class _Loop:
         self.every = max(1, round(1 / (rate * PERIOD)))
         self.reduced = reduced_model(robot, plan.ballistics.gravity)
         start = RecordedMotion(plan.record, self.reduced).joints(0.0)
-        self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
+        self.gains = forward.critical_gains(feedback, forward.joint_inertia(self.reduced.model, start.positions))
         self.selection, self.resting = self.reduced.selection[BASE:], self.reduced.reference[BASE:]
         self.to_planned = np.linalg.pinv(self.selection)
         names = self.reduced.joints
@@ -319,7 +309,7 @@ class _Loop:
         drawn = self.perturbation.drawn(seed, flight, len(self.reduced.joints), self.reduced.model.njoints)
         true = drawn.perturbed(self.reduced.model)
         model = (true, true.createData())
-        accelerations = accelerations_of(self.engine, self.plan.robot, self.reduced, drawn)
+        accelerations = forward.accelerations_of(self.engine, self.plan.robot, self.reduced, drawn)
         replanner, delay = self.replanner, round(self.perturbation.delay / PERIOD)
         replanner.reset()
         statuses, seconds = Counter[str](), list[float]()
@@ -344,7 +334,7 @@ class _Loop:
             peak = np.maximum(peak, np.abs(torques))
             forces = np.concatenate((np.zeros(BASE), drawn.torque * torques))
             held = partial(_held, accelerations, forces, self.reduced)
-            states.append(runge_kutta_step(held, states[-1], 0.0, min(PERIOD, replanner.landing - now)))
+            states.append(forward.runge_kutta_step(held, states[-1], 0.0, min(PERIOD, replanner.landing - now)))
             if not np.isfinite(states[-1][0]).all():
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
         positions = np.array([state[0] for state in states])

@@ -111,6 +111,7 @@ class JumpReplay(Outlined):
     friction : of the ground, as far as it is not perturbed
     joints : (J) names of all joints
     kp, kd : (J,) N m/rad, N m s/rad
+    tried : how many pairs of them were, where none were given; else 0
     rate : Hz of the corrections in flight, if there were any
     uncorrected, corrected : JumpLandings
         The same robots, the same noise; the latter where there is a rate.
@@ -128,6 +129,7 @@ class JumpReplay(Outlined):
     joints: tuple[str, ...]
     kp: Array
     kd: Array
+    tried: int
     rate: float | None
     uncorrected: JumpLandings
     corrected: JumpLandings | None
@@ -150,7 +152,8 @@ class JumpReplay(Outlined):
             else f"{name} {values.min():.3g} to {values.max():.3g} {unit}"
             for name, values, unit in (("kp", self.kp, "N m/rad"), ("kd", self.kd, "N m s/rad"))
         )
-        return f"joints controlled at {1 / PERIOD:g} Hz, {gains}"
+        searched = f", the best of {self.tried} tried" if self.tried else ""
+        return f"joints controlled at {1 / PERIOD:g} Hz, {gains}{searched}"
 
     @property
     def landings(self) -> JumpLandings:
@@ -170,7 +173,13 @@ class JumpReplay(Outlined):
                 "landed": self.landed,
                 **{name: getattr(self, name) for name in ("flights", "asked", "seed", "friction")},
                 "perturbation": asdict(self.perturbation) | {"rate_noise": self.perturbation.noise_of_rates},
-                "control": {"rate": 1 / PERIOD, "joints": self.joints, "kp": self.kp, "kd": self.kd},
+                "control": {
+                    "rate": 1 / PERIOD,
+                    "joints": self.joints,
+                    "kp": self.kp,
+                    "kd": self.kd,
+                    "tried": self.tried,
+                },
                 "replan": self.rate,
                 "uncorrected": self.uncorrected.to_dict(),
                 "corrected": None if self.corrected is None else self.corrected.to_dict(),

@@ -133,23 +133,18 @@ class Drawn:
 
 
 def given_perturbation(perturb: str | Perturbation) -> Perturbation:
-    """Return the perturbation that a function was given, or read it; errors as :func:`parse_perturbation`."""
-    if isinstance(perturb, str):
-        return parse_perturbation(perturb)
-    perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
-    return perturbation
-
-
-def parse_perturbation(text: str) -> Perturbation:
-    """Read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
+    """Return the perturbation that a function was given, or read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
 
     Raises
     ------
     InputError
         A name is unknown or comes twice, or what follows is no number with one of its units.
     """
+    if not isinstance(perturb, str):
+        perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
+        return perturbation
     found: dict[str, float] = {}
-    for item in filter(None, map(str.strip, text.split(","))):
+    for item in filter(None, map(str.strip, perturb.split(","))):
         name, _, value = map(str.strip, item.partition("="))
         if name not in KINDS:
             raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")

@@ -25,22 +25,8 @@ from floatplan.plans.record import PlanRecord
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import (
-    FASTEST,
-    JOINTS,
-    LOOSE,
-    MOST_STEPS,
-    TIGHT,
-    Engine,
-    JointTorques,
-    accelerations_of,
-    check_engine,
-    critical_gains,
-    fly_finely,
-    fly_in_steps,
-    joint_inertia,
-    whole_step,
-)
+from floatplan.simulation import forward
+from floatplan.simulation.forward import JOINTS, MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
@@ -189,9 +175,9 @@ def replay(
         The robot is missing or another; the engine is unknown or not installed; a number is wrong.
     """
     began = clock.perf_counter()
-    check_engine(engine)
+    forward.check_engine(engine)
     step = positive(LONGEST_STEP, "s")(step, "step")
-    feedback = optional(positive(FASTEST, "rad/s"))(feedback, "feedback")
+    feedback = optional(positive(forward.FASTEST, "rad/s"))(feedback, "feedback")
     perturbation = given_perturbation(perturb)
     seed = SEED(seed, "seed")
     record, file, own = recorded(plan)
@@ -207,12 +193,13 @@ def replay(
     motion = RecordedMotion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
     control = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
-    dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations_of(engine, robot, reduced, drawn))
+    accelerations = forward.accelerations_of(engine, robot, reduced, drawn)
+    dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations)
     times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
     if engine == "pinocchio":
-        flown = fly_finely(dynamics, takeoff, times, LOOSE if perturbation.any else TIGHT)
+        flown = forward.fly_finely(dynamics, takeoff, times, forward.LOOSE if perturbation.any else forward.TIGHT)
     else:
-        flown = fly_in_steps(dynamics, takeoff, times, whole_step(float(times[-1]), step, PANELS))
+        flown = forward.fly_in_steps(dynamics, takeoff, times, forward.whole_step(float(times[-1]), step, PANELS))
         spatial = fly_in_space(robot, record, perturbation, seed, feedback, step)
     states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)

@@ -18,15 +18,8 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import (
-    MOST_STEPS,
-    JointTorques,
-    State,
-    critical_gains,
-    fly_in_steps,
-    mujoco_accelerations,
-    whole_step,
-)
+from floatplan.simulation import forward
+from floatplan.simulation.forward import JointTorques, State
 from floatplan.simulation.mujoco_model import SpatialModel, import_mujoco, rigid_joints, spatial_model
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
@@ -89,9 +82,9 @@ def fly_in_space(
     held = np.array([feedback is not None or name in robot.locked or name in couplings for name in reduced.joints])
     takeoff = _in_space(robot, model, perturbed_takeoff(record, reduced, drawn))
     control, fastest = _gains(model, takeoff[0], held, feedback or HOLD)
-    step = whole_step(record.duration, min(step, STABLE / fastest if fastest else math.inf), 1)
-    if record.duration / step > MOST_STEPS:
-        reason = f"the gains of the joints take steps of {step:.2g} s, more than {MOST_STEPS}"
+    step = forward.whole_step(record.duration, min(step, STABLE / fastest if fastest else math.inf), 1)
+    if record.duration / step > forward.MOST_STEPS:
+        reason = f"the gains of the joints take steps of {step:.2g} s, more than {forward.MOST_STEPS}"
         raise InputError(reason, element="engine", advice="use the engine pinocchio, or a lower feedback")
     landing = _fly(model, JointTorques(motion, drawn.torque, control), takeoff, step, record.duration)
     goal, plane, place = record.problem["goal"]["positions"], robot.plane, model.base_position
@@ -139,7 +132,7 @@ def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: flo
     mujoco.mj_solveM(model.model, data, inverse, columns)
     inverse = inverse[:, model.velocities]
     inertia = held / np.diagonal(inverse)
-    gains = critical_gains(bandwidth, inertia)
+    gains = forward.critical_gains(bandwidth, inertia)
     rates = np.linalg.eigvals(inverse * gains[1])
     return gains, float(np.abs(rates).max(initial=0.0))
 
@@ -147,7 +140,7 @@ def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: flo
 def _fly(model: SpatialModel, torques: JointTorques, takeoff: State, step: float, duration: float) -> Array:
     """Positions at the end, the base's turn along the geodesic."""
     mujoco = import_mujoco()
-    dynamics = torques.applied(mujoco_accelerations(model.model), model.positions, model.velocities)
+    dynamics = torques.applied(forward.mujoco_accelerations(model.model), model.positions, model.velocities)
 
     def checked(time: float, position: Array, velocity: Array) -> Array:
         if not np.abs(velocity).max() < RUNAWAY:  # nor where it is no number
@@ -159,7 +152,7 @@ def _fly(model: SpatialModel, torques: JointTorques, takeoff: State, step: float
         mujoco.mj_integratePos(model.model, position, velocity, time)
         return position
 
-    positions, velocities = fly_in_steps(checked, takeoff, np.array([duration]), step, moved)
+    positions, velocities = forward.fly_in_steps(checked, takeoff, np.array([duration]), step, moved)
     checked(duration, positions[-1], velocities[-1])
     return np.asarray(positions[-1])
 

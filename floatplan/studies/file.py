@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
@@ -142,19 +142,18 @@ class StudyFile:
         return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
 
 
-def versions() -> dict[str, str]:
-    """What the answers come from; whoever shares the work must have the same."""
-    return {"floatplan": version("floatplan"), "code": _code(), "solver": description().partition(" (")[0]}
-
-
 @cache
-def _code() -> str:
-    """Digest of the package as it is here, changed or not: its modules and the compiled kernel."""
+def versions() -> Mapping[str, str]:
+    """What the answers come from; whoever shares the work must have the same.
+
+    The code is that of the package as it is here, changed or not: its modules and the compiled kernel.
+    """
     digest = hashlib.sha256()
     for path in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.so")]):
         digest.update(f"{path.relative_to(PACKAGE).as_posix()} ".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]
+    code, solver = digest.hexdigest()[:16], description().partition(" (")[0]
+    return {"floatplan": version("floatplan"), "code": code, "solver": solver}
 
 
 def load_study_file(path: str | Path) -> StudyFile:

@@ -1,9 +1,10 @@
-"""The folder of a study: chunks written whole, resumed by their ranges, merged into one table; one run at a time."""
+"""The folder of a study and its table: chunks written whole, resumed, merged into one table; one run at a time."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import io
 import json
 import os
 import re
@@ -12,15 +13,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from floatplan.errors import InputError
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array, IntArray
+from floatplan.errors import InputError, import_optional
 from floatplan.files import read_json, read_regular, write_atomically
-from floatplan.studies.columns import arrow, read_table, written
 
 FORMAT = "floatplan.study/1"
 STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"
 MAPS = ("map.png", "map.svg", "map.html")
 LARGEST_CHUNK = 1_000_000_000  # [bytes]
 LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
+ROW_GROUP = 65_536  # rows
+WORDS = ("status", "explanation", "verdict")  # columns
 
 Range = tuple[int, int]
 
@@ -66,8 +72,10 @@ class StudyFolder:
         InputError
             It holds another study, or results of unknown origin.
         """
-        if restart:
-            self._discard()
+        if restart:  # what a study leaves goes, and nothing else
+            made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
+            for path in [*(path for path, _ in self._chunks()), *made]:
+                path.unlink(missing_ok=True)
         known = self._digest()
         if known is None:
             if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
@@ -89,12 +97,6 @@ class StudyFolder:
             raise InputError(error.reason, source=path, advice=ADVICE) from None
         digest = content.get("hash") if isinstance(content, dict) else None
         return digest if isinstance(digest, str) else ""
-
-    def _discard(self) -> None:
-        """Remove what a study leaves, and nothing else."""
-        made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
-        for path in [*(path for path, _ in self._chunks()), *made]:
-            path.unlink(missing_ok=True)
 
     def _chunks(self) -> list[tuple[Path, Range]]:
         """Files of chunks by their names, in the order of their rows."""
@@ -162,3 +164,84 @@ def _holds(path: Path, first: int, stop: int, are_in: Callable[[Any, int, int], 
 def _read(path: Path) -> Any:
     """A chunk as a table."""
     return read_table(read_regular(path, LARGEST_CHUNK, "a chunk of a study"))
+
+
+def arrow() -> tuple[Any, ...]:
+    """Return pyarrow and pyarrow.parquet.
+
+    Raises
+    ------
+    InputError
+        They are not installed.
+    """
+    return tuple(
+        import_optional(module, name="pyarrow", element="study", extra="study")
+        for module in ("pyarrow", "pyarrow.parquet")
+    )
+
+
+def written(table: Any) -> bytes:
+    """A table as a Parquet file, whose damage would be seen."""
+    _, pq = arrow()
+    stream = io.BytesIO()
+    names = table.column_names
+    pq.write_table(
+        table,
+        stream,
+        row_group_size=ROW_GROUP,
+        compression="snappy",
+        use_dictionary=[name for name in WORDS if name in names],  # numbers hardly ever repeat
+        write_statistics=[name for name in names if name != "coefficients"],  # by which nobody looks for a row
+        write_page_checksum=True,
+    )
+    return stream.getvalue()
+
+
+def read_table(content: bytes) -> Any:
+    """A table from a Parquet file's content; its pages are checked."""
+    pa, pq = arrow()
+    with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
+        return file.read(use_threads=False)
+
+
+def table_of(columns: Mapping[str, Any], units: Mapping[str, str]) -> Any:
+    """A table of columns, with their units as metadata where they have one; NaN as null."""
+    pa, _ = arrow()
+    arrays = [_column(pa, name, values) for name, values in columns.items()]
+    fields = [
+        pa.field(name, array.type, metadata={"unit": units[name]} if units.get(name) else None)
+        for name, array in zip(columns, arrays, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def _column(pa: Any, name: str, values: Any) -> Any:
+    if name in WORDS:
+        return pa.array(values, type=pa.string())
+    if name != "coefficients":
+        return pa.array(values, from_pandas=True)
+    return lists(pa, values) if isinstance(values, np.ndarray) else pa.array(values, pa.list_(pa.list_(pa.float64())))
+
+
+def lists(pa: Any, values: Array) -> Any:
+    """Lists (n) of lists from (N, n, k+1), without what is NaN: joints of unlike degrees, or rows without a motion."""
+    count, n, size = values.shape
+    finite = np.isfinite(values)
+    if finite.all():
+        inner = pa.ListArray.from_arrays(_offsets(np.full(count * n, size)), values.ravel())
+        return pa.ListArray.from_arrays(_offsets(np.full(count, n)), inner)
+    there = finite.any(axis=(1, 2))
+    inner = pa.ListArray.from_arrays(_offsets(finite[there].sum(axis=2).ravel()), values[finite])
+    missing = np.append(~there, False)
+    return pa.ListArray.from_arrays(pa.array(_offsets(n * there), mask=missing), inner)
+
+
+def _offsets(lengths: IntArray) -> npt.NDArray[np.int32]:
+    """Where lists that follow each other begin, and where the last one ends."""
+    return np.concatenate(([0], np.cumsum(lengths)), dtype=np.int32, casting="unsafe")
+
+
+def words(table: Any, column: str) -> tuple[list[str], IntArray]:
+    """Words of a column of a table, in the order in which they appear, and which (N,) each row has."""
+    encoded = table[column].combine_chunks().dictionary_encode()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()

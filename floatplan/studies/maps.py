@@ -13,10 +13,10 @@ from floatplan.arrays import Array, IntArray
 from floatplan.files import write_atomically
 from floatplan.plans.plans import SOLVED
 from floatplan.plans.presentation import raised
-from floatplan.studies.columns import words
 from floatplan.studies.file import LARGER_IS_BETTER, Axis, StudyFile, check_map, coloured, versions
+from floatplan.studies.folder import words
 from floatplan.studies.rows import STATUSES
-from floatplan.view.map import HeatMap, MapAxis, PackedNumbers, colours, flight_data, heatmap, map_page
+from floatplan.view.map import HeatMap, PackedNumbers, colours, flight_data, heatmap, map_page
 from floatplan.view.style import rendered, styled
 
 DPI_OF_MAPS = 200  # [1/in]
@@ -68,7 +68,7 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     units = units_of(table)
     others = [path for path in study.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
-    across, up = (MapAxis(_label(key, units), each) for key, each in edges.items())
+    across, up = ((_label(key, units), each) for key, each in edges.items())
     return HeatMap(across, up, colour, shown, _label(z, units), title)
 
 
@@ -106,6 +106,7 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
     ]
     explanations, explanation = words(table, "explanation")
     coefficients = _in_fractions(study, table)
+    places = {name: numbers.add(table[name].to_numpy(), "<f4") for name in (*study.paths, *measured)}
     return {
         "name": study.name,
         "question": f"{study.base.name}, {study.base.robot.name}: {len(table)} rows",
@@ -114,8 +115,8 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "map": study.map,
         "axes": [_axis(study, axis) for axis in study.samples.axes],
         "columns": {
-            name: {"unit": units.get(name, ""), "values": numbers.add(table[name].to_numpy(), "<f4")}
-            for name in (*study.paths, *measured)
+            name: {"unit": units.get(name, ""), "label": _label(name, units), "values": place}
+            for name, place in places.items()
         },
         "status": numbers.add(_statuses(table), "<u1"),
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},

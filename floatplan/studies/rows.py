@@ -25,8 +25,8 @@ from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import RATE
 from floatplan.stance.planner import jump
-from floatplan.studies.columns import read_table, table_of, written
 from floatplan.studies.file import OF_JUMPS, StudyFile, Values, versions
+from floatplan.studies.folder import read_table, table_of, written
 from floatplan.studies.schema import PlanTable
 from floatplan.tables import OBJECTIVE_TABLE
 

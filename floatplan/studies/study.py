@@ -28,10 +28,9 @@ from floatplan.problem.family import Family
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.planner import jump
-from floatplan.studies.columns import arrow, words
 from floatplan.studies.driver import Progress, StudyRun, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
-from floatplan.studies.folder import StudyFolder, naming_the_folder
+from floatplan.studies.folder import StudyFolder, arrow, naming_the_folder, words
 from floatplan.studies.rows import row_check, row_seed
 from floatplan.tables import Range
 

@@ -17,7 +17,7 @@ from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
 from floatplan.stance.launch import launches
-from floatplan.view.outlines import Poses, body_poses, com_path, postures
+from floatplan.view.outlines import Poses, body_poses, coordinates, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
@@ -57,7 +57,7 @@ class ShownPlan:
     settled : bool
         Whether ``floatplan plan`` would answer so; else a quick search did.
     poses : Poses
-    com, takeoff, landing : (N,) complex, m; paths of the centre of mass and of the frames that take off and land
+    paths : (N,) complex, m; of the centre of mass, and of the frames that take off and land
     utilisation, warnings : of the plan
     clearance : m, or None without obstacles
     stances : what was found of stances before takeoff and after landing
@@ -66,9 +66,7 @@ class ShownPlan:
     plan: fp.Plan
     settled: bool
     poses: Poses
-    com: ComplexArray
-    takeoff: ComplexArray
-    landing: ComplexArray
+    paths: tuple[ComplexArray, ComplexArray, ComplexArray]
     utilisation: tuple[Utilisation, ...]
     warnings: tuple[PlanWarning, ...]
     clearance: float | None
@@ -79,15 +77,12 @@ class ShownPlan:
         """Measure a plan."""
         count = min(int(np.ceil(plan.duration * POSE_RATE)) + 1, MOST_POSES)
         times = np.linspace(0.0, plan.duration, count)
-        positions, _, _ = plan.joint_motion(times)
-        paths = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
+        placed = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
         return cls(
             plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,
-            poses=body_poses(plan.robot, plan.orientation(times), positions, com_path(plan, times)),
-            com=paths.com,
-            takeoff=paths.takeoff,
-            landing=paths.landing,
+            poses=body_poses(plan.robot, *coordinates(plan, times)),
+            paths=(placed.com, placed.takeoff, placed.landing),
             utilisation=plan.utilisation,
             warnings=plan.warnings,
             clearance=plan.peaks.clearance,

@@ -49,27 +49,6 @@ def in_turn(server: Any, action: Callable[[], Result]) -> Result:
     return asyncio.run_coroutine_threadsafe(call(), server.get_event_loop()).result()
 
 
-@dataclass(frozen=True)
-class Dial:
-    """A number that a slider shows.
-
-    Attributes
-    ----------
-    label : beside it
-    paths : in a problem file; all get the value, the first one's is shown
-    low, high : of the slider, SI units and radians
-    unit : what the slider's numbers are in: one of them in SI units
-    hint : for a person
-    """
-
-    label: str
-    paths: Sequence[str]
-    low: float
-    high: float
-    unit: float = 1.0
-    hint: str = ""
-
-
 @dataclass(eq=False)
 class Input:
     """What a user sets, how to read from a problem what it shows, and when the user last touched it, s."""
@@ -87,10 +66,21 @@ class Inputs:
         self.sliders: dict[str, Any] = {}  # by the path that each shows
         self._shown: list[Input] = []
 
-    def slider(self, dial: Dial, problem: fp.Problem, get: Callable[[fp.Problem], float] | None = None) -> Any:
-        """Add a slider that shows the number of a problem; ``get`` reads it where it is not the one at its path."""
-        path, unit = dial.paths[0], dial.unit
-        step = _step((dial.high - dial.low) / unit)
+    def slider(
+        self,
+        label: str,
+        paths: Sequence[str],
+        low: float,
+        high: float,
+        unit: float = 1.0,
+        hint: str | None = None,
+        get: Callable[[fp.Problem], float] | None = None,
+    ) -> Any:
+        """Add a slider from ``low`` to ``high``, SI units and radians; its numbers are in a ``unit`` of so much in SI.
+
+        All ``paths`` of a problem file get its value, the first one's is shown, or what ``get`` reads from a problem.
+        """
+        path, step = paths[0], _step((high - low) / unit)
         digits = max(0, -int(np.floor(np.log10(step))))
 
         def shown(problem: fp.Problem) -> float:
@@ -98,17 +88,15 @@ class Inputs:
 
         def set_to(value: float) -> None:
             if math.isfinite(value):
-                self._session.edit(numbers(dict.fromkeys(dial.paths, value * unit)), path)
+                self._session.edit(numbers(dict.fromkeys(paths, value * unit)), path)
             else:
                 self._session.refuse(f"{path}: {value} is not a finite number")
 
-        value = shown(problem)
-        value = value if math.isfinite(value) else round(dial.low / unit, digits + FINER)
-        low = min(round(math.ceil(dial.low / unit / step) * step, digits), value)
-        high = max(round(math.floor(dial.high / unit / step) * step, digits), value)
-        slider = self._gui.add_slider(
-            dial.label, min=low, max=high, step=step, initial_value=value, hint=dial.hint or None
-        )
+        value = shown(self._session.view.problem)
+        value = value if math.isfinite(value) else round(low / unit, digits + FINER)
+        least = min(round(math.ceil(low / unit / step) * step, digits), value)
+        most = max(round(math.floor(high / unit / step) * step, digits), value)
+        slider = self._gui.add_slider(label, min=least, max=most, step=step, initial_value=value, hint=hint)
         self._add(slider, shown, path, set_to)
         self.sliders[path] = slider
         return slider

@@ -13,7 +13,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.inputs import Dial, Inputs, by_user, in_turn, on
+from floatplan.studio.inputs import Inputs, by_user, in_turn, on
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Part, Session, View
 from floatplan.studio.stage import Player, Stage
@@ -98,7 +98,7 @@ class Controls:
         actions = {
             "Undo": session.undo,
             "Redo": session.redo,
-            "Play / pause": lambda: player.play(not player.playing),
+            "Play / pause": lambda: setattr(player, "playing", not player.playing),
         }
 
         def act(name: str, event: Any) -> None:
@@ -126,9 +126,9 @@ class Controls:
     def _posture(self, end: str) -> None:
         problem, path = self._session.view.problem, f"{end}.orientation"
         turn, hint = edits.number_at(problem, path), "360° more is one somersault more."
-        self.inputs.slider(Dial("base, °", (path,), turn - TURNS, turn + TURNS, DEGREE, hint), problem)
+        self.inputs.slider("base, °", (path,), turn - TURNS, turn + TURNS, DEGREE, hint)
         for joint, (low, high) in zip(problem.robot.joints, problem.position_limits.tolist(), strict=True):
-            self.inputs.slider(Dial(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, DEGREE), problem)
+            self.inputs.slider(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, DEGREE)
         shown = self._gui.add_checkbox(f"show the {end}", initial_value=True, hint="Drag its links to change it.")
         on(shown.on_update, lambda _: setattr(self._stage.ghosts[end].root, "visible", shown.value))
 
@@ -137,14 +137,14 @@ class Controls:
         low, high = (0.0, 1.0) if answer is None else answer.plan.angular_momentum_bounds
         half = max(high - low, abs(low), abs(high), 0.1)
         present, speed = problem.flight.duration, problem.flight.horizontal_velocity
-        self.inputs.slider(Dial("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present), problem)
+        self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
         hint = "Angular momentum: the middle of what suits joints that do not turn back "
         hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
         self.inputs.choice("h is", MOMENTA, _momentum_word, self._momentum_edit, hint)
-        dial = Dial("h, kg m²/s", ("flight.angular_momentum",), low - half, high + half)
-        self._momentum = self.inputs.slider(dial, problem, self._momentum_of)
+        path = "flight.angular_momentum"
+        self._momentum = self.inputs.slider("h, kg m²/s", (path,), low - half, high + half, get=self._momentum_of)
         path, hint = "flight.horizontal_velocity", "Of the centre of mass, horizontal."
-        self.inputs.slider(Dial("speed, m/s", (path,), speed - FASTER, speed + FASTER, hint=hint), problem)
+        self.inputs.slider("speed, m/s", (path,), speed - FASTER, speed + FASTER, hint=hint)
         self.inputs.choice(
             "least",
             tuple(OBJECTIVE_TABLE),
@@ -181,7 +181,7 @@ class Controls:
         self._button("Let it go", "keep", lambda: self._session.keep(False), color="gray")
         self._comparison = self._gui.add_html("")
         speed = self._gui.add_dropdown("flown at", tuple(SPEEDS), initial_value="half speed")
-        on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
+        on(speed.on_update, lambda _: setattr(self._player, "speed", SPEEDS[speed.value]))
 
     def _save(self, folder: str) -> None:
         place = self._gui.add_text("folder", folder)
@@ -239,8 +239,7 @@ class LimitsTab:
         }
         return [
             self._inputs.slider(
-                Dial(f"{joint}, {row.unit}", edits.limit_paths(robot, key, joint), LEAST * ends[joint], ends[joint]),
-                problem,
+                f"{joint}, {row.unit}", edits.limit_paths(robot, key, joint), LEAST * ends[joint], ends[joint]
             )
             for joint in robot.joints
         ]
@@ -277,7 +276,7 @@ class ObstaclesTab:
         self._folders, self._sliders, self._kinds = [], [], kinds
         for index, obstacle in enumerate(obstacles):
             with self._tab, self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
-                self._sliders += [self._inputs.slider(dial, view.problem) for dial in obstacle_dials(index, obstacle)]
+                self._sliders += [self._inputs.slider(*dial) for dial in obstacle_dials(index, obstacle)]
                 self._button("Remove", edits.put_obstacle(index))
             self._folders.append(folder)
 
@@ -289,17 +288,14 @@ class ObstaclesTab:
         )
 
 
-def obstacle_dials(index: int, obstacle: Obstacle) -> list[Dial]:
-    """Sliders of an obstacle: its places, radius and margin."""
-    dials = []
-
-    def add(key: str, label: str, low: float, high: float) -> None:
-        dials.append(Dial(f"{label}, m", (f"obstacles.{index}.{key}",), low, high))
-
-    for name in obstacle.places():
-        for axis, place in enumerate(getattr(obstacle, name)):
-            add(f"{name}.{axis}", f"{name} {'→↑'[axis]}", float(place) - REACH, float(place) + REACH)
+def obstacle_dials(index: int, obstacle: Obstacle) -> list[tuple[str, tuple[str], float, float]]:
+    """Labels, paths and ends of the sliders of an obstacle: its places, radius and margin."""
+    ends = {
+        f"{name}.{axis}": (f"{name} {'→↑'[axis]}", float(place) - REACH, float(place) + REACH)
+        for name in obstacle.places()
+        for axis, place in enumerate(getattr(obstacle, name))
+    }
     if hasattr(obstacle, "radius"):
-        add("radius", "radius", 0.0, max(1.0, 2 * obstacle.radius))
-    add("margin", "margin", 0.0, max(0.3, 2 * obstacle.margin))
-    return dials
+        ends["radius"] = "radius", 0.0, max(1.0, 2 * obstacle.radius)
+    ends["margin"] = "margin", 0.0, max(0.3, 2 * obstacle.margin)
+    return [(f"{label}, m", (f"obstacles.{index}.{key}",), low, high) for key, (label, low, high) in ends.items()]

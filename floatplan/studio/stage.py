@@ -75,7 +75,7 @@ class Stage:
         self.kept = scene.RobotNodes(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
-        self.grips: dict[str, dict[int, scene.Grip]] = {}
+        self.grips: dict[str, dict[int, Any]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **scene.LINES)
@@ -126,7 +126,7 @@ class Stage:
         ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
         parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
-        for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
+        for part, node in [*parts, *grips.items()]:
             self._on_drag(node, f"{end} {part}", partial(self.turn, end, part))
         self.grips[end] = grips
         return ghost
@@ -206,7 +206,7 @@ class Stage:
 
     def _draw_paths(self, shown: ShownPlan) -> None:
         pairs, colours = [], []
-        for places, colour in zip((shown.com, shown.takeoff, shown.landing), TRAILS, strict=True):
+        for places, colour in zip(shown.paths, TRAILS, strict=True):
             pairs.append(scene.segments(self._plane, places[bends(places, BEND)]))
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
@@ -226,38 +226,23 @@ class Player:
         self._shows: list[Show] = []
         self._lock = threading.Lock()
         self._time = 0.0  # [s] of the flight
-        self._speed = 0.5  # [-] of real time
-        self._playing = True
+        self.speed = 0.5  # [-] of real time
+        self.playing = True  # whether time goes on
         self._closed = threading.Event()
         self._dirty = True
         self.frames = 0  # sent so far
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
 
-    @property
-    def playing(self) -> bool:
-        """Whether time goes on."""
-        return self._playing
-
     def show(self, shows: list[Show]) -> None:
         """Fly these from now on."""
         with self._lock:
             self._shows, self._dirty = shows, True
 
-    def play(self, playing: bool) -> None:
-        """Let time go on, or stand still."""
-        with self._lock:
-            self._playing = playing
-
     def seek(self, instant: float) -> None:
         """Go to an instant, s, and stay there."""
         with self._lock:
-            self._time, self._playing, self._dirty = instant, False, True
-
-    def set_speed(self, speed: float) -> None:
-        """Of real time: 0.5 is slow motion."""
-        with self._lock:
-            self._speed = speed
+            self._time, self.playing, self._dirty = instant, False, True
 
     def close(self) -> None:
         """End."""
@@ -270,11 +255,11 @@ class Player:
             now = time.monotonic()
             due = max(due + 1 / RATE, now)
             with self._lock:
-                if self._playing:
-                    self._time += (now - last) * self._speed
-                shows, instant, moving = self._shows, self._time, self._playing or self._dirty
+                if self.playing:
+                    self._time += (now - last) * self.speed
+                shows, instant, moving = self._shows, self._time, self.playing or self._dirty
                 longest = max((shown.plan.duration for _, shown in shows), default=0.0)
-                if self._playing and instant > longest + REST * self._speed:
+                if self.playing and instant > longest + REST * self.speed:
                     self._time = 0.0
                 self._dirty = False
             last = now

@@ -13,7 +13,6 @@ from typing import Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize, to_hex, to_rgba_array
 from matplotlib.figure import Figure
@@ -47,26 +46,19 @@ WITHOUT = ("not_found", "impossible", "error")  # a plan
 
 
 @dataclass(frozen=True, eq=False)
-class MapAxis:
-    """An axis: its label, and the edges (cells + 1,) of its cells."""
-
-    label: str
-    edges: Array
-
-
-@dataclass(frozen=True, eq=False)
 class HeatMap:
     """What is drawn.
 
     Attributes
     ----------
+    x, y : of each axis its label, and the edges (cells + 1,) of its cells
     colour : (Y, X), NaN where there is no plan or no value
     status : (Y, X), index into the keys of ``STATUS_LOOKS``; -1 where there is no row
     label : of the colour; "status" where that is what is drawn
     """
 
-    x: MapAxis
-    y: MapAxis
+    x: tuple[str, Array]
+    y: tuple[str, Array]
     colour: Array
     status: IntArray
     label: str
@@ -95,11 +87,15 @@ def heatmap(shown: HeatMap) -> Figure:
             norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
             scale = ScalarMappable(norm, SEQUENCE)
             cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
-            _draw_bar(figure, axes, scale, shown.label)
+            ticks = figure.colorbar(scale, ax=axes, label=shown.label).ax.yaxis
+            if spreads:
+                ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+                ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
+                ticks.set_minor_locator(NullLocator())
         # one image: it is drawn many times faster than as many rectangles
-        image = axes.pcolorfast(shown.x.edges, shown.y.edges, cells)
+        image = axes.pcolorfast(shown.x[1], shown.y[1], cells)
         image.set(interpolation="none")
-        axes.set(xlabel=shown.x.label, ylabel=shown.y.label)
+        axes.set(xlabel=shown.x[0], ylabel=shown.y[0])
         if shown.title:
             axes.set_title(shown.title, fontsize=8)
         patches = [Patch(color=colour, label=words) for _, colour, words in present]
@@ -110,41 +106,27 @@ def heatmap(shown: HeatMap) -> Figure:
         return figure
 
 
-def _draw_bar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str) -> None:
-    bar = figure.colorbar(scale, ax=axes, label=label)
-    if isinstance(scale.norm, LogNorm):
-        low, high = scale.get_clim()
-        few = high < MANY_DECADES * low
-        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-        bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        bar.ax.yaxis.set_minor_locator(NullLocator())
-
-
 class PackedNumbers:
     """Arrays as the page reads them, one after the other in one block of bytes; what is given twice is in it once."""
 
     def __init__(self) -> None:
         self._places: dict[bytes, int] = {}
-        self._block = bytearray()
+        self.block = bytearray()
 
     def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
         """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
         array = np.ascontiguousarray(values, dtype=kind)
         content = array.tobytes()
         if content not in self._places:
-            self._block += bytes(-len(self._block) % array.itemsize)
-            self._places[content] = len(self._block)
-            self._block += content
+            self.block += bytes(-len(self.block) % array.itemsize)
+            self._places[content] = len(self.block)
+            self.block += content
         return [self._places[content], array.size]
-
-    def in_base64(self) -> bytes:
-        """All of them."""
-        return base64.b64encode(self._block)
 
 
 def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
     """Return the page, as HTML."""
-    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers=numbers.in_base64())
+    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers=base64.b64encode(numbers.block))
 
 
 def flight_data(problem: Problem) -> dict[str, Any]:

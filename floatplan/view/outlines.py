@@ -83,24 +83,23 @@ def postures(plan: Shown, times: Array) -> Postures:
     return placed_robot(plan.problem, times, *coordinates(plan, times))
 
 
-def coordinates(plan: Shown, times: Array) -> tuple[ComplexArray, Array, Array]:
-    """Return centre of mass (K,) m, orientation (K,) and positions (K, n) rad at times (K,), s."""
+def coordinates(plan: Shown, times: Array) -> tuple[Array, Array, ComplexArray]:
+    """Return orientation (K,) and positions (K, n) rad, and centre of mass (K,) m, at times (K,), s."""
     if isinstance(plan, JumpView):
         state = plan.at(times)
-        return np.asarray(state.com_position @ [1, 1j]), state.orientation, state.positions
-    return com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
+        return state.orientation, state.positions, np.asarray(state.com_position @ [1, 1j])
+    return plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times)
 
 
 def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
     """Return the robot in a given posture, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
-    return placed_robot(
-        plan.problem, times, com_path(plan, times), np.array([state.orientation]), state.positions[None]
-    )
+    orientation, com = np.array([state.orientation]), com_path(plan, times)
+    return placed_robot(plan.problem, times, orientation, state.positions[None], com)
 
 
-def placed_robot(problem: Problem, times: Array, com: ComplexArray, orientation: Array, positions: Array) -> Postures:
-    """Return a problem's robot at times (K,) s: centre of mass (K,) m, orientation (K,), positions (K, n) rad."""
+def placed_robot(problem: Problem, times: Array, orientation: Array, positions: Array, com: ComplexArray) -> Postures:
+    """Return a problem's robot at times (K,) s: orientation (K,), positions (K, n) rad, centre of mass (K,) m."""
     robot = problem.robot
     poses, bodies = body_poses(robot, orientation, positions, com), [shape.body for shape in robot.shapes]
     ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]

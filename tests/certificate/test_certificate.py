@@ -257,11 +257,7 @@ def test_self_clearance():
 
 def test_given_shapes_replace_the_segments(plan_b):
     bare = certify_record(with_obstacles(plan_b, CIRCLE))
-    shapes = [
-        ("body0", (0, 0, 0), (0.4, 0, 0), 0.001),
-        ("body1", (0, 0), (0.4, 0), 0.001),
-        ("body2", (0, 0), (0.3, 0), 0.001),
-    ]
+    shapes = [(link, (0, 0), (length, 0), 0.001) for link, length in (("body0", 0.4), ("body1", 0.4), ("body2", 0.3))]
     clothed = certify_record(with_obstacles(plan_b, CIRCLE), shapes=shapes)
     assert clothed.clearance_min == pytest.approx(bare.clearance_min - 0.001, abs=1e-6)
 

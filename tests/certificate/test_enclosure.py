@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from flint import arb
 
-from floatplan.certificate.bernstein import bernstein, lower, magnitude, split, upper
-from floatplan.certificate.branch_and_bound import Goal, Items, smallest
+from floatplan.certificate.branch_and_bound import Goal, Items, bernstein, lower, magnitude, smallest, split, upper
 from floatplan.certificate.cells import ORDER, TimeCells, recentred
 from floatplan.certificate.enclosure import Balls, Taylor, cos_sin, integral, products, reciprocal
 

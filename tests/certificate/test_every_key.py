@@ -19,8 +19,7 @@ from floatplan.certificate.enclosure import Balls
 from floatplan.errors import InputError
 from floatplan.plans.plan import load_plan, rebuild
 from floatplan.plans.reading import record_from_dict
-from floatplan.plans.record import PlanRecord
-from floatplan.plans.schema import check_asked
+from floatplan.plans.record import PlanRecord, check_asked
 from floatplan.robot.robot import Coupling, Robot
 
 CLAIM = "claim"  # proved: another value is refuted, or refused

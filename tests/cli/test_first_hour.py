@@ -175,7 +175,7 @@ class TestChoices:
 
 @pytest.fixture(scope="module")
 def validator() -> Any:
-    from floatplan.problem.schema import problem_schema
+    from floatplan.problem.file import problem_schema
 
     jsonschema = pytest.importorskip("jsonschema")
     schema = problem_schema()
@@ -223,7 +223,7 @@ class TestSchema:
 
     def test_every_key_is_described(self) -> None:
         """A key that a table gets has to get its meaning too, and a meaning goes with its key."""
-        from floatplan.problem.schema import TABLES
+        from floatplan.problem.file import TABLES
 
         for table, about in TABLES.values():
             assert about
@@ -231,7 +231,7 @@ class TestSchema:
             assert all(key.meaning for key in table.keys.values())
 
     def test_the_command(self, floatplan: Command) -> None:
-        from floatplan.problem.schema import problem_schema
+        from floatplan.problem.file import problem_schema
 
         for arguments in (("schema",), ("schema", "problem")):
             assert json.loads(floatplan(*arguments).stdout) == problem_schema()

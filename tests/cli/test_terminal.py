@@ -81,21 +81,22 @@ class TestBar:
         monkeypatch.setattr(progress, "DELAY", 0.0)
         monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
         with progress.progress("drawing") as bar:
-            assert bar._timer is not None
-            bar._timer.join()
+            for timer in threading.enumerate():
+                if isinstance(timer, threading.Timer):
+                    timer.join()
             bar.reach(3, 12)
             assert bar._bar is not None
             (task,) = bar._bar.tasks
             assert (task.completed, task.total, task.description) == (3, 12, "drawing")
             bar.say("[red]half")  # text, no markup
             assert bar._bar.tasks[0].description == "drawing: [red]half"
-        assert bar._bar is None
+        assert not bar._bar.live.is_started
 
     def test_work_that_ends_at_once_never_shows_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
         with progress.progress("drawing") as bar:
             pass
-        bar._begin()  # as a timer would that was just too late
+        bar.begin()  # as a timer would that was just too late
         assert bar._bar is None
 
     def test_films_tell_how_far_they_are(self, tmp_path: Path, planned: Callable[[str], fp.Plan]) -> None:

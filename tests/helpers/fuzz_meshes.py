@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 from fuzz_mutations import spoiled, spoiled_bytes
 from fuzz_sources import FLYING, FORMATS, GALLERY, PREFIX, copy_capsules, plan_of, problem_file, robot_of
 
-from floatplan.robot.shapes.meshes import find_mesh
+from floatplan.robot.shapes.collisions import find_mesh
 
 COUNTS = (0, 1, 2**16, 10**9, 2**31 - 1, 2**32 - 1)  # claimed of triangles, corners, bytes
 ODD = ("nan", "inf", "-1e300", "1e39", "-0", "1e-320", "99999999999999999999", "x", "")

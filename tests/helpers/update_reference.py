@@ -20,7 +20,7 @@ from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
-from floatplan.problem.limits import Shares
+from floatplan.problem.problem import Shares
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:

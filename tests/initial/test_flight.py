@@ -12,8 +12,7 @@ from jumps import GO2, INSTALLED, backflip
 
 import floatplan as fp
 from floatplan.initial import flight
-from floatplan.initial.flight import first_flight
-from floatplan.initial.problems import turns_afloat
+from floatplan.initial.flight import first_flight, turns_afloat
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions

@@ -18,7 +18,10 @@ for number, share in enumerate(sys.argv[1:]):
     library.FOLDER = pathlib.Path(str(number))
     library.FOLDER.mkdir()
     (library.FOLDER / library.LIBRARY).write_bytes(whole[: int(float(share) * len(whole))])
-    print(library._loaded.__wrapped__()[0])
+    try:
+        print(type(library.kernel.__wrapped__()).__name__)
+    except library.InputError:
+        print(None)
 """
 
 

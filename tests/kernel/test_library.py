@@ -18,7 +18,7 @@ from plain_problems import plain_problems
 import floatplan as fp
 from floatplan.kernel import build, library
 from floatplan.kernel.batch import Search
-from floatplan.kernel.bodies import merged_bodies
+from floatplan.kernel.bodies import Bodies
 from floatplan.kernel.rows import Numbers, solver
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
@@ -83,7 +83,7 @@ def test_bodies_that_turn_alike_are_one(any_robot):
     """Mirrored legs of a quadruped count once, and all of the momentum is kept: D_0 at the middle of the ranges."""
     limits = np.where(np.isfinite(any_robot.position_limits), any_robot.position_limits, [-3.0, 3.0])
     centre, amplitude = limits.mean(axis=1), np.ptp(limits, axis=1) / 2
-    bodies = merged_bodies(any_robot.tree, centre, amplitude)
+    bodies = Bodies(any_robot.tree, centre, amplitude)
     assert len(bodies.real) == len(np.unique(any_robot.tree.turns, axis=0))
     assert bodies.real.sum() == pytest.approx(Dynamics(any_robot.tree).momentum_map(centre[None])[0, 0], rel=1e-12)
     np.testing.assert_allclose(bodies.real, bodies.real.T, atol=1e-12)

@@ -10,7 +10,7 @@ from plain_problems import problem_of, random_robot
 
 import floatplan as fp
 from floatplan.kernel import peaks
-from floatplan.kernel.bodies import merged_bodies
+from floatplan.kernel.bodies import Bodies
 from floatplan.kernel.library import kernel
 from floatplan.kernel.peaks import many_peaks
 from floatplan.plans.plans import Answer
@@ -115,4 +115,4 @@ def test_coupled_joints_and_mirrored_planes_are_in_the_table(groups):
     robots = [like.robot for like, *_ in groups]
     assert any(len(robot.motors) > len(robot.joints) for robot in robots)
     assert {robot.tree.turn for robot in robots} == {-1.0, 1.0}
-    assert any(not merged_bodies(robot.tree, *np.ones((2, len(robot.joints)))).is_real for robot in robots)
+    assert any(not Bodies(robot.tree, *np.ones((2, len(robot.joints)))).is_real for robot in robots)

@@ -40,7 +40,6 @@ from floatplan.planning.transcription.objectives import (
 )
 from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.planning.transcription.trajectory import (
-    QUANTITIES,
     FlightModel,
     flight_model,
     sample_also,
@@ -49,7 +48,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import decision_variables
-from floatplan.problem.limits import Shares
+from floatplan.problem.problem import Shares
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
 GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
@@ -212,8 +211,8 @@ class TestDerivatives:
     @pytest.mark.parametrize("name", ["torques", "motor_torques", "orientation_rate", "velocities", "accelerations"])
     def test_of_quantities_by_the_kernel_and_on_the_general_path(self, problem, flight, x, name):
         here, there = trajectory(flight_model(problem), *flight[1:], x), trajectory(*flight, x)
-        expected = QUANTITIES[name].jacobian(there)
-        assert QUANTITIES[name].jacobian(here) == pytest.approx(expected, rel=1e-10, abs=1e-10 * np.abs(expected).max())
+        expected = there.quantity_jacobian(name)
+        assert here.quantity_jacobian(name) == pytest.approx(expected, rel=1e-10, abs=1e-10 * np.abs(expected).max())
 
     def test_of_the_whole_program(self, problem, flight, x, scale):
         """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""

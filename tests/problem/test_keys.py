@@ -11,9 +11,9 @@ import pytest
 import floatplan as fp
 from floatplan.cli.common import OPTIONS
 from floatplan.keys import ANGLE, Key, Keyed, Reader, read_tables
-from floatplan.plans.schema import SHARED, problem_table
+from floatplan.plans.record import SHARED, problem_table
 from floatplan.problem import parts
-from floatplan.problem.schema import TABLES
+from floatplan.problem.file import TABLES
 
 
 @dataclass(frozen=True, kw_only=True)

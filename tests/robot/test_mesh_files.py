@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from floatplan.errors import InputError
-from floatplan.robot.shapes.meshes import find_mesh, load_mesh
+from floatplan.robot.shapes.collisions import find_mesh, load_mesh
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]]
 FACES = [[0, 1, 2], [1, 3, 2]]

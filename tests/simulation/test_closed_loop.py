@@ -21,7 +21,7 @@ from floatplan.inflight import authority as authority_module
 from floatplan.simulation import closed_loop as closed_loop_module
 from floatplan.simulation.forward import mujoco_accelerations, pinocchio_accelerations
 from floatplan.simulation.mujoco_model import planar_model
-from floatplan.simulation.perturbation import Perturbation, parse_perturbation
+from floatplan.simulation.perturbation import Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import reduced_model
 from floatplan.view.report.flights import closed_loop_picture
 
@@ -120,7 +120,7 @@ def test_mujoco_lands_too(plan: fp.Plan) -> None:
     ],
 )
 def test_perturbations_are_read(text: str, name: str, value: float) -> None:
-    assert getattr(parse_perturbation(text), name) == pytest.approx(value)
+    assert getattr(given_perturbation(text), name) == pytest.approx(value)
 
 
 @pytest.mark.parametrize(

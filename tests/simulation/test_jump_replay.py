@@ -14,6 +14,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.view.report.flights import write_jump_pages
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -82,11 +83,24 @@ def test_refused(given: dict[str, Any], reason: str) -> None:
         fp.replay_jump(backflip(), **given)
 
 
+@pytest.mark.long
+def test_pages_and_film(tmp_path: Path) -> None:
+    """Of flights that land, and of one that falls on ice."""
+    for name, options, files in (("good", {"flights": 3}, 3), ("bad", {"friction": 0.15}, 2)):
+        flown = fp.replay_jump(backflip(), gains=(40.0, 1.0), perturb="mass=2%", **options)
+        found = write_jump_pages(flown, tmp_path / name)
+        assert [path.stat().st_size > 20_000 for path in found] == [True] * files
+        page = found[0].read_text()
+        assert f"{'stands' if name == 'good' else 'falls'} in MuJoCo with contact" in page
+        assert "on its feet alone" in page
+
+
 def test_command(floatplan: Callable[..., Any], tmp_path: Path) -> None:
     path = backflip().save(tmp_path / "jump.json")
     run = floatplan("replay", path, "--json")
     facts = json.loads(run.stdout)
     assert (run.code, facts["landed"], facts["control"]["rate"]) == (0, True, 500.0)
+    assert 1 <= facts["control"]["tried"] <= 8
     for words, reason in (
         (["--engine", "pinocchio"], "--engine: knows no ground"),
         (["--authority"], "--authority: is for plans"),

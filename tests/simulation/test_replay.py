@@ -15,7 +15,7 @@ from robot_samples import PAIR, TWO_LINKS, inertial, joint, robot_text
 import floatplan as fp
 from floatplan.plans.reading import load_record
 from floatplan.simulation.forward import whole_step
-from floatplan.simulation.perturbation import Perturbation, parse_perturbation
+from floatplan.simulation.perturbation import Perturbation, given_perturbation
 
 PROBLEMS = sorted((Path(__file__).parents[2] / "problems").glob("*.toml"))
 
@@ -174,8 +174,8 @@ class TestInput:
             fp.replay(handstand, **arguments)
 
     def test_errors_are_relative(self):
-        assert parse_perturbation("h=1%, mass=0.02") == Perturbation(h=0.01, mass=0.02)
-        assert parse_perturbation("") == Perturbation()
+        assert given_perturbation("h=1%, mass=0.02") == Perturbation(h=0.01, mass=0.02)
+        assert given_perturbation("") == Perturbation()
 
     def test_without_mujoco_the_error_names_the_command(self, handstand, monkeypatch):
         monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -359,7 +359,7 @@ class TestInSpace:
         """However long the steps that are asked for, gains do not make them unstable; and they have an end."""
         plan = sides(0.6)
         assert fp.replay(plan, engine="mujoco", step=0.1, feedback=1e3).spatial.orientation_error < 1e-4
-        monkeypatch.setattr("floatplan.simulation.spatial.MOST_STEPS", 1000)
+        monkeypatch.setattr("floatplan.simulation.forward.MOST_STEPS", 1000)
         with pytest.raises(fp.InputError, match="a lower feedback"):
             fp.replay(plan, engine="mujoco", feedback=1e4, step=1e-2)
 

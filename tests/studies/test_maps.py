@@ -110,7 +110,7 @@ def test_points_drawn_fall_into_cells(study_file):
     )
     assert shown.colour.shape == (5, 5)
     assert np.isfinite(shown.colour).all()
-    assert (shown.x.edges[0], shown.x.edges[-1]) == (3.0, 4.0)
+    assert (shown.x[1][0], shown.x[1][-1]) == (3.0, 4.0)
 
 
 @pytest.mark.parametrize(

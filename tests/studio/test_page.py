@@ -228,10 +228,10 @@ def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, v
     assert fresh.session.view.problem is before
     frames = fresh.player.frames
     with logged_errors() as errors:
-        fresh.player.play(True)
+        fresh.player.playing = True
         while fresh.player.frames < frames + 3:
             assert errors == []
-        fresh.player.play(False)
+        fresh.player.playing = False
     fresh.session.refuse("")
 
 
@@ -287,10 +287,10 @@ def test_the_player_goes_on_stops_and_seeks(fresh: Studio) -> None:
     fresh.painter.wait(PATIENCE)
     sent = fresh.player.frames
     with logged_errors() as errors:
-        fresh.player.play(True)
+        fresh.player.playing = True
         while fresh.player.frames < sent + 10:
             assert errors == []
-        fresh.player.play(False)
+        fresh.player.playing = False
 
 
 def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:

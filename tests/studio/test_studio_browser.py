@@ -31,7 +31,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         assert studio.session.view.problem is problem, "showing a problem does not change it"
         first = studio.session.view.answer
         print(page.figures("q2, °", 4))
-        studio.player.play(False)
+        studio.player.playing = False
         before = studio.session.view.number
         studio.session.edit(lambda _: problem)
         number = page.wait_for("proved", after=before)
@@ -76,7 +76,7 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     problem = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml")
     with logged_errors() as errors, closing(Studio(problem, port=0, with_map=False)) as studio:
-        studio.player.play(False)  # software draws it slowly
+        studio.player.playing = False  # software draws it slowly
         page = Page(browser, studio)
         print(page.figures("FL_calf_joint, °", 4))
         view = studio.session.view

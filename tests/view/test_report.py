@@ -257,7 +257,7 @@ def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> N
 )
 def test_films_that_cannot_be(handstand: fp.Plan, tmp_path: Path, name: str, speed: float) -> None:
     with pytest.raises(InputError):
-        animate(handstand, tmp_path / name, speed=speed)
+        handstand.animate(tmp_path / name, speed=speed)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -18,8 +18,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.bernstein import bernstein, lower, upper
-from floatplan.certificate.branch_and_bound import Items
+from floatplan.certificate.branch_and_bound import Items, bernstein, lower, upper
 from floatplan.certificate.cells import ORDER, ComplexBalls, Vectors, join_vectors
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
 from floatplan.certificate.planar.flight import FlightEnclosure

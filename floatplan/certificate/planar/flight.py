@@ -21,17 +21,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.cells import ORDER, TimeCells, Vectors, recentred
-from floatplan.certificate.enclosure import (
-    ROUND,
-    Balls,
-    Taylor,
-    cos_sin,
-    integral,
-    join_cells,
-    products,
-    reciprocal,
-    up,
-)
+from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, products, reciprocal, up
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
@@ -60,7 +50,12 @@ class Joints:
     @classmethod
     def joined(cls, parts: Sequence[Joints]) -> Joints:
         """The models of several batches of cells."""
-        return cls(**{each.name: join_cells([getattr(part, each.name) for part in parts]) for each in fields(cls)})
+
+        def join(name: str) -> Taylor:
+            models = [getattr(part, name) for part in parts]
+            return Taylor(np.concatenate([m.c for m in models], axis=1), np.concatenate([m.e for m in models]))
+
+        return cls(*(join(each.name) for each in fields(cls)))
 
     def __getitem__(self, cells: IntArray) -> Joints:
         """The models of some cells, or in another order."""
@@ -181,7 +176,7 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         coarse = _coarse(joints, duration) & (low < middle) & (middle < high)
         if count + len(low) + coarse.sum() > budget:
             coarse[:] = False
-        if not done and not coarse.any():
+        if not done and not coarse.any():  # not copied: arrays in another order have sums of other last bits
             return assemble(record, cells, joints)
         fine = np.flatnonzero(~coarse)
         done.append((low[fine], high[fine], joints[fine]))

@@ -13,6 +13,7 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,18 +26,9 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.urdf import (
-    Joint,
-    Placement,
-    Urdf,
-    check_roles,
-    motion,
-    motors_of,
-    read_urdf,
-    recorded_content,
-    unit_axis,
-)
+from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
 from floatplan.errors import InputError
+from floatplan.files import LARGEST_URDF, read_regular
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
@@ -55,10 +47,13 @@ def kept_robot(path: Path, record: RobotRecord) -> PlanarRobot:
     Raises
     ------
     InputError
-        As :func:`~floatplan.certificate.planar.urdf.recorded_content`,
-        :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`planar_robot`.
+        The file cannot be read, or has another SHA-256; or as :func:`~floatplan.certificate.planar.urdf.read_urdf` and
+        :func:`planar_robot`.
     """
-    content = recorded_content(path, record.sha256)
+    content = read_regular(path, LARGEST_URDF, "a URDF file")
+    if hashlib.sha256(content).hexdigest() != record.sha256:
+        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
+        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
     roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
     key = json.dumps([record.sha256, *roles])
     if key not in _kept:
@@ -103,10 +98,6 @@ class PlanarRobot:
     segments : link name -> pairs of Points
         From its origin to the origins of its children's joints, and of its own where a locked prismatic joint holds it
         away from there; only its origin where that is all there is of a link that has an inertia.
-    placed : link name -> Placement in the root link at planned positions zero
-    origins : (m) acb
-        Place of each body's origin in the root link's plane at planned positions zero, m.
-    in_plane : from a point (3, 1) of the root link to acb in its plane
     with_collision : links that have a ``<collision>`` element
     """
 
@@ -123,9 +114,6 @@ class PlanarRobot:
     frames: Mapping[str, Point]
     carriers: Mapping[str, tuple[str, ...]]
     segments: Mapping[str, tuple[tuple[Point, Point], ...]]
-    placed: Mapping[str, Placement]
-    origins: tuple[Any, ...]
-    in_plane: Callable[[Any], Any]
     with_collision: frozenset[str]
 
     def weights_of(self, point: Point) -> list[Any]:
@@ -138,19 +126,12 @@ class PlanarRobot:
         return row
 
     def link_point(self, link: str, place: Sequence[float]) -> Point:
-        """Point of a link, m: (x, y, z) in the link's frame, or (horizontal, vertical) from its origin.
-
-        The plane's two axes are the root link's, in the posture with all planned positions zero.
-        """
-        if link not in self.placed:
+        """Point of a link, m: (horizontal, vertical) from its origin, with all planned positions zero."""
+        if link not in self.segments:
             raise InputError(f'the robot has no link "{link}"', element="shapes")
-        origin = self.frames[link]
+        origin, (x, y) = self.frames[link], place
         with flint.ctx.workprec(PRECISION):
-            values = [flint.arb(float(value)) for value in place]
-            if len(values) == 2:
-                return Point(origin.body, origin.local + flint.acb(values[0], self.sigma * values[1]))
-            in_root = self.placed[link].point(flint.arb_mat(3, 1, values))
-            return Point(origin.body, self.in_plane(in_root) - self.origins[origin.body])
+            return Point(origin.body, origin.local + flint.acb(flint.arb(float(x)), self.sigma * flint.arb(float(y))))
 
 
 @dataclass
@@ -189,7 +170,8 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         def in_plane(point: Any) -> Any:
             return flint.acb(point[horizontal, 0], sigma * point[vertical, 0])
 
-        motors = motors_of(urdf, record)
+        by_name = {joint.name: joint for joint in urdf.joints}
+        motors = (*record.joints, *(name for name in record.coupled if not is_geared(by_name, record, name)))
         ratios = _ratios(record, motors)
         bodies = [_Body(-1, [flint.arb(0)] * len(record.joints), [flint.arb(0)] * len(motors), flint.acb(0))]
         body_of = {urdf.root: 0}
@@ -228,9 +210,6 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
             carriers=_carriers(urdf),
             segments=_segments(urdf, points, placed, lambda body, place: in_plane(place) - bodies[body].origin),
-            placed=placed,
-            origins=tuple(body.origin for body in bodies),
-            in_plane=in_plane,
             with_collision=frozenset(name for name, link in urdf.links.items() if link.has_collision),
         )
 
@@ -257,14 +236,14 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
         at = placed[joint.parent] * joint.origin
         turned = joint
         if joint.name in record.joints or joint.name in record.coupled:
-            axis = at.rotation * unit_axis(joint)
+            axis = at.rotation * joint.unit_axis
             if any(not abs(axis[k, 0]) < LARGEST_TILT for k in range(3) if k != normal_axis):
                 raise InputError("its axis is not the plane's normal", element=f'joint "{joint.name}"')
             sign = signs[joint.name] = 1.0 if axis[normal_axis, 0] > 0 else -1.0
             turned = replace(joint, axis=flint.arb_mat(3, 1, [sign * at.rotation[normal_axis, k] for k in range(3)]))
         offset = record.coupled.get(joint.name, {}).get("offset", 0.0)
         position = float(record.locked.get(joint.name, offset))
-        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, position)
+        placed[joint.child] = at if joint.kind == "fixed" else at * turned.motion(position)
     return placed, signs
 
 

@@ -14,10 +14,10 @@ from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
 from floatplan.certificate.cells import ORDER, Vectors, recentred
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
 from floatplan.certificate.findings import at_least
-from floatplan.certificate.planar.boundary import com_polynomials
 from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, place_shapes
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
+from floatplan.certificate.planar.limits import com_polynomials
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
 from floatplan.tables import CLEARANCE

@@ -6,7 +6,6 @@ reader takes them; what is computed from them is enclosed.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ import flint
 
 from floatplan.certificate.enclosure import PRECISION
 from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
+from floatplan.files import parsed_xml
 from floatplan.plans.record import RobotRecord
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # all six in an <inertia>; without one a link is a point mass
@@ -53,19 +52,11 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Follower:
-    """The joint that the file makes a joint follow: ``position = multiplier * leader's position + offset``."""
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
 class Joint:
     """A joint: its child's frame is at ``origin`` times the motion about (or along) ``axis``.
 
-    ``armature`` is the inertia of its motor's rotor as the joint feels it, kg m^2.
+    ``mimic`` is the joint that the file makes it follow, with multiplier and offset: ``position = multiplier * leader's
+    position + offset``. ``armature`` is the inertia of its motor's rotor as the joint feels it, kg m^2.
     """
 
     name: str
@@ -74,8 +65,22 @@ class Joint:
     child: str
     origin: Placement
     axis: Any
-    mimic: Follower | None
+    mimic: tuple[str, float, float] | None
     armature: float
+
+    @property
+    def unit_axis(self) -> Any:
+        """The axis in the joint's own frame, made a unit vector (3, 1)."""
+        length = sum((part * part for part in self.axis.entries()), start=flint.arb(0)).sqrt()
+        if not length > 0:
+            raise InputError("its axis has no length", element=f'joint "{self.name}"')
+        return self.axis * (1 / length)
+
+    def motion(self, position: float) -> Placement:
+        """Displacement at a position (rad or m)."""
+        if self.kind == "prismatic":
+            return Placement(translation=self.unit_axis * flint.arb(position))
+        return Placement(_turn(self.unit_axis, flint.arb(position))) if position else Placement()
 
 
 @dataclass(frozen=True)
@@ -85,21 +90,6 @@ class Urdf:
     links: Mapping[str, Link]
     joints: tuple[Joint, ...]
     root: str
-
-
-def recorded_content(path: Path, sha256: str) -> bytes:
-    """Content of the URDF file of this hash.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or has another SHA-256.
-    """
-    content = read_regular(path, LARGEST_URDF, "a URDF file")
-    if hashlib.sha256(content).hexdigest() != sha256:
-        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
-        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
-    return content
 
 
 def read_urdf(content: bytes, path: Path) -> Urdf:
@@ -117,13 +107,6 @@ def read_urdf(content: bytes, path: Path) -> Urdf:
         raise error.within(path) from None
     except (ValueError, LookupError) as error:
         raise InputError(f"is no URDF: {error}", source=path) from None
-
-
-def motion(joint: Joint, position: float) -> Placement:
-    """Displacement of a joint at a position (rad or m)."""
-    if joint.kind == "prismatic":
-        return Placement(translation=unit_axis(joint) * flint.arb(position))
-    return Placement(_turn(unit_axis(joint), flint.arb(position))) if position else Placement()
 
 
 def _tree(root: Element) -> Urdf:
@@ -189,7 +172,7 @@ def _joint(element: Element) -> Joint:
     ends, mimic, follower = (_text(parent, "link"), _text(child, "link")), element.find("mimic"), None
     if mimic is not None:
         multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
-        follower = Follower(_text(mimic, "joint"), multiplier, offset)
+        follower = (_text(mimic, "joint"), multiplier, offset)
     dynamics = element.find("dynamics")
     armature = 0.0 if dynamics is None else float(_number(dynamics.get("armature", "0")))
     return Joint(name, kind, *ends, _origin(element), direction, follower, armature)
@@ -213,14 +196,6 @@ def _turn(axis: Any, angle: Any) -> Any:
     sine, cosine = angle.sin_cos()
     cross = flint.arb_mat([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return Placement().rotation + cross * sine + cross * cross * (1 - cosine)
-
-
-def unit_axis(joint: Joint) -> Any:
-    """The joint's axis in its own frame, made a unit vector (3, 1)."""
-    length = sum((part * part for part in joint.axis.entries()), start=flint.arb(0)).sqrt()
-    if not length > 0:
-        raise InputError("its axis has no length", element=f'joint "{joint.name}"')
-    return joint.axis * (1 / length)
 
 
 def _vector(text: str | None, default: str) -> Any:
@@ -268,20 +243,14 @@ def check_roles(urdf: Urdf, record: RobotRecord) -> None:
             raise InputError(f"{armature!r} is no inertia", element=f"robot.armature.{name}")
 
 
-def motors_of(urdf: Urdf, record: RobotRecord) -> tuple[str, ...]:
-    """The planned joints, and the coupled ones less those that the file itself couples just so."""
-    by_name = {joint.name: joint for joint in urdf.joints}
-    return (*record.joints, *(name for name in record.coupled if not _is_geared(by_name, record, name)))
-
-
-def _is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
+def is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
     """Whether the file's ``<mimic>``, followed to the joint that leads, says what the record's coupling says."""
     ratio, offset, leader, settled = 1.0, 0.0, name, {*record.joints, *record.locked}
     for _ in joints:
         mimic = joints[leader].mimic
         if mimic is None or leader in settled:
             break
-        ratio, offset, leader = ratio * mimic.multiplier, offset + ratio * mimic.offset, mimic.leader
+        leader, ratio, offset = mimic[0], ratio * mimic[1], offset + ratio * mimic[2]
         if leader not in joints:
             return False
     coupling = record.coupled[name]

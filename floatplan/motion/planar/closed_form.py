@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
-from floatplan.robot.planar.tree import PlanarTree, rotations_of
+from floatplan.robot.planar.tree import PlanarTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Dynamics:
 
     def momentum_map(self, positions: Array) -> Array:
         """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
-        rotations = rotations_of(positions @ self._distinct_turns_transposed, self._turn)
+        rotations = self._tree.rotations(positions @ self._distinct_turns_transposed)
         gathered = (rotations.conj() @ self._distinct.coupling) * rotations
         return np.asarray(gathered.real @ self._rates)
 

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.arrays import Array, read_only
 from floatplan.motion.planar.ballistics import ballistics, frame_weights
 from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.problem.problem import Problem
@@ -48,12 +48,12 @@ class ContactEquations:
 
 
 def row_sizes(matrix: Array) -> Array:
-    """Sizes (.., 3) of the rows of ``ContactEquations`` (.., 3, k); those of the velocity share one.
+    """Sizes (3,) of the rows of ``ContactEquations`` (3, k); those of the velocity share one.
 
     Either of these two may vanish where a robot is stretched out.
     """
-    sizes: Array = np.abs(matrix).max(axis=-1)
-    sizes[..., 1:] = sizes[..., 1:].max(axis=-1, keepdims=True)
+    sizes: Array = np.abs(matrix).max(axis=1)
+    sizes[1:] = sizes[1:].max()
     return np.where(sizes == 0, 1.0, sizes)
 
 
@@ -121,16 +121,10 @@ def equations_at(
     """Return the equations for a frame at rest in any posture; ``com_velocity`` (2,) m/s."""
     tree = robot.tree
     rotations = tree.rotations(tree.absolute_angles(np.array(orientation), positions))
-    inertia = tree_dynamics(tree).momentum_map(positions[None])
-    matrix = contact_matrices(robot, frame, inertia, rotations[None])[0]
-    return ContactEquations(read_only(matrix), read_only(com_velocity))
-
-
-def contact_matrices(robot: Robot, frame: Frame, inertia: Array, rotations: ComplexArray) -> Array:
-    """Matrices (K, 3, n+1) of :class:`ContactEquations`, from D (K, n+1) and the bodies' rotations (K, m)."""
-    swings = 1j * robot.tree.turn * rotations * frame_weights(robot, frame)
-    of_frame = np.concatenate((swings.sum(axis=1, keepdims=True), swings @ robot.tree.turns), axis=1)
-    return np.stack((inertia, of_frame.real, of_frame.imag), axis=1)
+    swings = 1j * tree.turn * rotations * frame_weights(robot, frame)
+    of_frame = np.append(swings.sum(), swings @ tree.turns)
+    inertia = tree_dynamics(tree).momentum_map(positions[None])[0]
+    return ContactEquations(read_only([inertia, of_frame.real, of_frame.imag]), read_only(com_velocity))
 
 
 def rate_limits(problem: Problem) -> Array:
@@ -189,13 +183,13 @@ def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_m
     unlimited = 1 / np.abs(robot.motor_ratios).max(axis=0)  # of the fastest motor, 1 rad/s
     limited = np.isfinite(limits)
     costless = np.full(free, np.inf)
-    least = least_rates(columns[None], target[None], np.concatenate((costless, limits)))
-    values, ratio = least.values[0], float(least.ratio[0])
+    least = least_rates(columns, target, np.concatenate((costless, limits)))
+    values, ratio = least.values, least.ratio
     if not limited.all() and np.isfinite(ratio):
         kept = np.concatenate((costless > 0, ~limited))
         rest = target - columns[:, ~kept] @ values[~kept]
-        others = least_rates(columns[None][:, :, kept], rest[None], np.concatenate((costless, unlimited[~limited])))
-        values[kept] = others.values[0]
+        others = least_rates(columns[:, kept], rest, np.concatenate((costless, unlimited[~limited])))
+        values[kept] = others.values
         least = least if limited.any() else others
     return ContactRates(
         ratio=ratio if limited.any() or not np.isfinite(ratio) else None,
@@ -210,8 +204,8 @@ def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_m
 
 def _motor(robot: Robot, least: LeastRates, free: int) -> str | None:
     """Of the joint with most influence the motor that is the first at its limit."""
-    influence = least.influence[0, free:]
-    if not 0 < least.ratio[0] < np.inf:
+    influence = least.influence[free:]
+    if not 0 < least.ratio < np.inf:
         return None
     leader = int(np.flatnonzero(influence >= influence.max() * (1 - SAME))[0])
     ratios = np.abs(robot.motor_ratios[:, leader])
@@ -222,17 +216,17 @@ def _motor(robot: Robot, least: LeastRates, free: int) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class LeastRates:
-    """The rates of K postures, and what holds them back.
+    """Rates, and what holds them back.
 
     Attributes
     ----------
-    ratio : (K,) the largest ``|x_i| / limit_i``; infinite where no rates satisfy the equations
-    values : (K, k) the rates x; NaN where there are none
-    influence : (K, k)
+    ratio : the largest ``|x_i| / limit_i``; infinite where no rates satisfy the equations
+    values : (k,) the rates x; NaN where there are none
+    influence : (k,)
         By which share ``ratio`` falls as a limit grows by its own share; the sum is 1, or 0 where nothing holds back.
     """
 
-    ratio: Array
+    ratio: float
     values: Array
     influence: Array
 
@@ -247,64 +241,55 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
 
     Parameters
     ----------
-    columns : (K, 3, k), the equations of comparable size: what is ``NOTHING`` beside the rest of a column is rounding
-    target : (K, 3)
+    columns : (3, k), the equations of comparable size: what is ``NOTHING`` beside the rest of a column is rounding
+    target : (3,)
     limits : (k,)
-        Positive; infinite where a rate costs nothing. These must leave at most two of the three equations, and as many
-        in each of the K.
+        Positive; infinite where a rate costs nothing. These must leave at most two of the three equations.
     """
-    size = np.linalg.norm(target, axis=1)
     limited = np.isfinite(limits)
-    finite = np.where(limited, limits, 0.0)
-    reach = columns * finite
-    values, influence, ratio = np.zeros(reach[:, 0].shape), np.zeros(reach[:, 0].shape), np.zeros(len(target))
-    basis = _complement(columns[:, :, ~limited])
-    open_, rest = np.broadcast_to(limited, values.shape), target
-    for stage in range(basis.shape[2]):
-        direction = _steepest(basis, reach * open_[:, None], rest)
-        normal = basis @ direction[:, :, None]
-        asked = (rest[:, None] @ normal)[:, 0, 0]
-        asked[np.abs(asked) <= NOTHING * size] = 0.0
-        pulls = _pulls(normal.transpose(0, 2, 1), reach * open_[:, None])[:, 0]
-        strength = np.abs(pulls).sum(axis=1)
-        shares = np.divide(asked, strength, out=np.where(asked == 0, 0.0, np.inf), where=strength > 0)
-        acting = pulls != 0
+    reach = columns * np.where(limited, limits, 0.0)
+    values, influence, ratio = np.zeros(len(limits)), np.zeros(len(limits)), 0.0
+    costless = columns[:, ~limited]
+    lengths = np.linalg.norm(costless, axis=0)
+    left, singular, _ = np.linalg.svd(costless / np.where(lengths > 0, lengths, 1.0))
+    basis, open_, rest = left[:, int((singular > SAME).sum()) :], limited, target
+    for stage in range(basis.shape[1]):
+        direction = _steepest(basis, reach * open_, rest)
+        normal = basis @ direction
+        asked = float(normal @ rest)
+        pulls = _pulls(normal, reach * open_)
+        strength = float(np.abs(pulls).sum())
+        is_met = abs(asked) <= NOTHING * np.linalg.norm(target)
+        share = 0.0 if is_met else asked / strength if strength else np.inf
         if stage == 0:
-            ratio, influence = np.abs(shares), np.abs(pulls) / np.where(strength > 0, strength, 1.0)[:, None]
-        values += np.where(acting, shares[:, None], 0.0) * np.sign(pulls) * finite
-        open_, rest = open_ & ~acting, target - (columns[:, :, limited] @ values[:, limited, None])[:, :, 0]
-        if stage + 1 < basis.shape[2]:  # from the plane to the line across
-            basis = basis @ np.stack((-direction[:, 1], direction[:, 0]), axis=1)[:, :, None]
-    values[:, ~limited] = (np.linalg.pinv(columns[:, :, ~limited], rcond=SAME) @ rest[:, :, None])[:, :, 0]
-    values[np.isinf(ratio)] = np.nan
-    return LeastRates(ratio, values, influence)
-
-
-def _complement(columns: Array) -> Array:
-    """Orthonormal bases (K, r, d) of what is perpendicular to all columns (K, r, k)."""
-    lengths = np.linalg.norm(columns, axis=1, keepdims=True)
-    left, singular, _ = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0))
-    return np.asarray(left[:, :, int((singular > SAME).sum(axis=1).max(initial=0)) :])
+            ratio, influence = abs(share), np.abs(pulls) / (strength or 1.0)
+        acting = pulls != 0
+        values[acting] += share * np.sign(pulls[acting]) * limits[acting]
+        open_, rest = open_ & ~acting, target - columns[:, limited] @ values[limited]
+        if stage + 1 < basis.shape[1]:  # from the plane to the line across
+            basis = basis @ np.array([[-direction[1]], [direction[0]]])
+    values[~limited] = np.linalg.pinv(costless, rcond=SAME) @ rest
+    return LeastRates(ratio, np.full(len(values), np.nan) if np.isinf(ratio) else values, influence)
 
 
 def _pulls(normals: Array, reach: Array) -> Array:
-    """How far (K, .., k) each column of ``reach`` (K, 3, k) goes along unit normals (K, .., 3): 0 for rounding."""
+    """How far (.., k) each column of ``reach`` (3, k) goes along unit normals (.., 3): 0 for rounding."""
     pulls = normals @ reach
-    return np.where(np.abs(pulls) <= NOTHING * np.linalg.norm(reach, axis=1, keepdims=True), 0.0, pulls)
+    return np.where(np.abs(pulls) <= NOTHING * np.linalg.norm(reach, axis=0), 0.0, pulls)
 
 
 def _steepest(basis: Array, reach: Array, target: Array) -> Array:
-    """Unit vectors y (K, d), d of 1 or 2, in bases (K, 3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
-    if basis.shape[2] == 1:
-        return np.ones((len(basis), 1))
-    across, along = basis.transpose(0, 2, 1) @ reach, basis.transpose(0, 2, 1) @ target[:, :, None]
-    candidates = np.concatenate((np.stack((-across[:, 1], across[:, 0]), axis=1), along), axis=2)
-    lengths = np.linalg.norm(candidates, axis=1)
-    candidates /= np.where(lengths > 0, lengths, 1.0)[:, None]
-    asked = np.abs(along.transpose(0, 2, 1) @ candidates)[:, 0]
-    asked[asked <= NOTHING * np.linalg.norm(target, axis=1, keepdims=True)] = 0.0
-    strength = np.abs(_pulls((basis @ candidates).transpose(0, 2, 1), reach)).sum(axis=2)
+    """The unit vector y (d,), d of 1 or 2, in a basis (3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
+    if basis.shape[1] == 1:
+        return np.ones(1)
+    across, along = basis.T @ reach, basis.T @ target
+    candidates = np.column_stack(((-across[1], across[0]), along))
+    lengths = np.linalg.norm(candidates, axis=0)
+    candidates = candidates[:, lengths > 0] / lengths[lengths > 0]
+    if not candidates.size:
+        return np.array([1.0, 0.0])
+    asked = np.abs(along @ candidates)
+    asked[asked <= NOTHING * np.linalg.norm(target)] = 0.0
+    strength = np.abs(_pulls((basis @ candidates).T, reach)).sum(axis=1)
     ratios = np.divide(asked, strength, out=np.where(asked > 0, np.inf, 0.0), where=strength > 0)
-    best = np.where(lengths > 0, ratios, -1.0).argmax(axis=1)
-    chosen = candidates[np.arange(len(best)), :, best]
-    return np.where(lengths.any(axis=1, keepdims=True), chosen, [1.0, 0.0])
+    return np.asarray(candidates[:, ratios.argmax()])

@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
@@ -42,24 +42,8 @@ class RateCurve:
         return self.rates[piece] + slope * (momentum - self.momenta[piece]), slope
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarEndRates:
-    """The given rates (2, n) rad/s at takeoff and landing, and the curve of those that follow from h instead."""
-
-    given: Array
-    curves: tuple[RateCurve | None, RateCurve | None]
-
-    def __call__(self, angular_momentum: Array) -> tuple[Array, Array]:
-        """Rates (2, n) at h (1,), and their derivatives (2, n, 1)."""
-        rates, slopes = self.given.copy(), np.zeros((*self.given.shape, 1))
-        for end, curve in enumerate(self.curves):
-            if curve:
-                rates[end], slopes[end, :, 0] = curve(float(angular_momentum[0]))
-        return rates, slopes
-
-
 @lru_cache(maxsize=8)
-def end_rates(problem: Problem, momentum: MomentumSet) -> PlanarEndRates:
+def end_rates(problem: Problem, momentum: MomentumSet) -> RatesAtEnds:
     """Return the rates at both ends.
 
     Raises
@@ -69,7 +53,7 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> PlanarEndRates:
     """
     states = (problem.initial, problem.final)
     given = np.array([state.velocities for state in states])
-    curves: list[RateCurve | None] = [None, None]
+    curves: dict[int, RateCurve] = {}
     for number, (element, end) in enumerate(ENDS):
         if states[number].frame_rests:
             middle = float(momentum.centre[0])
@@ -77,7 +61,14 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> PlanarEndRates:
                 curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
             else:
                 given[number] = _rates(problem, element, end, middle)
-    return PlanarEndRates(given, (curves[0], curves[1]))
+
+    def rates_at(angular_momentum: Array) -> tuple[Array, Array]:
+        rates, slopes = given.copy(), np.zeros((*given.shape, 1))
+        for number, curve in curves.items():
+            rates[number], slopes[number, :, 0] = curve(float(angular_momentum[0]))
+        return rates, slopes
+
+    return rates_at
 
 
 def _curve(problem: Problem, element: str, end: End, middle: float, reach: float) -> RateCurve:

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array, ComplexArray, IntArray, read_only
+from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
@@ -258,25 +258,31 @@ class FullMotion:
         return self.dynamics.robot.plane.normal
 
 
-@dataclass(frozen=True, eq=False)
 class FreeFlyer:
     """Where the joints are in ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
-    Attributes
-    ----------
-    nq, nv : int
-        Sizes of a configuration and of a velocity.
-    in_q, in_v : (J,) int
-        First entry of each joint in them; the joints in the order of :class:`FullMotion`.
-    continuous : (C,) int
-        Which of the J joints are (cos, sin) in a configuration.
+    ``nq, nv`` are the sizes of a configuration and of a velocity; ``in_q, in_v`` (J,) the first entry of each joint in
+    them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in a configuration.
+
+    Raises
+    ------
+    InputError
+        A joint has the name that Pinocchio gives to the free flyer.
     """
 
-    nq: int
-    nv: int
-    in_q: IntArray
-    in_v: IntArray
-    continuous: IntArray
+    def __init__(self, robot: Robot) -> None:
+        if ROOT_JOINT in robot.layout.tree.joint:
+            raise InputError(
+                "Pinocchio gives this name to the free flyer, and so has no free-flyer model of the file",
+                source=robot.path,
+                element=f'joint "{ROOT_JOINT}"',
+                advice="rename it",
+            )
+        model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
+        joints = [model.joints[model.getJointId(name)] for name in list(robot.model.names)[BASE + 1 :]]
+        self.nq, self.nv = int(model.nq), int(model.nv)
+        self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
+        self.continuous = np.flatnonzero([joint.nq == 2 for joint in joints])
 
     def configurations(self, motion: FullMotion) -> Array:
         """Configurations (N, nq): place, quaternion x y z w, joints; m and rad."""
@@ -308,33 +314,5 @@ class FreeFlyer:
 
 @lru_cache(maxsize=64)
 def free_flyer(robot: Robot) -> FreeFlyer:
-    """Read where the joints of a robot's URDF are in Pinocchio's model of it.
-
-    Raises
-    ------
-    InputError
-        A joint has the name that Pinocchio gives to the free flyer.
-    """
-    names = list(robot.model.names)[BASE + 1 :]
-    if ROOT_JOINT in robot.layout.tree.joint:
-        raise InputError(
-            "Pinocchio gives this name to the free flyer, and so has no free-flyer model of the file",
-            source=robot.path,
-            element=f'joint "{ROOT_JOINT}"',
-            advice="rename it",
-        )
-    model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
-    joints = [model.joints[model.getJointId(name)] for name in names]
-    return FreeFlyer(
-        nq=model.nq,
-        nv=model.nv,
-        in_q=_indices([joint.idx_q for joint in joints]),
-        in_v=_indices([joint.idx_v for joint in joints]),
-        continuous=_indices([index for index, joint in enumerate(joints) if joint.nq == 2]),
-    )
-
-
-def _indices(values: list[int]) -> IntArray:
-    indices = np.array(values, dtype=np.int64)
-    indices.setflags(write=False)
-    return indices
+    """Return where the joints of a robot are in Pinocchio's model of its URDF; errors as :class:`FreeFlyer`."""
+    return FreeFlyer(robot)

@@ -6,8 +6,8 @@ They are checked before the search, which is cut short where one is violated.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import point_distances
 from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rates_at
-from floatplan.problem.parts import Bar, JointState, Obstacle
+from floatplan.problem.parts import Bar, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION, RELATIVE
@@ -50,9 +50,8 @@ def difficulties(problem: Problem) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class CentralPoint:
-    """A fixed point of the robot that is never further than ``reach`` m from the centre of mass.
+class CentralPoint(NamedTuple):
+    """The point of the robot's shapes that is never further than ``reach`` m, the least, from the centre of mass.
 
     ``start, goal`` : its places relative to the centre of mass at takeoff and landing, m.
     """
@@ -63,16 +62,11 @@ class CentralPoint:
 
 
 def central_point(problem: Problem) -> CentralPoint:
-    """Return the point of the robot's shapes with the least reach.
-
-    A point's place relative to the centre of mass is a sum of rotated vectors; the sum of their lengths bounds it.
-    """
+    """A point's place from the centre of mass is a sum of rotated vectors; the sum of their lengths is its reach."""
     tree, weights = problem.robot.tree, _central_weights(problem.robot)
-    start, goal = (
-        complex(tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions)) @ weights)
-        for state in (problem.initial, problem.final)
-    )
-    return CentralPoint(float(np.abs(weights).sum()), start, goal)
+    states = (problem.initial, problem.final)
+    angles = (tree.absolute_angles(np.array(state.orientation), state.positions) for state in states)
+    return CentralPoint(float(np.abs(weights).sum()), *(complex(tree.rotations(each) @ weights) for each in angles))
 
 
 @lru_cache(maxsize=16)
@@ -111,15 +105,11 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     if not np.isfinite(problem.velocity_limits).any():
         return
     momentum = None if problem.flight.angular_momentum == "free" else _given_momentum(problem)
-    ends: tuple[tuple[End, JointState, str], ...] = (
-        ("takeoff", problem.initial, problem.takeoff.frame),
-        ("landing", problem.final, problem.landing.frame),
-    )
-    for end, state, frame in ends:
+    takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
+    for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
-            found = rates_at(
-                problem.robot, equations_at(problem.robot, *at_end(problem, end)), problem.velocity_limits, momentum
-            )
+            equations = equations_at(problem.robot, *at_end(problem, end))
+            found = rates_at(problem.robot, equations, problem.velocity_limits, momentum)
             if found.exist and found.ratio is not None and found.ratio > 1 + RELATIVE:
                 whatever = ", whatever the angular momentum," if momentum is None else ""
                 yield (

@@ -17,9 +17,8 @@ from floatplan.arrays import Array, BoolArray
 from floatplan.kernel.constraints import Block, ObstacleRows, PairRows, SumRows
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
-from floatplan.problem.limits import Shares, shares_of_limits
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.problem import Problem
+from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.tables import CLEARANCE, RELATIVE
 
 LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a torque or rate limit
@@ -144,7 +143,7 @@ class Limit(Constraint):
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        used = [weights @ QUANTITIES[name].jacobian(trajectory) for name, weights in self.weights.items()]
+        used = [weights @ trajectory.quantity_jacobian(name) for name, weights in self.weights.items()]
         return -sum(used[1:], used[0])
 
     def compiled(self) -> Block:

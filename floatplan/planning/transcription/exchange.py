@@ -12,18 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.batch import (
-    COARSE,
-    COARSELY_RESOLVED,
-    FINE,
-    HOPELESS,
-    MOST_ITERATIONS,
-    MOST_ROUNDS,
-    NEARLY_RESOLVED,
-    QUADRATURE_ERROR,
-    ROUGH,
-    nearly_resolved,
-)
+from floatplan.kernel import batch
 from floatplan.kernel.constraints import Look, minima
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
@@ -145,7 +134,7 @@ def solve(
     make_objective: Callable[[Sampling], Objective],
     constraints: tuple[Constraint, ...],
     x: Array,
-    settings: Settings = FINE,
+    settings: Settings = batch.FINE,
     stop: Callable[[], bool] = lambda: False,
     first_level: int = 0,
 ) -> Solution[Trajectory]:
@@ -166,26 +155,26 @@ def solve(
     for level in range(max(first_level, _cheap_level(counts, model.flight.bodies)), len(counts)):
         program = program_at(level, extra, x)
         start = program.evaluate(x)
-        if start.detail.flown.unresolved < COARSELY_RESOLVED:
+        if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
     guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=step_by_active_rows)
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
-    for _ in range(MOST_ROUNDS):
+    for _ in range(batch.MOST_ROUNDS):
         solution = minimise(program, x, guess, stage, stop, start)
         iterations += solution.iterations
         evaluations += solution.evaluations
-        if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
+        if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < batch.HOPELESS:
             solution = _made_feasible(program, solution, stop)
         x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
         was_last, (stage, error) = stage == settings, next(stages, (stage, error))
         needed = max(level, motion.flown.level_needed(error))
         finished = was_last and needed == level
-        if iterations > MOST_ITERATIONS:
+        if iterations > batch.MOST_ITERATIONS:
             break
-        if solution.status == "infeasible" and (was_last or start.worst_violation > HOPELESS):
+        if solution.status == "infeasible" and (was_last or start.worst_violation > batch.HOPELESS):
             if not (constraints and back_off and start.worst_violation < TIGHT):
                 break
             back_off, finished = 0.0, False
@@ -214,12 +203,12 @@ def _stages(
     """
     flown = start.detail.flown
     if constrained:
-        yield replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR
-    elif flown.level_needed(NEARLY_RESOLVED) > level:
-        yield replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED
-    if not constrained and flown.level_needed(QUADRATURE_ERROR) > level:
-        yield nearly_resolved(settings), NEARLY_RESOLVED
-    yield settings, QUADRATURE_ERROR
+        yield replace(batch.COARSE, longest_step=settings.longest_step), batch.QUADRATURE_ERROR
+    elif flown.level_needed(batch.NEARLY_RESOLVED) > level:
+        yield replace(batch.ROUGH, longest_step=settings.longest_step), batch.NEARLY_RESOLVED
+    if not constrained and flown.level_needed(batch.QUADRATURE_ERROR) > level:
+        yield batch.nearly_resolved(settings), batch.NEARLY_RESOLVED
+    yield settings, batch.QUADRATURE_ERROR
 
 
 def _made_feasible(

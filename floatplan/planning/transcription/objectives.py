@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,19 +22,6 @@ from floatplan.tables import Objective as ObjectiveName
 
 LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
 EXACT_LEVEL = -1  # of the grids: the finest, for the number that the user sees
-
-
-class Objective(Protocol):
-    """A term to minimise."""
-
-    def value(self, trajectory: Trajectory, x: Array) -> float:
-        """Value."""
-
-    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
-        """Gradient (size,) by x."""
-
-    def hessian(self, trajectory: Trajectory) -> Array:
-        """Positive definite guess (size, size) of the second derivative by x."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +103,7 @@ class IntegralOfSquares:
 
     def gradient(self, trajectory: Trajectory, x: Array) -> Array:
         """Gradient (size,) by x."""
-        by_quantity = QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.grid.nodes]
+        by_quantity = trajectory.quantity_jacobian(self.quantity)[: trajectory.sampling.grid.nodes]
         return np.asarray(np.einsum("kr,krx->x", self.weights(trajectory), by_quantity))
 
     def weights(self, trajectory: Trajectory) -> Array:
@@ -127,13 +114,14 @@ class IntegralOfSquares:
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation, with the least curvature added."""
         weights = np.sqrt(2 * _time_weights(trajectory) / self.scale)
-        weighted = (
-            weights[:, None, None] * QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.grid.nodes]
-        )
-        rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
+        by_quantity = trajectory.quantity_jacobian(self.quantity)[: trajectory.sampling.grid.nodes]
+        rows = (weights[:, None, None] * by_quantity).reshape(-1, by_quantity.shape[2])
         hessian: Array = rows.T @ rows
         diagonal = hessian.diagonal()
         return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
+
+
+Objective: TypeAlias = CoefficientNorm | FollowingCoefficientNorm | IntegralOfSquares  # a term to minimise
 
 
 def objective_term(name: ObjectiveName, variables: DecisionVariables, scale: float = 1.0) -> Objective:

@@ -8,7 +8,7 @@ evaluated are, and they cost nearly all of it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import cast
 
@@ -93,6 +93,7 @@ class Trajectory:
     motion: JointMotion
     angular_momentum: Array
     boundary_by_axes: Array | None = None
+    _jacobians: dict[str, Array] = field(default_factory=dict, init=False)
 
     @cached_property
     def flown(self) -> BaseMotion:
@@ -129,23 +130,16 @@ class Trajectory:
         given = np.stack(self.sampling.values)[..., : self.sampling.given]
         return replace(by_x, of_axes=np.tensordot(given, self.boundary_by_axes, axes=(2, 1)))
 
-    @cached_property
-    def torque_jacobian(self) -> Array:
-        """Derivatives (K, n, size) of the generalised torques by x."""
-        found = self._of_kernel("torques")
-        return self.jacobian(self.differentiable.torque_partials) if found is None else found
+    def quantity_jacobian(self, name: str) -> Array:
+        """Derivatives (K, r, size) of a quantity of :data:`QUANTITIES` by x."""
+        if name not in self._jacobians:
+            self._jacobians[name] = QUANTITIES[name].jacobian(self)
+        return self._jacobians[name]
 
-    @cached_property
-    def motor_torque_jacobian(self) -> Array:
-        """Derivatives (K, m, size) of the motors' own torques by x."""
-        found = self._of_kernel("motor_torques")
-        return self.jacobian(self.differentiable.motor_torque_partials) if found is None else found
-
-    @cached_property
-    def base_rate_jacobian(self) -> Array:
-        """Derivatives (K, e, size) of the base's angular velocity by x."""
-        found = self._of_kernel("orientation_rate")
-        return self.jacobian(self.differentiable.rate_partials) if found is None else found
+    def by_kernel(self, quantity: str, partials: str) -> Array:
+        """Derivatives (K, r, size) of a quantity that the kernel knows by x; in space by its partials of that name."""
+        found = self._of_kernel(quantity)
+        return self.jacobian(getattr(self.differentiable, partials)) if found is None else found
 
     def _of_kernel(self, quantity: str) -> Array | None:
         """Derivatives (K, r, size) of a quantity by x; None in space."""
@@ -158,18 +152,9 @@ class Trajectory:
         self.model.differentiated(rows.count * self.variables.size)
         return compiled.jacobian(slopes).reshape(len(self.sampling.grid.s), -1, self.variables.size)
 
-    @cached_property
-    def velocity_jacobian(self) -> Array:
-        """Derivatives (K, n, size) of the joint velocities by x."""
-        return self.jacobian(Partials(by_velocity=self._of_each_joint))
-
     @property
-    def acceleration_jacobian(self) -> Array:
-        """Derivatives (K, n, size) of the joint accelerations by x."""
-        return self.jacobian(Partials(by_acceleration=self._of_each_joint))
-
-    @property
-    def _of_each_joint(self) -> Array:
+    def each_joint(self) -> Array:
+        """Derivatives (K, n, n) of a quantity of the joints by itself."""
         count, n = self.motion.velocities.shape
         return np.broadcast_to(np.eye(n), (count, n, n))
 
@@ -296,14 +281,22 @@ class MotionQuantity:
 
 QUANTITIES: dict[str, MotionQuantity] = {
     "velocities": MotionQuantity(
-        lambda it: it.motion.velocities, lambda it: it.velocity_jacobian, frozenset({"velocities"})
+        lambda it: it.motion.velocities,
+        lambda it: it.jacobian(Partials(by_velocity=it.each_joint)),
+        frozenset({"velocities"}),
     ),
     "accelerations": MotionQuantity(
-        lambda it: it.motion.accelerations, lambda it: it.acceleration_jacobian, frozenset({"accelerations"})
+        lambda it: it.motion.accelerations,
+        lambda it: it.jacobian(Partials(by_acceleration=it.each_joint)),
+        frozenset({"accelerations"}),
     ),
-    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.torque_jacobian),
-    "motor_torques": MotionQuantity(lambda it: it.flown.motor_torques, lambda it: it.motor_torque_jacobian),
+    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.by_kernel("torques", "torque_partials")),
+    "motor_torques": MotionQuantity(
+        lambda it: it.flown.motor_torques, lambda it: it.by_kernel("motor_torques", "motor_torque_partials")
+    ),
     "orientation_rate": MotionQuantity(
-        lambda it: it.flown.rate, lambda it: it.base_rate_jacobian, frozenset({"velocities", "momentum"})
+        lambda it: it.flown.rate,
+        lambda it: it.by_kernel("orientation_rate", "rate_partials"),
+        frozenset({"velocities", "momentum"}),
     ),
 }

@@ -106,7 +106,12 @@ def choose_joints(
     free = [name for name in axes if name not in user_locked and name not in user_coupled and name not in mimics]
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
     plane_name = choose_plane(plane, [axes[name] for name in named or free])
-    planned = tuple(joints) if joints is not None else _in_plane(tree, free, axes, plane_name)
+    if joints is None:  # all that turn in the plane and are not held fast by their limits
+        ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
+        free = [name for name in free if any_sign.sign(axes[name]) and ranges[name].lower != ranges[name].upper]
+        if not free:
+            raise InputError(f'no joint is left to plan in the plane "{plane_name}"', element="joints")
+    planned = tuple(free if joints is None else joints)
     chosen = Plane.of_axes(plane_name, [axes[name] for name in planned])
     signs = {name: chosen.sign(axis) for name, axis in axes.items()}
     followers = {**user_coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
@@ -228,15 +233,6 @@ def _check_moving(
             degrees = np.degrees(plane.tilt(axes[name]))
             reason = f'its axis is {degrees:.3g} deg off the normal of the plane "{plane.name}"'
             raise InputError(reason, element=f'joint "{name}"', advice="leave it out, or give another plane")
-
-
-def _in_plane(tree: UrdfTree, free: Sequence[str], axes: Mapping[str, Array], plane: str) -> tuple[str, ...]:
-    """The joints among ``free`` that turn in the plane and are not held fast by their limits."""
-    chosen, joints = Plane.of_axes(plane, ()), tree.joint
-    planned = tuple(name for name in free if chosen.sign(axes[name]) and joints[name].lower != joints[name].upper)
-    if not planned:
-        raise InputError(f'no joint is left to plan in the plane "{plane}"', element="joints")
-    return planned
 
 
 def _mimics(tree: UrdfTree, settled: set[str]) -> dict[str, Coupling]:

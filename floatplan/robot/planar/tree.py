@@ -73,8 +73,11 @@ class PlanarTree:
         return orientation[..., None] + positions @ self.turns.T + self.offsets
 
     def rotations(self, angles: Array) -> ComplexArray:
-        """Rotations exp(i sigma phi), from angles phi (..., m)."""
-        return rotations_of(angles, self.turn)
+        """Rotations exp(i sigma phi), from angles phi of any shape, rad."""
+        rotations = np.empty(np.shape(angles), dtype=np.complex128)
+        np.cos(angles, out=rotations.real)  # much cheaper than the complex exponential
+        np.multiply(self.turn, np.sin(angles), out=rotations.imag)
+        return rotations
 
     def point_weights(self, body: IntArray, local: ComplexArray) -> ComplexArray:
         """Weights W (points, m): a point's place relative to the centre of mass is ``rotations @ W.T``.
@@ -137,14 +140,6 @@ class PlanarTree:
         weights = origins[body]
         weights[np.arange(len(body)), body] += local
         return np.asarray(weights, dtype=np.complex128)
-
-
-def rotations_of(angles: Array, turn: float) -> ComplexArray:
-    """Rotations exp(i turn phi), from angles phi of any shape, rad."""
-    rotations = np.empty(np.shape(angles), dtype=np.complex128)
-    np.cos(angles, out=rotations.real)  # much cheaper than the complex exponential
-    np.multiply(turn, np.sin(angles), out=rotations.imag)
-    return rotations
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,16 @@ from floatplan.errors import InputError
 from floatplan.files import read_text, write_atomically
 from floatplan.robot.planar.tree import SAME, PlanarTree, TreeLayout
 from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, capsules_of, fit, is_fit, with_fewer_corners
-from floatplan.robot.shapes.meshes import Mesh, find_mesh, load_mesh, mesh_digest
-from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_collision
+from floatplan.robot.shapes.collisions import (
+    KINDS,
+    Mesh,
+    MeshUse,
+    Projection,
+    find_mesh,
+    load_mesh,
+    mesh_digest,
+    read_collision,
+)
 from floatplan.robot.urdf.tree import UrdfTree
 
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
@@ -103,8 +111,7 @@ def link_outlines(layout: TreeLayout, folder: Path, meshes: Mapping[str, str]) -
 def mesh_digests(tree: UrdfTree, folder: Path) -> dict[str, str]:
     """Return the SHA-256 of the mesh files of collision elements by their names there, of those that can be read."""
     digests: dict[str, str] = {}
-    for link, filename in _mesh_names(tree):
-        path = find_mesh(filename, folder)
+    for link, filename, path in _meshes(tree, folder):
         if path is not None and filename not in digests:
             with contextlib.suppress(InputError):
                 digests[filename] = mesh_digest(path, f'link "{link}"')
@@ -113,7 +120,7 @@ def mesh_digests(tree: UrdfTree, folder: Path) -> dict[str, str]:
 
 def missing_meshes(tree: UrdfTree, folder: Path) -> list[tuple[str, str]]:
     """Return the link and the file name of each mesh of a collision element that is not to be found."""
-    return [(link, filename) for link, filename in _mesh_names(tree) if find_mesh(filename, folder) is None]
+    return [(link, filename) for link, filename, path in _meshes(tree, folder) if path is None]
 
 
 def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
@@ -163,14 +170,13 @@ def moving_hulls(
     return (*own, *joined)
 
 
-def _mesh_names(tree: UrdfTree) -> list[tuple[str, str]]:
-    """The link and the file name of each mesh of a collision element."""
-    return [
-        (link.name, mesh.get("filename", ""))
-        for link in tree.links.values()
-        for collision in link.collisions
-        for mesh in collision.iterfind("geometry/mesh")
-    ]
+def _meshes(tree: UrdfTree, folder: Path) -> Iterator[tuple[str, str, Path | None]]:
+    """The link, the file name and the file, where it is to be found, of each mesh of a collision element."""
+    for link in tree.links.values():
+        for collision in link.collisions:
+            for mesh in collision.iterfind("geometry/mesh"):
+                filename = mesh.get("filename", "")
+                yield link.name, filename, find_mesh(filename, folder)
 
 
 def _collisions(

@@ -15,8 +15,18 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
-from floatplan.robot.urdf.read import LARGEST, number, only, triple
-from floatplan.robot.urdf.tree import Inertial, Mimic, Origin, UrdfJoint, UrdfLink, UrdfTree
+from floatplan.robot.urdf.tree import (
+    LARGEST,
+    Inertial,
+    Mimic,
+    Origin,
+    UrdfJoint,
+    UrdfLink,
+    UrdfTree,
+    number,
+    only,
+    triple,
+)
 
 LARGEST_ANGLE = 1e3  # [rad] limits this large are placeholders: nobody means 159 turns
 LARGEST_RATE = 1e3  # [rad/s] the same

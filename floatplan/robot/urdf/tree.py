@@ -1,20 +1,26 @@
-"""A URDF after reading: links and joints as data, with every number known to be a number."""
+"""URDF files read: as XML, the single values in it, links and joints as data; reference postures of SRDF files."""
 
 from __future__ import annotations
 
+import hashlib
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
 
 ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
+LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,3 +146,123 @@ class UrdfTree:
             moved = joint.motion(positions.get(joint.name, 0.0))
             placements[joint.child] = placements[joint.parent] * joint.origin.placement * moved
         return placements
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfText:
+    """A URDF file as read: its text, the SHA-256 of its bytes, and its root element."""
+
+    path: Path
+    xml: str
+    sha256: str
+    root: Element
+
+
+def read_urdf(path: str | Path) -> UrdfText:
+    """Read a URDF file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, a directory, unreadable, empty, binary, truncated, not XML, or not a ``<robot>``.
+    """
+    path = Path(path)
+    content = read_regular(path, LARGEST_URDF, "a URDF file")
+    if not content.strip():
+        raise InputError("is empty", source=path)
+    root = parsed_xml(content, path)
+    if root.tag != "robot":
+        raise InputError(f"is not a URDF: its root element is <{root.tag}>, not <robot>", source=path)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:  # in another encoding: written anew
+        text = tostring(root, encoding="unicode")
+    return UrdfText(path, text, hashlib.sha256(content).hexdigest(), root)
+
+
+def only(place: str, element: Element, tag: str) -> Element | None:
+    """The child of ``element`` called ``tag``, None where there is none, an error where there are several."""
+    children = element.findall(tag)
+    if len(children) > 1:
+        raise InputError(f"has {len(children)} <{tag}> elements, where one is allowed", element=place)
+    return children[0] if children else None
+
+
+def number(place: str, element: Element, key: str, default: float | None, largest: float = LARGEST) -> float:
+    """A number from attribute ``key``; ``default`` where it is left out, an error if that is None."""
+    text = element.get(key)
+    if text is not None:
+        return _parsed(f"{place}: {key}", text, largest)
+    if default is None:
+        raise InputError(f"has no {key}", element=place)
+    return default
+
+
+def triple(place: str, element: Element | None, key: str, default: tuple[float, float, float]) -> Array:
+    """Three finite numbers from attribute ``key``; ``default`` where it or the element is left out."""
+    text = None if element is None else element.get(key)
+    if text is None:
+        return read_only(default)
+    words = text.split()
+    if len(words) != 3:
+        raise InputError(f'must be three numbers, not "{text}"', element=place)
+    return read_only([_parsed(place, word, LARGEST) for word in words])
+
+
+def _parsed(place: str, text: str, largest: float) -> float:
+    try:
+        value = math.nan if "_" in text else float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise InputError(f'must be a number, not "{text}"', element=place)
+    if abs(value) > largest:
+        reason = "must be a finite number, not" if math.isinf(value) else "is larger than any robot's:"
+        raise InputError(f'{reason} "{text.strip()}"', element=place)
+    return value
+
+
+def reference_posture(name: str, tree: UrdfTree, urdf: Path) -> dict[str, float]:
+    """Return positions, rad or m, of the joints that the SRDF state called ``name`` gives.
+
+    SRDF files are searched in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
+    comes before others. A state counts where the URDF has most of its joints; those it does not have, and those that do
+    not move, are left out. States of one name for several groups of joints add up.
+
+    Raises
+    ------
+    InputError
+        If no such state is found, or a position is not a number.
+    """
+    known = reference_postures(tree, urdf)
+    if name not in known:
+        advice = f"known are {', '.join(known)}" if known else "put an SRDF file of this robot beside its URDF"
+        raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
+    return known[name]
+
+
+def reference_postures(tree: UrdfTree, urdf: Path) -> dict[str, dict[str, float]]:
+    """Return all reference postures by their names, see :func:`reference_posture`."""
+    paths = [path for folder in (urdf.parent, urdf.parent.parent / "srdf") for path in sorted(folder.glob("*.srdf"))]
+    known: dict[str, dict[str, float]] = {}
+    for path in sorted(paths, key=lambda path: path.stem != urdf.stem):
+        of_file: dict[str, dict[str, float]] = {}
+        for name, positions in _states(path, tree):
+            of_file.setdefault(name, {}).update(positions)
+        known |= {name: positions for name, positions in of_file.items() if name not in known}
+    return known
+
+
+def _states(path: Path, tree: UrdfTree) -> Iterator[tuple[str, dict[str, float]]]:
+    """Names and positions of the states in one SRDF file, less those of other robots."""
+    for state in read_urdf(path).root.iterfind("group_state"):
+        name = state.get("name", "")
+        joints = {joint.get("name", ""): joint for joint in state.iterfind("joint")}
+        moving = {
+            joint: element
+            for joint, element in joints.items()
+            if joint in tree.joint and tree.joint[joint].moves and len(element.get("value", "").split()) <= 1
+        }
+        if 2 * sum(joint in tree.joint for joint in joints) > len(joints):
+            place = f'{path.name}: state "{name}": joint'
+            yield name, {joint: number(f'{place} "{joint}"', each, "value", None) for joint, each in moving.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import shutil
 import subprocess
 import tempfile
@@ -38,27 +37,14 @@ def animate(
     speed: float = SPEED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a film of a flight or jump, whole or not at all.
-
-    Parameters
-    ----------
-    plan : Plan or JumpView
-    path : path
-        Ends in ``.gif`` or ``.mp4``.
-    speed : float
-        Of the film against the motion: 0.5 is slow motion.
-    progress : callable, optional
-        Told how many pictures are drawn, and of how many.
+    """Write a film of a flight or jump, whole or not at all; arguments as of :meth:`floatplan.Plan.animate`.
 
     Raises
     ------
     InputError
-        The ending is another, the speed is not positive or makes a film of more than a minute, or ffmpeg is wanted and
-        not installed.
+        The ending is another, the speed makes a film of more than a minute, or ffmpeg is wanted and not installed.
     """
     path = Path(path)
-    if not 0 < speed < math.inf:
-        raise InputError(f"{speed} is not positive and finite", element="speed", advice="give a number such as 0.5")
     if plan.duration / speed > LONGEST:
         length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
         raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed", advice="give a higher speed")

@@ -1,13 +1,12 @@
 """Data of the report's page: samples of the motion, the weights that place the robot's links from them, and tables.
 
 The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` does, from orientation and joints, so that
-a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text, which the page
-writes as text.
+a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,12 +86,9 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         "factor": chart.factor,
         "series": series,
         "lines": [
-            {
-                "name": line.name,
-                "colour": to_hex(line.colour),
-                "value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value),
-                "part": line.part,
-            }
+            vars(line)
+            | {"colour": to_hex(line.colour)}
+            | {"value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value)}
             for line in lines
         ],
         "beyond": beyond[0] if beyond else "",
@@ -117,13 +113,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     return {
         "robot": _robot(problem),
         "frames": [
-            {
-                "name": name,
-                "role": role,
-                "colour": colour,
-                "body": frame.body,
-                "at": rounded(outlines.pairs(np.array(frame.local))),
-            }
+            _frame(name, role, colour, frame.body, frame.local)
             for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
         ],
         "trail": TRAILS[0],
@@ -142,6 +132,11 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             for index, obstacle in enumerate(problem.obstacles)
         ],
     }
+
+
+def _frame(name: str, role: str, colour: str, body: int, place: complex) -> dict[str, Any]:
+    """A frame at a place of a body, m."""
+    return {"name": name, "role": role, "colour": colour, "body": body, "at": rounded(outlines.pairs(place))}
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
@@ -195,21 +190,18 @@ def proved(plan: Plan) -> dict[str, Any]:
     """Return the table of what was proved of a plan."""
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
-    return {"rows": [*proof, _replayed(plan.record.replay)], "tone": tone}
+    replay, words = plan.record.replay, "none in the plan file; floatplan replay --save makes one"
+    if replay is not None:
+        landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
+        error = short(replay.get("orientation_error"))
+        words = f"{replay.get('engine')}: {landed}, orientation off by {error} rad"
+    return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
 def warned(plan: Plan) -> list[dict[str, Any]]:
     """Return the table of a plan's warnings, if there are any."""
     rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
-
-
-def _replayed(replay: Mapping[str, Any] | None) -> Row:
-    if replay is None:
-        return Row("replay", "none in the plan file; floatplan replay --save makes one")
-    landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
-    error = short(replay.get("orientation_error"))
-    return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
 
 
 def phase_lines(view: JumpView) -> list[list[str]]:
@@ -228,8 +220,8 @@ def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
-def jump_sections(view: JumpView) -> list[dict[str, Any]]:
-    """Return the tables of a jump's report, as those of a plan's."""
+def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
     request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
     weights = force / (view.robot.mass * view.problem.flight.gravity)
     shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
@@ -239,9 +231,14 @@ def jump_sections(view: JumpView) -> list[dict[str, Any]]:
         Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
     lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
-    return [
+    of_both: list[dict[str, Any]] = [
         {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
         {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+    ]
+    if flown:
+        return [*of_both, {"title": "Flown", "rows": [*flown], "tone": view.tone}]
+    return [
+        *of_both,
         {"title": "Flight", **proved(view.flight)},
         {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
         *warned(view.flight),
@@ -255,13 +252,7 @@ def jump_data(view: JumpView) -> dict[str, Any]:
     and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
     """
     frames = [
-        {
-            "name": name,
-            "role": "stands",
-            "colour": view.colours[name],
-            "body": spot.body,
-            "at": rounded(outlines.pairs(spot.place)),
-        }
+        _frame(name, "stands", view.colours[name], spot.body, spot.place)
         | {
             key: [f"{column}_x.{index}", f"{column}_z.{index}"]
             for key, column in (("force", "force"), ("acts", "foot"))

@@ -5,27 +5,32 @@ from __future__ import annotations
 import base64
 import html
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
+from floatplan.plans.presentation import Row
 from floatplan.simulation.closed_loop import ClosedLoop
 from floatplan.simulation.jump_landings import JumpReplay
-from floatplan.view.report.report import asset, filled, policy
+from floatplan.stance.check import JumpCheck
+from floatplan.view.figures.animation import animate
+from floatplan.view.jumps import JumpView
+from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
 
-HEIGHT, AUTHORITY_HEIGHT = 5.6, 2.6  # [in]
+HEIGHT, AUTHORITY_HEIGHT, HISTOGRAM_HEIGHT = 5.6, 2.6, 2.2  # [in]
 FAINT = 0.45  # [-] opacity of single flights
 BINS = 24
 NARROWEST = 1e-3  # [deg] below which all errors are drawn as one
@@ -34,14 +39,13 @@ MOST_LINKS = 3  # [-] that are named
 LANDING_TITLES = ("", "with corrections", "without")
 AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
 
-Row = Sequence[str]
+Cells = Sequence[str]
 
 
 def write_flights_page(
     plan: Plan, path: str | Path, flights: ClosedLoop | None = None, authority: Authority | None = None
 ) -> Path:
     """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
-    title = f"{html.escape(plan.problem.name)}: in flight"
     parts: list[str] = []
     if flights is not None:
         parts.append(f"<p>{html.escape(summary(flights))}</p>")
@@ -52,6 +56,28 @@ def write_flights_page(
         parts.append("<h2>How much can be corrected</h2>")
         parts.append(html_table("", authority_rows(authority), AUTHORITY_TITLES))
         parts.append(_embedded(picture("png", authority_picture, authority), "errors that are corrected"))
+    return _page(path, plan.problem.name, parts)
+
+
+def write_jump_pages(
+    flights: JumpReplay, folder: Path, progress: Callable[[int, int], None] | None = None
+) -> list[Path]:
+    """Write a page that plays the first flight of a jump, and its film; of many flights a page with their histogram."""
+    rows, first, name = jump_rows(flights), bool(flights.landings.stands[0]), flights.motion.problem.name
+    words = f"{'stands' if first else 'falls'} in {flights.engine}"
+    view = JumpView(flights.motion, JumpCheck(first, {}, ()), words)
+    paths = [write_report(view, folder / "report.html", [Row(row[0], row[1]) for row in rows])]
+    paths.append(animate(view, folder / "flight.gif", progress=progress))
+    if flights.flights > 1:
+        told = f"<p>{html.escape(summary(flights))}; {html.escape(flights.control)}</p>"
+        titles = LANDING_TITLES if flights.corrected is not None else ("", "")
+        drawn = _embedded(picture("png", jump_picture, flights), "histogram of landings")
+        paths.append(_page(folder / "flights.html", name, [told, html_table("", rows, titles), drawn]))
+    return paths
+
+
+def _page(path: str | Path, name: str, parts: Sequence[str]) -> Path:
+    title = f"{html.escape(name)}: in flight"
     body = f'<header><h1>{title}</h1></header><article class="flights">{"".join(parts)}</article>'
     page = {"title": title, "policy": policy(()), "style": asset("report.css"), "body": body, "scripts": ""}
     return write_atomically(path, filled(asset("page.html"), page))
@@ -70,11 +96,11 @@ def summary(flights: ClosedLoop | JumpReplay) -> str:
     return f"{many} in {flights.seconds:.3g} s, {flights.engine}{corrected}"
 
 
-def landing_rows(flights: ClosedLoop) -> list[Row]:
+def landing_rows(flights: ClosedLoop) -> list[Cells]:
     """Return rows of (what, with corrections, without) of many flights, for reading."""
     both, planned = (flights.corrected, flights.uncorrected), flights.plan_torque_peak.max()
     torques = [float(np.median(ends.torque_peak.max(axis=1))) for ends in both]
-    rows: list[Row] = [
+    rows: list[Cells] = [
         ("orientation, median", *(_degrees(np.median(np.abs(ends.orientation))) for ends in both)),
         ("orientation, worst", *(_degrees(np.abs(ends.orientation).max()) for ends in both)),
         ("joints, worst", *(_degrees(ends.joints.max()) for ends in both)),
@@ -92,7 +118,7 @@ def landing_rows(flights: ClosedLoop) -> list[Row]:
     ]
 
 
-def jump_rows(flights: JumpReplay) -> list[Row]:
+def jump_rows(flights: JumpReplay) -> list[Cells]:
     """Return the same of flights of a jump; a single column where none was corrected."""
     ends = [each for each in (flights.corrected, flights.uncorrected) if each is not None]
     touched = [", ".join(f"{link} {count}" for link, count in each.links.most_common(MOST_LINKS)) for each in ends]
@@ -108,14 +134,14 @@ def jump_rows(flights: JumpReplay) -> list[Row]:
     ]
 
 
-def authority_rows(found: Authority) -> list[Row]:
+def authority_rows(found: Authority) -> list[Cells]:
     """Return rows of (begin, momentum, inertia), for reading."""
     times = [(f"{time:.3g} s",) for time in found.times.tolist()]
     intervals = [[_interval(*ends) for ends in each.tolist()] for each in (found.momentum, found.inertia)]
     return [(*begin, *row) for begin, row in zip(times, zip(*intervals, strict=True), strict=True)]
 
 
-def _corrections(flights: ClosedLoop | JumpReplay) -> list[Row]:
+def _corrections(flights: ClosedLoop | JumpReplay) -> list[Cells]:
     """The row of how often a correction had which status, where any was asked for."""
     counts = ", ".join(f"{count} {status}" for status, count in sorted(flights.statuses.items()))
     return [] if flights.rate is None else [("corrections", counts or "none", "")]
@@ -150,17 +176,11 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
         predicted.plot(when[changed == 0], size[changed == 0], ".", color=ALARM, markersize=2)
     for axes, columns, width in ((orientation, state.orientation, 1.0), (joints, state.positions, 0.8)):
         axes.plot(state.times, np.degrees(columns), color=INK, linestyle="--", linewidth=width)
-    errors = [_error_sizes(ends.orientation) for ends in (flights.corrected, flights.uncorrected)]
-    both = np.concatenate(errors)
-    edges = np.geomspace(both.min() * 0.9, both.max() * 1.1, BINS + 1)
-    for values, colour in zip(errors, (WITH, WITHOUT), strict=True):
-        landings.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
+    _histogram(landings, [ends.orientation for ends in (flights.corrected, flights.uncorrected)])
     orientation.set(ylabel="orientation (°)")
     joints.set(ylabel="joints (°)")
     predicted.set(ylabel="predicted miss (°)", xlabel="time (s)", yscale="log")
-    landings.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
-    for axis in (predicted.yaxis, landings.xaxis):
-        _label_decades(axis)
+    _label_decades(predicted.yaxis)
     for axes in (orientation, joints, predicted):
         axes.set_xlim(0.0, plan.duration)
     entries = [
@@ -173,16 +193,37 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
     return figure
 
 
-def _error_sizes(angles: Array) -> Array:
-    """Magnitudes (N,) of angles, deg, as drawn on a logarithmic axis."""
-    return np.maximum(np.abs(np.degrees(angles)), NARROWEST)
+def jump_picture(flights: JumpReplay) -> Figure:
+    """Draw a histogram of the errors at touchdown of flights of a jump."""
+    figure = new_figure(COLUMN, HISTOGRAM_HEIGHT)
+    both = [each for each in (flights.corrected, flights.uncorrected) if each is not None]
+    _histogram(figure.add_subplot(), [each.pitch[np.isfinite(each.pitch)] for each in both])
+    entries = [(Patch(facecolor=colour), name) for colour, name in ((WITH, "corrected"), (WITHOUT, "not corrected"))]
+    legend_above(figure, entries[-len(both) :])
+    return figure
+
+
+def _histogram(axes: Axes, ends: Sequence[Array]) -> None:
+    """Errors (F,) of the orientation, rad: with corrections, where there are such, and without."""
+    errors = [_error_sizes(each) for each in ends]
+    both = np.concatenate(errors)
+    edges = np.geomspace(both.min() * 0.9, both.max() * 1.1, BINS + 1)
+    for values, colour in zip(errors, (WITH, WITHOUT)[-len(ends) :], strict=True):
+        axes.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
+    axes.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
+    _label_decades(axes.xaxis)
 
 
 def _label_decades(axis: Axis) -> None:
     """Label a logarithmic axis by plain numbers, a few of its decades."""
     axis.set_major_locator(LogLocator(numticks=5))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _error_sizes(angles: Array) -> Array:
+    """Magnitudes (N,) of angles, deg, as drawn on a logarithmic axis."""
+    return np.maximum(np.abs(np.degrees(angles)), NARROWEST)
 
 
 def authority_picture(found: Authority) -> Figure:

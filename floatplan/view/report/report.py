@@ -1,8 +1,8 @@
 """The report: a plan as one page that plays, works without a network, and carries everything that it shows.
 
-What comes from files (names of joints, frames and problems) is untrusted. It enters the page as JSON whose ``<``, ``>``
-and ``&`` are escaped, and the page writes it as text, never as markup. On top of that the page's security policy admits
-no script but its own, identified by their hashes, and no address of any kind.
+What comes from files (names of joints, frames and problems) is untrusted. It enters the page as escaped HTML, or as
+JSON whose ``<``, ``>`` and ``&`` are escaped, which the page writes as text, never as markup. On top of that the page's
+security policy admits no script but its own, identified by their hashes, and no address of any kind.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] =
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
-        What is said of the stances before and after the flight, if anything.
+        What is said of the stances before and after the flight, or of a jump that was flown, if anything.
     """
     data = report_data(plan, path, stances)
     shown = {key: data[key] for key in ("name", "question", "version", "motion", "charts")}
@@ -72,7 +72,8 @@ def page(
     parts : HTML that stands in other places of the body, by their names
     numbers : what stands in the body's place for numbers, which is not searched
     """
-    texts = [*map(_script, scripts)]
+    licence = f"/*\n{asset('uplot/LICENSE')}\n*/\n"  # of uPlot 1.6.32, which is to be passed on with it
+    texts = [licence * name.startswith("uplot") + asset(name) for name in scripts]
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
     parts = {
@@ -111,11 +112,6 @@ def problem_section(data: Mapping[str, Any]) -> str:
     return f'<article class="file"><details>{text}</details></article>'
 
 
-def _script(name: str) -> str:
-    """The text of a script; that of uPlot 1.6.32 with the licence that it is to be passed on with."""
-    return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
-
-
 def write_report(plan: Shown, path: str | Path, stances: Sequence[Row] = ()) -> Path:
     """Write the page of a plan, whole or not at all; arguments as of :func:`report`."""
     return write_atomically(path, report(plan, path, stances))
@@ -134,7 +130,7 @@ def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[R
     motion = motion_data(sampled)
     if isinstance(plan, JumpView):
         word, tone, flight, problem = plan.verdict, plan.tone, plan.flight, plan.jump.problem
-        tables = jump_sections(plan)
+        tables = jump_sections(plan, stances)
         motion |= jump_data(plan)
         question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
     else:

@@ -18,7 +18,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
+from floatplan.robot.shapes.collisions import LARGEST, check_mesh_file, find_mesh
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015

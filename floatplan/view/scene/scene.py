@@ -11,7 +11,6 @@ import io
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -62,8 +61,7 @@ def scene(plan: Shown) -> str:
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
-    com, orientation, positions = outlines.coordinates(plan, times)
-    poses = outlines.body_poses(plan.robot, orientation, positions, com)
+    poses = outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
     low, high = outlines.picture_box(plan, placed)
     with silence():  # a local server: viser records what is sent to it
@@ -160,18 +158,18 @@ def obstacle_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) 
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
     """
-    return meshes.joined([_piece_slab(plan, piece, low, high) for piece in obstacle.pieces])
-
-
-def _piece_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> meshes.Mesh:
     size = outlines.robot_size(plan)
-    if not isinstance(obstacle, HalfPlane):
-        return prism(plan.robot.plane, outlines.obstacle_outlines(obstacle, 0.0, 0.0)[0], WIDTH * size)
-    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-    point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal
-    beside = ((low + high) / 2 - point) / (1j * normal)
-    ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
-    return prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size)
+    slabs: list[meshes.Mesh] = []
+    for piece in obstacle.pieces:
+        if not isinstance(piece, HalfPlane):
+            slabs.append(prism(plan.robot.plane, outlines.obstacle_outlines(piece, 0.0, 0.0)[0], WIDTH * size))
+            continue
+        normal = complex(*piece.normal) / abs(complex(*piece.normal))
+        point, reach, below = complex(*piece.point), abs(high - low) / 2, -SLAB * size * normal
+        beside = ((low + high) / 2 - point) / (1j * normal)
+        ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
+        slabs.append(prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size))
+    return meshes.joined(slabs)
 
 
 def prism(plane: Plane, corners: ComplexArray, width: float) -> meshes.Mesh:
@@ -207,15 +205,6 @@ def turned(plane: Plane, angles: Array) -> Array:
     """Quaternions (..., 4), w x y z, of angles (...) about the normal."""
     sines = np.sin(angles / 2)[..., None] * plane.normal
     return np.concatenate((np.cos(angles / 2)[..., None], sines), axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Grip:
-    """What is grabbed of a part: its node, the body that it is on, and where, m."""
-
-    node: Any
-    body: int
-    end: complex
 
 
 class RobotNodes:
@@ -292,20 +281,17 @@ class RobotNodes:
             scene.add_mesh_simple(name, *meshes.fewer(vertices, faces, count), color=colour)
         return True
 
-    def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Grip]:
-        """Add what is grabbed: for each part the end of a link that is farthest from its joint."""
-        from trimesh.creation import icosphere
-
-        robot, ball = self._robot, icosphere(SUBDIVISIONS, GRIP * reach)
+    def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
+        """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""
+        robot, add = self._robot, self._server.scene.add_icosphere
         shaped = zip(robot.shapes, shapes.part.tolist(), strict=True)
         ends = [(part, shape.body, end) for shape, part in shaped for end in (shape.start, shape.end)]
-        grips: dict[int, Grip] = {}
+        grips: dict[int, Any] = {}
         for part, body, end in sorted(ends, key=lambda each: -abs(each[2])):
             if part not in grips:
                 look = {"color": colour, "position": in_space(robot.plane, end)}
                 name = f"{self.name}/{body}/grip{part}"
-                node = self._server.scene.add_mesh_simple(name, ball.vertices, ball.faces, **look)
-                grips[part] = Grip(node, body, end)
+                grips[part] = add(name, GRIP * reach, subdivisions=SUBDIVISIONS, **look)
         return grips
 
     def put(self, poses: outlines.Poses, index: int) -> None:

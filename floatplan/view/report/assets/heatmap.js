@@ -145,13 +145,9 @@ class HeatMap {
     return this.row[place] < 0 ? null : place;
   }
 
-  hover(place) {
-    this.hovered = place;
-    this.drawMarks();
-  }
-
-  select(row) {
-    this.selected = row;
+  /* Mark the cell that is hovered, or that of the row that is selected. */
+  mark(name, what) {
+    this[name] = what;
     this.drawMarks();
   }
 

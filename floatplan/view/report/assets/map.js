@@ -26,18 +26,14 @@ class Rows {
     return axis;
   }
 
-  unit(name) {
-    return this.data.columns[name]?.unit ?? "";
-  }
-
   label(name) {
-    return this.unit(name) ? `${name} (${this.unit(name)})` : name;
+    return this.data.columns[name]?.label ?? name;
   }
 
   shown(name, row) {
     const value = this.column(name)[row];
     const digits = name in this.axes ? 6 : 4; // what was asked for, and what was found
-    return Number.isNaN(value) ? "–" : `${shortNumber(value, digits)} ${this.unit(name)}`.trim();
+    return Number.isNaN(value) ? "–" : `${shortNumber(value, digits)} ${this.data.columns[name].unit}`.trim();
   }
 
   coefficientsOf(row) {
@@ -155,7 +151,7 @@ class Page {
     if (place === null) return this.leave();
     const box = this.holder.getBoundingClientRect();
     const [x, y] = [event.clientX - box.left, event.clientY - box.top];
-    this.map.hover(place);
+    this.map.mark("hovered", place);
     const row = this.map.row[place];
     const names = [...this.data.axes.map((axis) => axis.key), ...(this.map.values ? [this.map.z] : [])];
     const lines = [...new Set(names)].map((name) => `${name}: ${this.rows.shown(name, row)}`);
@@ -168,11 +164,11 @@ class Page {
 
   leave() {
     this.tip.hidden = true;
-    if (this.map.x) this.map.hover(null);
+    if (this.map.x) this.map.mark("hovered", null);
   }
 
   choose(row) {
-    this.map.select(row);
+    this.map.mark("selected", row);
     const { rows, data } = this;
     const text = data.explanation.texts[rows.explanation[row]];
     document.getElementById("verdict").textContent = `Row ${row}: ${rows.statuses[rows.status[row]].words}. ${text}`;

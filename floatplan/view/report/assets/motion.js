@@ -8,7 +8,6 @@ class Motion {
     this.columns = data.columns;
     this.count = this.columns.orientation.length;
     this.step = this.duration / (this.count - 1);
-    this.joints = data.robot.joints.length;
     this.times = Float64Array.from({ length: this.count }, (_, index) => index * this.step);
   }
 
@@ -29,16 +28,11 @@ class Motion {
     );
   }
 
-  ofJoints(quantity, time) {
-    return Array.from({ length: this.joints }, (_, index) => this.value(`${quantity}.${index}`, time));
-  }
-
   /* The robot at a time: orientation, joints, centre of mass, and its bodies. */
   posture(time) {
-    return this.pose(this.value("orientation", time), this.ofJoints("positions", time), [
-      this.value("com_x", time),
-      this.value("com_y", time),
-    ]);
+    const positions = this.data.robot.joints.map((_, index) => this.value(`positions.${index}`, time));
+    const [orientation, ...com] = ["orientation", "com_x", "com_y"].map((key) => this.value(key, time));
+    return this.pose(orientation, positions, com);
   }
 
   /* The robot in any posture; a body's absolute angle is orientation + turns . positions + offset.

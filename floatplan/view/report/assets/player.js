@@ -28,7 +28,7 @@ class Player {
     home.addEventListener("click", () => this.seek(0));
     back.addEventListener("click", () => this.stepBy(-STEP));
     step.addEventListener("click", () => this.stepBy(STEP));
-    play.addEventListener("click", () => this.toggle());
+    play.addEventListener("click", () => (this.playing ? this.pause() : this.play()));
     scrub.addEventListener("input", () => this.seek(scrub.valueAsNumber));
     speed.addEventListener("change", () => (this.speed = Number(speed.value)));
     document.addEventListener("keydown", (event) => this.onKey(event));
@@ -38,7 +38,7 @@ class Player {
     const target = event.target.tagName;
     if (event.ctrlKey || event.metaKey || event.altKey || target === "SELECT" || target === "INPUT") return;
     const actions = {
-      " ": () => this.toggle(),
+      " ": () => this.controls.play.click(),
       ArrowLeft: () => this.stepBy(-STEP),
       ArrowRight: () => this.stepBy(STEP),
       Home: () => this.seek(0),
@@ -53,11 +53,6 @@ class Player {
   stepBy(step) {
     this.pause();
     this.seek(this.time + step);
-  }
-
-  toggle() {
-    if (this.playing) this.pause();
-    else this.play();
   }
 
   play() {
