@@ -74,7 +74,9 @@ class InputError(FloatplanError, ValueError):
         self.source = None if source is None else str(source)
         self.element = None if element is None else printable(element)
         self.advice = None if advice is None else printable(advice, LONGEST_PATH)  # it may be a command
-        place = ": ".join(part for part in (_shown_path(self.source), self.element) if part)
+        path = escaped(self.source or "")
+        shown = path if len(path) <= LONGEST_PATH else f"... {path[-(LONGEST_PATH - 4) :]}"  # its end
+        place = ": ".join(part for part in (shown, self.element) if part)
         super().__init__(f"{place}: {self.reason}" if place else self.reason)
 
     def __str__(self) -> str:
@@ -147,14 +149,6 @@ def naming(source: str | Path | None) -> Iterator[None]:
         yield
     except InputError as error:
         raise error if error.source else error.within(source=source) from None
-
-
-def _shown_path(path: str | None) -> str | None:
-    """A path as it may be shown: its end, where it is long."""
-    if path is None:
-        return None
-    shown = escaped(path)
-    return shown if len(shown) <= LONGEST_PATH else f"... {shown[-(LONGEST_PATH - 4) :]}"
 
 
 def import_optional(module: str, *, name: str, element: str, extra: str) -> ModuleType:

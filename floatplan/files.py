@@ -8,6 +8,7 @@ import os
 import re
 import socket
 import stat
+import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -161,7 +162,7 @@ def check_finite(content: Any) -> None:
     InputError
         Its element is the path of the first such number.
     """
-    check_numbers(content, "", _is_finite, _not_finite)
+    check_numbers(content, "", lambda number: abs(number) <= sys.float_info.max, _not_finite)
 
 
 def check_numbers(
@@ -302,10 +303,3 @@ def _single_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError("is given twice in one object", element=twice, advice="keep one of them")
     return content
-
-
-def _is_finite(number: float) -> bool:
-    try:
-        return math.isfinite(number)
-    except OverflowError:  # an integer beyond all doubles
-        return False

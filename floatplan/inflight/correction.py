@@ -41,29 +41,22 @@ class Correction(Outlined):
         When the robot lands.
     angular_momentum : kg m^2/s
         As it is estimated.
+    motion : RemainingMotion
+        The joints' from now on.
+    predicted_miss : rad
+        Orientation at landing less the goal, under that motion.
+    torque_peak : (m,) N m
+        Largest magnitude of each motor's torque for the rest of the flight, in the order of ``robot.motors``.
     """
 
     status: Status
     reason: str
-    corrected: Corrected
     landing: float
     angular_momentum: float
+    motion: RemainingMotion
+    predicted_miss: float
+    torque_peak: Array
     shown: ClassVar[Sequence[str]] = ("status", "reason", "predicted_miss", "landing", "angular_momentum")
-
-    @property
-    def motion(self) -> RemainingMotion:
-        """The joints' motion from now on."""
-        return self.corrected.motion
-
-    @property
-    def predicted_miss(self) -> float:
-        """Orientation at landing less the goal, under that motion, rad."""
-        return self.corrected.miss
-
-    @property
-    def torque_peak(self) -> Array:
-        """Largest magnitude (m,) N m of each motor's torque for the rest of the flight, in ``robot.motors``' order."""
-        return self.corrected.torque_peak
 
 
 @dataclass(frozen=True, eq=False, repr=False)

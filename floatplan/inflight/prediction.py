@@ -26,9 +26,7 @@ from floatplan.robot.robot import LinkCapsule, PlanarTree
 from floatplan.tables import LIMIT_TABLE
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
-LEAST_INSTANTS = (
-    40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
-)
+LEAST_INSTANTS = 40  # [-] besides the nodes, at which limits are looked at; with 8, torques between were 5 % beyond
 MOST_INSTANTS = 160  # [-] where an obstacle could be passed unseen between so few
 LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
 OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -98,7 +99,7 @@ class Replanner:
         self._landing = plan.duration
         self._update.begin(self._estimate)
         corrected = self._update.predicted(self.motion)
-        self._last = Correction("applied", "", corrected, plan.duration, momentum)
+        self._last = _told("applied", "", corrected, plan.duration, momentum)
 
     def identification(self, angular_momentum: float) -> Identification:
         """Return what is known at takeoff, with an angular momentum, kg m^2/s."""
@@ -201,7 +202,7 @@ class Replanner:
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
-        self._update.learn(measured, expected)
+        self._update.learn(measured)
         estimate.take_in(measured)
         self._measured = measured.time
         return ""
@@ -216,8 +217,7 @@ class Replanner:
         evaluations = FIRST if first else EVALUATIONS_NEAR
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
-        status, reason = _judged(corrected)
-        self._last = Correction(status, reason, corrected, landing, momentum)
+        self._last = _told(*_judged(corrected), corrected, landing, momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
@@ -237,8 +237,7 @@ class Replanner:
         return self._update.motions[-1 if math.isnan(time) else 0]
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
-        last = self._last
-        return Correction(status, reason, last.corrected, last.landing, last.angular_momentum)
+        return replace(self._last, status=status, reason=reason)
 
 
 def _time(value: object) -> float:
@@ -246,6 +245,10 @@ def _time(value: object) -> float:
         return float(value)  # type: ignore[arg-type]
     except Exception:  # whatever a caller's object raises: the flight goes on
         return math.nan
+
+
+def _told(status: Status, reason: str, corrected: Corrected, landing: float, momentum: float) -> Correction:
+    return Correction(status, reason, landing, momentum, corrected.motion, corrected.miss, corrected.torque_peak)
 
 
 def _judged(corrected: Corrected) -> tuple[Status, str]:

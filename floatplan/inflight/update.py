@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -93,20 +92,13 @@ class Update:
         rows, masses = _of_limits(blocks, constraints.block_first), _of_masses(tree, bodies)
         arrays = {**self._of_instants(grid), **masses, **found, **self._called, **made, **later}
         self._filled = Filled("Flight", first, rewriting, views, grid, tree, **counts, **numbers, **rows, **arrays)
-        self._filled.point_to(room=np.zeros(kernel().flight_room(*self._structures)))
+        given = self._robot.structure, self._constraints.structure, self._flight
+        self._filled.point_to(room=np.zeros(kernel().flight_room(*given)))
 
-    @cached_property
+    @property
     def _flight(self) -> Any:
         """What the kernel reads and writes."""
         return self._filled.structure
-
-    @cached_property
-    def _structures(self) -> tuple[Any, Any, Any]:
-        return self._robot.structure, self._constraints.structure, self._flight
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but where numbers lie in memory: a copy has its own."""
-        return {name: value for name, value in vars(self).items() if name not in ("_flight", "_structures")}
 
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
@@ -129,7 +121,7 @@ class Update:
         base = orientation, flight.expected_rate, flight.aside, flight.variance, flight.noise
         return Expected(called["positions"], called["velocities"], *base)
 
-    def learn(self, measured: Measurement, expected: Expected) -> None:
+    def learn(self, measured: Measurement) -> None:
         """Take in a measurement that is as it was expected."""
         self._flight.measured_orientation, self._flight.measured_rate = measured.orientation, measured.orientation_rate
         self._step(STEPS["learn_state"])
@@ -211,7 +203,8 @@ class Update:
 
     def _step(self, step: int) -> None:
         found = kernel()
-        found.flight(*self._structures, step, found.instructions)
+        given = self._robot.structure, self._constraints.structure, self._filled.structure
+        found.flight(*given, step, found.instructions)
 
     def _of_instants(self, grid: GaussGrid) -> dict[str, Array]:
         """What a motion, and its changes y, are made of where it is looked at."""
@@ -234,10 +227,10 @@ def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
 
 
 def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
-    """C and the places of the centres of mass, by the rotations of the links and of the bodies that turn alike."""
-    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    own = weights * bodies.rotations.sum(axis=0)
-    own = own.conj() if bodies.is_mirrored else own
-    parts = {"own": own, "weights": bodies.of_points(weights), "nominal": bodies.links}
+    """C, what it changes by with each mass, and the places of the centres of mass, by the rotations of the bodies."""
+    by_links = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    own, weights = by_links * bodies.rotations.sum(axis=0), bodies.of_points(by_links)
+    back = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
+    parts = {"by_mass": back[:, :, None] * weights[:, None, :], "weights": weights, "nominal": bodies.links}
     sides = {f"{name}_real": part.real for name, part in parts.items()}
     return sides | {f"{name}_imaginary": part.imag for name, part in parts.items()}

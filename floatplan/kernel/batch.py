@@ -12,7 +12,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import Bodies, filled_grid, filled_robot
-from floatplan.kernel.layout import ENUMERATIONS, Filled, Structure, address, constants, structure_array
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address, constants, structure_array
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar import flight
@@ -159,23 +159,15 @@ class Solver:
 
     def _plan(self, rows: Rows, search: Search, most_nodes: int) -> Answers:
         count, n, width = len(rows.duration), self._n, self._width
-        counts: Any = {name: np.zeros(count, dtype=np.int64) for name in Answers.__annotations__ if name in COUNTS}
-        answers = Answers(
-            **counts,
-            branch=np.zeros((count, n), dtype=np.int64),
-            objective=np.full(count, np.nan),
-            residual=np.full(count, np.nan),
-            z=np.zeros((count, n, width)),
-            coefficients=np.zeros((count, n, CONDITIONS + width)),
-        )
+        shapes = {"branch": (n,), "z": (n, width), "coefficients": (n, CONDITIONS + width)}
+        kinds = {name: STRUCTURES["Batch"].arrays[name][0] for name in Answers.__annotations__}
+        made: Any = {name: np.zeros((count, *shapes.get(name, ())), kind) for name, kind in kinds.items()}
+        answers = Answers(**made)
         batch, powers, compiled = Filled("Batch", rows, answers, count=count), _powers(width), self._kernel
         given = self._robot.structure, *_grids(width, most_nodes), powers.structure, _settings(search), batch.structure
         if compiled.plan(*given, compiled.instructions):
             raise MemoryError("no memory for a batch of plans")
         return answers
-
-
-COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
 @lru_cache(maxsize=32)

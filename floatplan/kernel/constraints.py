@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address
 from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
@@ -55,6 +55,7 @@ class SumRows:
     weights: Mapping[str, Array]
 
 
+Written = list[tuple[int, int, int, float, float]]  # of rows: kind, two indices, least value, inverse scale
 Block = ObstacleRows | PairRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
 
 
@@ -80,7 +81,7 @@ class CompiledConstraints:
         self.links, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.links
         self.bodies, self.robot = unscaled_robot(tree)
-        written: list[tuple[int, int, int, float, float]] = []
+        written: Written = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
         counts = [
@@ -110,21 +111,14 @@ class CompiledConstraints:
         self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
-    def _write(
-        self,
-        block: Block,
-        rows: list[tuple[int, int, int, float, float]],
-        obstacles: list[list[float]],
-        sums: list[Array],
-    ) -> int:
-        """Write kind, two indices, least value and inverse scale of each row; how many there are."""
+    def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> int:
+        """Write the rows of a block; how many there are."""
         before = len(rows)
         if isinstance(block, SumRows | Shares):
-            parts = [self.sums(block)] if isinstance(block, SumRows) else [self._sum(block.used)]
-            if isinstance(block, Shares) and block.also:
-                parts.append(self._sum(block.also))
-            begin, count = len(sums), len(parts[0])
             kind = SUM if isinstance(block, SumRows) else SHARE
+            shares = [] if isinstance(block, SumRows) else filter(None, (block.used, block.also))
+            parts = [self.sums(block)] if isinstance(block, SumRows) else list(map(self._sum, shares))
+            begin, count = len(sums), len(parts[0])
             rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
             sums.extend(np.concatenate(parts))
         elif isinstance(block, PairRows):
@@ -215,7 +209,8 @@ def quantity_rows(flight: FlightDynamics, quantity: str, s: Array) -> RowTargets
 class RowTargets:
     """Where rows are evaluated: instants ``s`` (K,), and where each goes: ``target`` (K, rows), negative: nowhere.
 
-    ``count`` rows go somewhere; each value is lower by ``back_off``.
+    ``count`` rows go somewhere; each value is lower by ``back_off``. Motions have copies of the ``template``, with
+    ``room`` numbers of memory.
     """
 
     def __init__(
@@ -223,17 +218,11 @@ class RowTargets:
     ) -> None:
         self.constraints, self.count, self.instants = constraints, count, len(s)
         self._kept = constraints.flight.duration * s, target
-        self._template = STRUCTURES["Evaluation"](back_off=back_off)
-        self._template.motion.instants = self._template.variables.instants = len(s)
-        self._template.motion.per_second = 1 / constraints.flight.duration
-        self._template.point_to(times=self._kept[0], target=target)
-        self._room = constraints.kernel.motion_room(*constraints.references, self._template, 0)
-
-    def fresh(self) -> tuple[Structure, Array]:
-        """Return a structure for a motion, and the memory that it points to."""
-        room, structure = np.empty(self._room), type(self._template).from_buffer_copy(self._template)
-        self.constraints.kernel.motion_room(*self.constraints.references, structure, address(room))
-        return structure, room
+        self.template = STRUCTURES["Evaluation"](back_off=back_off)
+        self.template.motion.instants = self.template.variables.instants = len(s)
+        self.template.motion.per_second = 1 / constraints.flight.duration
+        self.template.point_to(times=self._kept[0], target=target)
+        self.room = constraints.kernel.motion_room(*constraints.references, self.template, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,11 +244,13 @@ class MotionRows:
 
     def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
         assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
-        self._instants, self._flown, self._constraints = instants, flown, instants.constraints
-        joints = flown.joints
-        self._structure, self._memory = instants.fresh()
+        joints, constraints = flown.joints, instants.constraints
+        self._instants, self._flown, self._constraints = instants, flown, constraints
+        self._memory = np.empty(instants.room)
+        self._structure = type(instants.template).from_buffer_copy(instants.template)
+        constraints.kernel.motion_room(*constraints.references, self._structure, address(self._memory))
         motion = self._structure.motion
-        self._rate, self._moment = np.empty(motion.stride), np.empty((self._constraints.links, motion.stride))
+        self._rate, self._moment = np.empty(motion.stride), np.empty((constraints.links, motion.stride))
         motion.point_to(rate=self._rate, moment=self._moment)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)

@@ -20,6 +20,7 @@ class Correcting {
         arena.take(residual, most);
         arena.take(first, (6 + width) * n);
         arena.take(worst, f.blocks);
+        arena.take(sorted, f.block_first[f.blocks] * f.instants);
         for (Predicted *each : {present, tried}) rest.lay_out(arena, *each);
     }
 
@@ -74,7 +75,7 @@ class Correcting {
     Predicted two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst;
+    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst, *sorted;
 
     // What is kept, and what changes are of: the present motion.
     void begin_at_present() {
@@ -209,7 +210,12 @@ class Correcting {
         double *violation = present->violation, floor = 0;
         Index near = 0;
         for (Index e = begin; e < end; ++e) near += violation[e] > 0;
-        if (near > f.law.most_rows) floor = at_rank(violation + begin, end - begin, near - f.law.most_rows);
+        if (near > f.law.most_rows) {
+            double *end_sorted = sorted, *place;
+            for (Index e = begin; e < end; ++e) *end_sorted++ = violation[e] > 0 ? violation[e] : 0;  // none is NaN
+            std::nth_element(sorted, place = end_sorted - f.law.most_rows - 1, end_sorted);
+            floor = *place;
+        }
         Index left = f.law.most_rows;
         for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
             for (Index e = begin; e < end && left; ++e) {
@@ -220,18 +226,5 @@ class Correcting {
                 for (Index a = 0; a < size; ++a) row[a] /= f.softness[block];
                 residual[rows++] = -violation[e];
             }
-    }
-
-    // The value that so many positive ones are not above.
-    static double at_rank(const double *values, Index count, Index below) {
-        double floor = 0;
-        for (Index passed = 0; passed < below;) {
-            double next = HUGE_VAL;
-            for (Index e = 0; e < count; ++e)
-                if (values[e] > floor && values[e] < next) next = values[e];
-            floor = next;
-            for (Index e = 0; e < count; ++e) passed += values[e] == floor;
-        }
-        return floor;
     }
 };

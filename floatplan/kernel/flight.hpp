@@ -90,23 +90,19 @@ class FlightUpdate {
     // C of the masses found, and of the bodies that turn alike.
     void adapt() {
         const double *masses = f.state + 2, *inertias = masses + m;
-        for (Index e = 0; e < g * g; ++e) f.real[e] = f.imaginary[e] = 0;
+        copy(f.link_real, f.nominal_real, m * g);
+        copy(f.link_imaginary, f.nominal_imaginary, m * g);
+        for (Index e = 0; e < m; ++e) {
+            add(masses[e], f.by_mass_real + e * m * g, m * g, f.link_real);
+            add(masses[e], f.by_mass_imaginary + e * m * g, m * g, f.link_imaginary);
+        }
+        zero(f.real, g * g);
+        zero(f.imaginary, g * g);
         for (Index b = 0; b < m; ++b) {
             const Index own = robot.group[b];
-            for (Index o = 0; o < g; ++o) {
-                double x = f.nominal_real[b * g + o], y = f.nominal_imaginary[b * g + o];
-                for (Index e = 0; e < m; ++e) {
-                    double part = masses[e] * f.mass[e], re = f.own_real[e * m + b], im = -f.own_imaginary[e * m + b];
-                    double body_re = f.weights_real[e * g + o], body_im = f.weights_imaginary[e * g + o];
-                    x += part * (re * body_re - im * body_im);
-                    y += part * (re * body_im + im * body_re);
-                }
-                if (o == own) x += f.inertia[b] * inertias[b];
-                f.link_real[b * g + o] = x;
-                f.link_imaginary[b * g + o] = y;
-                f.real[own * g + o] += x;
-                f.imaginary[own * g + o] += y;
-            }
+            f.link_real[b * g + own] += f.inertia[b] * inertias[b];
+            add(1, f.link_real + b * g, g, f.real + own * g);
+            add(1, f.link_imaginary + b * g, g, f.imaginary + own * g);
         }
     }
 

@@ -4,6 +4,7 @@
 // Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <initializer_list>
 #include <cstdlib>

@@ -206,7 +206,7 @@ struct Flight {
     const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
     // The filter's.
     const double *mass, *inertia;                    // (m)
-    const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the links' rotations
+    const double *by_mass_real, *by_mass_imaginary;  // (m, m, g): what C changes by, of relative errors of masses
     const double *weights_real, *weights_imaginary;  // (m, g): the same by the bodies'
     const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
     const double *wander, *deviations;               // (2 + 2 m)
@@ -230,7 +230,8 @@ struct Flight {
 };
 
 enum Step : Index {
-    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion, correct_motion
+    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion,
+    correct_motion
 };
 
 enum Status : Index { infeasible, feasible, optimal, needs_grid };

@@ -40,11 +40,8 @@ class Measured {
             double most = 0, left = 0;
             for (const double *value = values + first * at.nodes; first < stop; ++first, value += at.nodes) {
                 for (Index k = 0; k < at.nodes; ++k) most = larger(std::fabs(value[k]), most);
-                for (const double *tail = at.tail; tail < at.tail + 3 * at.nodes; tail += at.nodes) {
-                    double part = 0;
-                    for (Index k = 0; k < at.nodes; ++k) part += tail[k] * value[k];
-                    left = larger(std::fabs(part), left);
-                }
+                for (const double *tail = at.tail; tail < at.tail + 3 * at.nodes; tail += at.nodes)
+                    left = larger(std::fabs(dot(tail, value, at.nodes)), left);
             }
             return left <= peaks.resolved * most;
         };

@@ -162,8 +162,4 @@ def _chebyshev_map(size: int) -> npt.NDArray[np.object_]:
 
 
 def _product(left: Sequence[int | Fraction], right: Sequence[int | Fraction]) -> list[Fraction]:
-    found = [Fraction(0)] * (len(left) + len(right) - 1)
-    for i, a in enumerate(left):
-        for j, b in enumerate(right):
-            found[i + j] += a * b
-    return found
+    return list(np.convolve(np.array(left, dtype=object), np.array(right, dtype=object)))

@@ -279,14 +279,14 @@ def boundary_arguments(
     """
     sine = (positions - centre) / amplitude
     on_edge = 1 - np.abs(sine) < EDGE
-    if not on_edge.any():
-        p = arcsine_argument(sine, branch)
-        cosine = np.sqrt((1 - sine) * (1 + sine)) * (1 - 2 * (branch % 2))
+    has_edges = on_edge.any()
+    if has_edges:
+        sine = np.where(on_edge, np.sign(sine), sine)
+    p = arcsine_argument(sine, branch)
+    cosine = np.sqrt((1 - sine) * (1 + sine)) * (1 - 2 * (branch % 2))
+    if not has_edges:
         rate = velocities / (amplitude * cosine)
         return p, rate, (accelerations / amplitude + sine * rate**2) / cosine
-    sine = np.where(on_edge, np.sign(sine), sine)
-    p = arcsine_argument(sine, branch)
-    cosine = np.sqrt(np.maximum((1 - sine) * (1 + sine), 0)) * (1 - 2 * (branch % 2))
     safe = np.where(on_edge, 1.0, cosine)
     inward = np.clip(-accelerations / (amplitude * np.where(on_edge, sine, 1.0)), 0, None)
     rate = np.where(on_edge, np.sqrt(np.where(on_edge, inward, 0.0)), velocities / (amplitude * safe))

@@ -39,7 +39,7 @@ def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
 
 def assert_foreseen(replanner: fp.Replanner, correction: Correction, rest: Reference) -> None:
     """What is said of a correction is so, evaluated anew; what the motion that it changes, ``rest``, keeps is kept."""
-    there = correction.corrected
+    there = replanner._update._judged(correction.motion)
     anew = Reference(replanner.views, there.motion, rest.present)
     assert there.miss == pytest.approx(anew.miss, rel=1e-9, abs=1e-10)
     np.testing.assert_allclose(there.worst, anew.worst, rtol=1e-8, atol=1e-8)

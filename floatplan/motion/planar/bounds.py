@@ -33,10 +33,6 @@ class TrigonometricPolynomial:
     frequency: Array
     phase: Array
 
-    def __call__(self, positions: Array) -> Array:
-        """Values (N,) at positions (N, n)."""
-        return np.asarray(self.constant + np.cos(positions @ self.frequency.T + self.phase) @ self.amplitude)
-
     def negated(self) -> TrigonometricPolynomial:
         """Minus the polynomial."""
         return TrigonometricPolynomial(-self.constant, self.amplitude, self.frequency, self.phase + np.pi)

@@ -48,7 +48,11 @@ class Segments:
 
 
 class LinkShapes:
-    """Capsules of a robot, and the hulls of its links where its height over the ground counts, ready to be placed."""
+    """Capsules of a robot, and the hulls of its links where its height over the ground counts, ready to be placed.
+
+    ``weights`` are those (S, m) of their starts and of their ends, see :meth:`PlanarTree.point_weights`; ``radius``
+    (S,) is in m.
+    """
 
     def __init__(
         self, tree: PlanarTree, capsules: tuple[LinkCapsule, ...], hulls: tuple[LinkCapsule, ...] = ()
@@ -58,30 +62,21 @@ class LinkShapes:
         self.hulls, self.hull_links = len(hulls), tuple(shape.link for shape in hulls)
         shapes = (*capsules, *hulls)
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
-        self._start = tree.point_weights(bodies, np.array([shape.start for shape in shapes], dtype=np.complex128))
-        self._end = tree.point_weights(bodies, np.array([shape.end for shape in shapes], dtype=np.complex128))
-        self._ends = np.concatenate((self._start, self._end)).T.copy()
-        self._radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
-
-    @property
-    def weights(self) -> tuple[ComplexArray, ComplexArray]:
-        """Weights (S, m) of the capsules' starts and ends, see :meth:`PlanarTree.point_weights`."""
-        return self._start, self._end
+        starts, ends = ([getattr(shape, end) for shape in shapes] for end in ("start", "end"))
+        self.weights = tuple(tree.point_weights(bodies, np.array(each, np.complex128)) for each in (starts, ends))
+        self._ends = np.concatenate(self.weights).T.copy()
+        self.radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
 
     def facing(self, obstacle: Obstacle) -> range:
         """Indices of the shapes whose distances to an obstacle count: the hulls' where it is the ground."""
         return _facing(obstacle, len(self.links), self.hulls)
 
-    @property
-    def radius(self) -> Array:
-        """Of the capsules (S,), m."""
-        return self._radius
-
     def place(self, com: ComplexArray, angles: Array) -> Segments:
         """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""
         ends = self._tree.rotations(angles) @ self._ends
         ends += com[:, None]
-        return Segments(ends[:, : len(self._start)], ends[:, len(self._start) :], self._radius, self.hulls)
+        count = len(self.radius)
+        return Segments(ends[:, :count], ends[:, count:], self.radius, self.hulls)
 
 
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Array:

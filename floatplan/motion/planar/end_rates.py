@@ -115,9 +115,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
     if not problem.ground:
         return []
     rates, _ = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
-    start, goal = (
-        replace(state, velocities=each) for state, each in zip((problem.initial, problem.final), rates, strict=True)
-    )
+    start, goal = replace(problem.initial, velocities=rates[0]), replace(problem.final, velocities=rates[1])
     errors = []
     for name, state, instant, sign, direction in (
         ("start", start, 0.0, 1.0, "down into the ground at takeoff"),

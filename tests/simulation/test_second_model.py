@@ -1,0 +1,86 @@
+"""A jump lands in a second model with contact: MuJoCo's own reading of the URDF, capsules, a loop of its own."""
+
+from __future__ import annotations
+
+from math import atan2, pi
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from jumps import INSTALLED
+from needed import skip_or_fail
+from once import made_once
+
+import floatplan as fp
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+mujoco = pytest.importorskip("mujoco")
+
+ROOT = Path(__file__).resolve().parents[2]
+FRICTION, KP, KD = 0.8, 40.0, 1.0
+STEP, EVERY, AFTER = 1e-3, 2, 1.0  # [s], steps of the control, [s]
+
+
+def model_of(jump: fp.Jump, heavier: float) -> tuple[mujoco.MjModel, float]:
+    """The URDF as MuJoCo reads it, on a free base; its links' capsules and its feet's spheres; their radius, m."""
+    robot = jump.problem.robot
+    urdf = ElementTree.fromstring(robot.xml)
+    for link in urdf.iter("link"):
+        for shape in link.findall("visual") + link.findall("collision"):
+            link.remove(shape)
+    ElementTree.SubElement(ElementTree.SubElement(urdf, "mujoco"), "compiler", fusestatic="false")
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(urdf, encoding="unicode"))
+    spec.option.timestep, spec.option.cone = STEP, mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10  # at MuJoCo's own 1, feet creep while they push, and it falls
+    spec.body(robot.layout.tree.root).add_freejoint()
+    touching = {"friction": [FRICTION, 0, 0], "solref": [6e-3, 1]}
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], zaxis=[0, 0, 1], **touching)
+    (radius,) = {round(each.depth, 6) for stance in jump.stances for each in stance.contacts}
+    for foot in {name for phase in jump.phases for name in phase.contacts}:
+        spec.body(foot).add_geom(
+            name=foot, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], contype=0, **touching
+        )
+    trunk = {"size": [0.06, 0, 0], "fromto": [-0.18, 0, 0, 0.18, 0, 0], "contype": 0, "friction": [FRICTION, 0, 0]}
+    spec.body(robot.layout.tree.root).add_geom(name="trunk", type=mujoco.mjtGeom.mjGEOM_CAPSULE, **trunk)
+    for leg in ("FL", "FR", "RL", "RR"):
+        shank = {"size": [0.01, 0, 0], "fromto": [0, 0, 0, 0, 0, -0.15], "contype": 0, "friction": [FRICTION, 0, 0]}
+        spec.body(f"{leg}_calf").add_geom(name=f"{leg} shank", type=mujoco.mjtGeom.mjGEOM_CAPSULE, **shank)
+    model = spec.compile()
+    model.body_mass[:] *= heavier
+    model.body_inertia[:] *= heavier
+    return model, radius
+
+
+@pytest.fixture(scope="module")
+def jump() -> fp.Jump:
+    found: fp.Jump = made_once("go2.toml", lambda: fp.jump(ROOT / "problems" / "jumps" / "go2.toml", starts=1))
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("heavier", [0.95, 1.0, 1.05])
+def test_it_lands_there_too(jump: fp.Jump, heavier: float) -> None:
+    model, radius = model_of(jump, heavier)
+    data = mujoco.MjData(model)
+    names = list(jump.problem.robot.model.names)[4:]
+    rows, columns = ([getattr(model.joint(name), key)[0] for name in names] for key in ("qposadr", "dofadr"))
+    low, high = model.jnt_actfrcrange[[model.joint(name).id for name in names]].T
+    times = np.arange(0.0, jump.duration + AFTER, EVERY * STEP)
+    q, v, tau = (each(np.minimum(times, jump.duration)) for each in (jump.q, jump.v, jump.tau))
+    data.qpos[:7], data.qpos[rows] = q[0, [0, 1, 2, 6, 3, 4, 5]], q[0, 7:]
+    mujoco.mj_kinematics(model, data)
+    data.qpos[2] += radius - data.geom("FL_foot").xpos[2]
+    touched, turned, last = set[str](), 0.0, 0.0
+    for row in range(len(times)):
+        torque = tau[row, 6:] + KP * (q[row, 7:] - data.qpos[rows]) + KD * (v[row, 6:] - data.qvel[columns])
+        data.qfrc_applied[columns] = np.clip(torque, low, high)
+        mujoco.mj_step(model, data, nstep=EVERY)
+        touched |= {model.geom(geom).name for pair in data.contact.geom.tolist() for geom in pair}
+        pitch = 2 * atan2(data.qpos[5], data.qpos[3])
+        turned, last = turned + (pitch - last + pi) % (2 * pi) - pi, pitch
+    assert abs(turned + 2 * pi) < 0.2
+    assert abs(data.qpos[4]) + abs(data.qpos[6]) < 0.1
+    assert data.qpos[2] > 0.2
+    assert touched <= {"floor", "FL_foot", "FR_foot", "RL_foot", "RR_foot"}
