@@ -19,6 +19,7 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
 from floatplan.stance.exact import exact_stances
+from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance, flight_state
@@ -122,9 +123,9 @@ def launch(
     first = program(ROOM)
     for start in range(starts):
         rng = np.random.default_rng((seed, start)) if start else None
-        solved = first.solved(first.guess(rng))
-        if solved[1].converged:
-            found = corrected(ROOM, margins, solved, program, complete)
+        solution = solved(first, first.guess(rng))
+        if solution[1].converged:
+            found = corrected(ROOM, margins, solution, program, complete)
             answer = min(answer, found, key=lambda each: (not each.ok, bool(each.broken), each.ratio))
         if answer.ok:
             break

@@ -16,6 +16,7 @@ from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.exact import exact_stances, released
+from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
@@ -81,6 +82,7 @@ def jump(
         first.separation.check_standing(first.node, first.motion(first.guess()))
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
+    known: JumpProgram | None = None  # of the start before: what it could not keep apart is kept apart from the start
     spent = 0
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
@@ -93,8 +95,7 @@ def jump(
         tried = start + 1
         say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
-        found = first.solved(first.guess(rng))
-        solution = found[1]
+        found = known, solution = solved(first, first.guess(rng), known)
         spent += solution.iterations
         if not solution.converged:
             best = min(best, solution.worst)

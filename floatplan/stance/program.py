@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
@@ -42,7 +42,7 @@ from floatplan.stance.rows import (
     hermite_step,
     roughness,
 )
-from floatplan.stance.separation import Separation
+from floatplan.stance.separation import SLIGHT, Separation
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
 CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
@@ -56,7 +56,7 @@ IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "m
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
-EXCHANGES = 8  # [-] programs at most in which more is kept apart
+AROUND = 150  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Solution:
     momentum : h, kg m^2/s
     factor : largest share of a limit, where that was least; else 1
     worst : largest violation of a constraint, scaled; and which it is
-    converged : whether every constraint holds, though the cost may not be least where IPOPT ended early
+    missing : of distances that are kept, where all else holds, though the cost may not be least; else infinite, m
     iterations : int
     """
 
@@ -83,8 +83,13 @@ class Solution:
     momentum: float
     factor: float
     worst: tuple[float, str]
-    converged: bool
+    missing: float
     iterations: int
+
+    @property
+    def converged(self) -> bool:
+        """Whether every constraint holds."""
+        return self.missing <= SLIGHT
 
 
 class JumpProgram:
@@ -197,7 +202,7 @@ class JumpProgram:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
         ca, unit = casadi(), self.node.unit
         size = sum(rows * columns for rows, columns in self._shapes)
-        raw = ca.MX.sym("w", size + len(self.separation.angles))
+        raw = ca.MX.sym("w", size + len(self.separation.start))
         y, v, a, *rest = self.split(raw)
         count = len(self.phases)
         forces, drifts, (durations, momentum, factor) = rest[:count], rest[count:-3], rest[-3:]
@@ -217,9 +222,9 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
-        self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
+        apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
-        goal = ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
+        goal = apart + ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
         return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), IPOPT | {"max_iter": self._iterations}), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
@@ -350,12 +355,20 @@ class JumpProgram:
         solver, evaluate, rows = self._solver
         low, high = np.concatenate(rows.low), np.concatenate(rows.high)
         box = np.concatenate((np.stack(self._box), self.separation.box), axis=1)
-        answer = solver(x0=np.append(guess, self.separation.angles), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
+
+        def excess(raw: Array) -> Array:
+            values = np.asarray(evaluate(raw)).ravel()
+            return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0))
+
+        answer = solver(x0=np.append(guess, self.separation.start), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
-        values = np.asarray(evaluate(raw)).ravel()
-        excess = np.maximum(np.maximum(low - values, values - high), 0.0)
-        at = int(excess.argmax())
+        holds = excess(raw).max() < (CONVERGED if stats["success"] else HELD)
+        left = raw[len(guess) :][-1:]  # of distances, a view: nothing without lines
+        missing = float(left.sum()) if holds else np.inf
+        left[:] = 0.0
+        found = excess(raw)
+        at = int(found.argmax())
         y, v, a, *rest = self.split(raw)
         return Solution(
             y=y,
@@ -365,8 +378,8 @@ class JumpProgram:
             durations=rest[-3].ravel(),
             momentum=float(rest[-2].item()),
             factor=float(rest[-1].sum()) if self._limits else 1.0,
-            worst=(float(excess[at]), rows.labels[at]),
-            converged=float(excess[at]) < (CONVERGED if stats["success"] else HELD),
+            worst=(float(found[at]), rows.labels[at]),
+            missing=missing,
             iterations=int(stats["iter_count"]),
         )
 
@@ -375,6 +388,7 @@ class JumpProgram:
         other = copy(self)
         vars(other).pop("_solver", None)
         other.node, other.separation = copy(self.node), separation
+        other._iterations = min(self._iterations, AROUND) if separation.lines else self._iterations
         other.node.held = held
         return other
 
@@ -382,35 +396,6 @@ class JumpProgram:
         """Values of y, v, a (n+1, K+1) and durations (phases, 1) of a guess (size,)."""
         y, v, a, *_, durations, _, _ = self.split(guess)
         return [y, v, a, durations]
-
-    def solved(self, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
-        """Solve from a guess; again with what comes too near, on either way around, or should have been a row.
-
-        Parameters
-        ----------
-        guess : (size,)
-        known : the program that the guess comes from
-        """
-        program = self
-        if known is not None and (known.separation.lines or known.node.held):
-            lines = replace(self.separation, lines=known.separation.lines).at(self.node, self.motion(guess))
-            program = self.kept(lines, known.node.held)
-        solution = program.solve(guess)
-        for _ in range(EXCHANGES):
-            if not solution.converged:
-                break
-            before = self.resampled(solution, self.phases)
-            wider = program.separation.wider(self.node, self.motion(before))
-            strained = program.node.strained((solution.y, solution.v, solution.a), solution.forces)
-            if not wider and not strained:
-                break
-            held = (*program.node.held, *strained)
-            for separation in wider or [program.separation]:
-                program = self.kept(separation, held)
-                solution = program.solve(before)
-                if solution.converged:
-                    break
-        return program, solution
 
     def guess(self, rng: np.random.Generator | None = None) -> Array:
         """Return the generic guess; with random numbers a perturbed one.

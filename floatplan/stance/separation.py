@@ -4,7 +4,8 @@ Two convex shapes keep a distance between their middle lines if a direction n ex
 for all ends a of the one and b of the other. Directions are variables of the program, free to turn: so the condition is
 smooth, and shapes that overlap find their way out. One direction holds from a node to the next, at both of which it
 separates: nothing passes through an obstacle between nodes. Pairs come by exchange: those that a solution brings too
-near, of what moves alike, left and right, the nearest.
+near, of what moves alike, left and right, the nearest. One more variable is what is missing of all distances; it costs,
+and more where it does not vanish: so a program begins where nothing is apart yet, and ends where not all can be.
 """
 
 from __future__ import annotations
@@ -30,9 +31,12 @@ from floatplan.stance.rows import NodeRows, Rows
 
 ROOM = 0.005  # [m] beyond margins, at nodes
 NEAR = 0.002  # [m] beyond margins: what is nearer, at nodes or between them, is too near
+SLIGHT = ROOM - NEAR  # [m] that may be missing of distances at nodes
 INSTANTS = 4  # [-] in an interval, where distances are measured
 DIRECTIONS = 64  # [-] that are tried for a guess
 TURNS = 1.5 * np.pi  # [rad] by which directions may turn from their guess
+WEIGHT = 40.0  # [1/m] of what is missing, beside the squared torques
+STEEPER = 10.0  # [-] times that where something was still missing
 DETOUR = 2.0  # [-] times longer has to be the way around on the side where a shape is, for the other to come first
 
 
@@ -76,6 +80,7 @@ class Separation:
     origin : where the frame that takes off is at takeoff, m, horizontal and vertical
     room : beyond margins, at nodes, m
     lines : that the program has
+    weight : of what is missing of their distances, 1/m
     """
 
     robot: Robot
@@ -84,17 +89,20 @@ class Separation:
     origin: tuple[float, float] = (0.0, 0.0)
     room: float = ROOM
     lines: tuple[Line, ...] = ()
+    weight: float = WEIGHT
 
     @property
-    def angles(self) -> Array:
-        """Directions (size,) where the program begins, rad."""
-        return np.concatenate([np.zeros(0), *(line.angles for line in self.lines)])
+    def start(self) -> Array:
+        """Where the program begins (size,): directions, rad, and what is missing, m; nothing without lines."""
+        return np.concatenate([*(line.angles for line in self.lines), np.zeros(min(len(self.lines), 1))])
 
     @property
     def box(self) -> Array:
-        """Bounds (2, size) of directions, rad: those of half-planes are their normals."""
-        free = [np.full(len(line.angles), not isinstance(self._parts[line.other], HalfPlane)) for line in self.lines]
-        bounds: Array = self.angles + TURNS * np.concatenate([np.zeros(0), *free]) * np.array([[-1.0], [1.0]])
+        """Bounds (2, size) of these: directions of half-planes are their normals."""
+        turns = [0.0 if isinstance(self._parts[line.other], HalfPlane) else TURNS for line in self.lines]
+        free = np.append(np.repeat(turns, [len(line.angles) for line in self.lines]), np.inf)[: len(self.start)]
+        bounds: Array = self.start + free * np.array([[-1.0], [1.0]])
+        bounds[0, -1:] = 0.0
         return bounds
 
     @cached_property
@@ -220,13 +228,14 @@ class Separation:
                 reason = f"where the robot stands, {line.name} is missed by {-least:.2g} m"
                 raise InputError(reason, element=line.asked, advice="change it, its margin or the posture")
 
-    def wider(self, node: NodeRows, motion: Sequence[Any]) -> list[Separation]:
+    def wider(self, node: NodeRows, motion: Sequence[Any], missing: float) -> list[Separation]:
         """Return what also holds apart what a solution brings too near, on either way around; else nothing.
 
         Parameters
         ----------
         node : rows of the program
         motion : y, v, a (n+1, K+1) and durations (phases, 1) of its solution
+        missing : of its distances, m
         """
         if not self._candidates:
             return []
@@ -239,12 +248,14 @@ class Separation:
                 nearest[line.alike] = least, line
         for least, line in nearest.values():
             key = line.first, line.other
-            room = chosen[key].room + NEAR - least if key in chosen else self.room
+            room = chosen[key].room + max(self.room - least - missing, 0.0) if key in chosen else self.room
             chosen[key] = replace(line, room=room)
         if not nearest:
             return []
-        ways = (self._directed(node, *placed, list(chosen.values()), swapped) for swapped in (False, True))
-        return [replace(self, lines=lines) for lines in ways]
+        over, under = (self._directed(node, *placed, list(chosen.values()), swapped) for swapped in (False, True))
+        same = all(np.array_equal(one.angles, two.angles) for one, two in zip(over, under, strict=True))
+        weight = self.weight * (STEEPER if missing > SLIGHT else 1.0)
+        return [replace(self, lines=lines, weight=weight) for lines in ([over] if same else [over, under])]
 
     def at(self, node: NodeRows, motion: Sequence[Any]) -> Separation:
         """Return the same lines for another program, where its motion begins."""
@@ -276,32 +287,33 @@ class Separation:
             found.append(replace(line, intervals=there, angles=angles[there], reach=reach[there]))
         return tuple(found)
 
-    def add(self, node: NodeRows, rows: Rows, motion: Sequence[Any], angles: Any) -> None:
-        """Rows of the lines at both ends of their intervals.
+    def add(self, node: NodeRows, rows: Rows, motion: Sequence[Any], own: Any) -> Any:
+        """Add rows of the lines at both ends of their intervals; return the cost of what is missing.
 
         Parameters
         ----------
         node : rows of the program
         motion : y, v, a (n+1, K+1) and durations (phases, 1)
-        angles : (size, 1) the directions
+        own : (size, 1) the directions, and what is missing
         """
         if not self.lines:
-            return
+            return 0.0
         ca, chosen = casadi(), sorted({each for line in self.lines for each in (line.first, line.other)})
-        directions = ca.vertsplit(angles, np.cumsum([0, *[len(line.angles) for line in self.lines]]).tolist())
+        *directions, missing = ca.vertsplit(own, np.cumsum([0, *[len(line.angles) for line in self.lines], 1]).tolist())
         placed = self._placed(node, rows.calls, motion, chosen, 1)
         for phase, start, (_, x, z) in zip(node.phases, node.starts, placed, strict=False):
             for line, turned in zip(self.lines, directions, strict=True):
-                own = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
-                angle, reach = turned[own.tolist()].T, ca.DM(line.reach[own]).T
+                among = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
+                angle, reach = turned[among.tolist()].T, ca.DM(line.reach[among]).T
                 ends = [
                     range(2 * chosen.index(k), 2 * chosen.index(k) + len(set(_middle_line(self._parts[k]))))
                     for k in (line.first, line.other)
                 ]
-                for side, one, two in itertools.product((0, 1) if len(own) else (), *ends):
-                    at = (line.intervals[own] - start + side).tolist()
+                for side, one, two in itertools.product((0, 1) if len(among) else (), *ends):
+                    at = (line.intervals[among] - start + side).tolist()
                     value = ca.cos(angle) * (x[one, at] - x[two, at]) + ca.sin(angle) * (z[one, at] - z[two, at])
-                    rows.add(value - reach, 0.0, np.inf, f"{line.name} ({phase.side})")
+                    rows.add(value - reach + missing, 0.0, np.inf, f"{line.name} ({phase.side})")
+        return self.weight * missing
 
 
 def _middle_line(part: LinkCapsule | Obstacle) -> list[complex]:

@@ -26,6 +26,7 @@ from floatplan.stance.contacts import (
     standing_feet,
     watched_points,
 )
+from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Meeting, Phase, not_static, phases_of, standing_posture
 from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
@@ -109,7 +110,7 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0])
+        again = solved(finer, finer.resampled(found[1], found[0].phases), found[0])
         if not again[1].converged:
             break
         found = again

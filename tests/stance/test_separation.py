@@ -21,6 +21,9 @@ if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
 
 AROUND: dict[str, dict[str, Any]] = {
+    "a bar overhead": {"obstacles": (fp.Circle(center=(0.2, 0.75), radius=0.05),)},
+    "a ceiling": {"obstacles": (fp.HalfPlane(point=(0.0, 0.85), normal=(0.0, -1.0)),)},
+    "a post behind": {"obstacles": (fp.Bar(start=(-0.45, 0.0), end=(-0.45, 0.6), radius=0.03),)},
     "a ball that flies by": {"obstacles": (fp.Circle(center=(1.0, 0.8), radius=0.05, velocity=(-3.0, 0.0)),)},
     "calves": {
         "self_clearances": (fp.SelfClearance(("base", "RL_calf"), 0.08), fp.SelfClearance(("FL_calf", "RL_calf"), 0.1))
@@ -75,7 +78,7 @@ def test_rows_are_what_is_measured(name: str) -> None:
         replace(program.separation, lines=tuple(chosen.values())).at(program.node, program.motion(guess))
     )
     _, evaluate, rows = program._solver
-    values = np.asarray(evaluate(np.append(guess, program.separation.angles))).ravel()
+    values = np.asarray(evaluate(np.append(guess, program.separation.start))).ravel()
     _, segments = program.separation._measured(program.node, program.motion(guess))
     landing = program.starts[program.flight + 1]
     assert len(program.separation.lines) == 3
