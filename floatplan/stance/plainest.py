@@ -10,8 +10,7 @@ from floatplan.stance.motion import Grid, Stance, hermite, values
 from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram
 
-SHORTER = 0.8  # [-] times the usual durations
-DRAWN = (0.3, 1.3)  # [-] times these, of each phase, at random
+SHORTER, DRAWN = 0.8, (0.3, 1.3)  # [-] of the usual durations; and of these, each at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
 
