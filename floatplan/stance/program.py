@@ -55,7 +55,7 @@ HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
-AROUND = 150  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
+AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
 
 
 @dataclass(frozen=True, eq=False)
