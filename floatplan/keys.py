@@ -17,23 +17,8 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, 
 
 import numpy as np
 
-from floatplan.arguments import (
-    Check,
-    Checked,
-    by_joint,
-    by_name,
-    either,
-    flag,
-    for_all,
-    made,
-    many,
-    number,
-    one_of,
-    optional,
-    pair,
-    text,
-    whole,
-)
+from floatplan import arguments
+from floatplan.arguments import Check, Checked, either
 from floatplan.errors import InputError, refuse
 from floatplan.tables import RANGES, Range
 
@@ -134,33 +119,34 @@ def _check(hint: Any, numbers: str | Range) -> Check:
     origin, inner = get_origin(hint), get_args(hint)
     if hint in (float, int):
         allowed = RANGES[numbers] if isinstance(numbers, str) else numbers
-        return number(allowed) if hint is float else whole(allowed)
+        return arguments.number(allowed) if hint is float else arguments.whole(allowed)
     if hint in (str, bool):
-        return text if hint is str else flag
+        return arguments.text if hint is str else arguments.flag
     if origin is Literal:
-        return one_of(*inner)
+        return arguments.one_of(*inner)
     if origin is tuple and inner[-1] is not ...:
         if str in inner:
-            return pair(text, "texts", 2 if len(inner) == 2 else 3)
-        return pair(_check(float, numbers if numbers in RANGES else "place"))
+            return arguments.pair(arguments.text, "texts", 2 if len(inner) == 2 else 3)
+        return arguments.pair(_check(float, numbers if numbers in RANGES else "place"))
     if origin in (tuple, Sequence):
-        return many(_check(entry_of(hint), numbers), "entries")
+        return arguments.many(_check(entry_of(hint), numbers), "entries")
     if origin is Mapping:
-        return by_name(_check(entry_of(hint), numbers))
+        return arguments.by_name(_check(entry_of(hint), numbers))
     if origin not in (Union, UnionType):
-        return made(hint)
+        return arguments.made(hint)
     if NoneType in inner:
-        return optional(_check(Union[tuple(kind for kind in inner if kind is not NoneType)], numbers))  # noqa: UP007
+        kinds = tuple(kind for kind in inner if kind is not NoneType)
+        return arguments.optional(_check(Union[kinds], numbers))  # noqa: UP007
     words = [word for kind in inner if get_origin(kind) is Literal for word in get_args(kind)]
     lists = [kind for kind in inner if get_origin(kind) is Sequence]
     if not (lists or float in inner) or any(map(_is_part, inner)):
         return _any_of(inner, numbers)
-    entry = number(RANGES[numbers] if isinstance(numbers, str) else numbers, infinite="none" in words)
+    entry = arguments.number(RANGES[numbers] if isinstance(numbers, str) else numbers, infinite="none" in words)
     if not lists:
         is_named = any(get_origin(kind) is Mapping for kind in inner)
-        return for_all(entry) if is_named else one_of(*words, or_number=entry)
+        return arguments.for_all(entry) if is_named else arguments.one_of(*words, or_number=entry)
     single = float in inner
-    return by_joint(entry if single else _check(entry_of(lists[0]), numbers), *words, single=single)
+    return arguments.by_joint(entry if single else _check(entry_of(lists[0]), numbers), *words, single=single)
 
 
 def _any_of(kinds: Sequence[Any], numbers: str | Range) -> Check:

@@ -257,7 +257,10 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
             for name in ("at", "q", "v", "a", "tau", "forces", "contact_points")
         },
         "Plan.save": Call(plan.save, {"path": file}),
-        "Plan.export": Call(plan.export, {"form": "csv", "path": folder / "trajectory.csv", "rate": 10.0}),
+        "Plan.export": Call(
+            plan.export,
+            {"form": "csv-full", "path": folder / "trajectory.csv", "rate": 10.0, "kp": 5.0, "kd": {"q1": 1.0}},
+        ),
         "Plan.figures": Call(plan.figures, {"compare": plan}, len),
         "Plan.show": Call(plan.show, {"path": folder / "report.html", "browse": False}),
         "Plan.animate": Call(plan.animate, {"path": folder / "flight.gif", "speed": 9.0, "progress": None}),

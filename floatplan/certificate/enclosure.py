@@ -135,7 +135,8 @@ class Taylor:
         return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __sub__(self, other: Taylor) -> Taylor:
-        return self + -other
+        c = self.c - other.c
+        return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""

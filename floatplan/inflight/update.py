@@ -60,7 +60,8 @@ class Corrected:
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
-    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2.
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2. ``row_values`` (rows, K)
+    are those of the rows at all instants under the motion predicted last; infinite where none applies.
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
@@ -82,6 +83,7 @@ class Update:
         shapes |= {"torques": n + motors, "coefficients": (columns, n), "warm_start": (width, n)}
         shapes |= {"worst": len(blocks), "torque_peak": motors, "row_values": (constraints.rows, len(grid.s))}
         self._called = {name: np.zeros(shape) for name, shape in shapes.items()}
+        self.row_values = self._called["row_values"]
         gap, law = gauss_legendre(GAP_NODES), constants("Law", vars(filtering), globals())
         counts = {"width": width, "instants": len(grid.s), "nodes": grid.nodes, "motors": motors}
         numbers = {"goal": views.flight.final_orientation, "sigma": sigma, "acceleration": acceleration, "law": law}
@@ -161,11 +163,6 @@ class Update:
         """Times (K,), s since takeoff, at which the rest of the flight was looked at last."""
         begin, end = self._flight.now, self._flight.landing
         return np.asarray(begin + (end - begin) * self._instants.s)
-
-    @property
-    def row_values(self) -> Array:
-        """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
-        return self._called["row_values"]
 
     def _look_at(self, now: float, landing: float) -> None:
         """Look at the rest of a flight, from now to a landing, s."""

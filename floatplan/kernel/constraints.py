@@ -305,22 +305,22 @@ class MotionRows:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Where to look first: a ``grid`` (K,) of [0, 1], and between which instants each row (rows,) applies."""
+    """Where to look first: a ``grid`` (K,) of [0, 1], and between which instants each row (rows,) applies.
+
+    What may be below ``near`` is narrowed down by ``span`` to both sides.
+    """
 
     grid: Array
     low: Array
     high: Array
+    near: float
+    span: float
 
 
 def minima(
-    constraints: CompiledConstraints,
-    flown: BaseMotion,
-    polynomials: SinePolynomials,
-    look: Look,
-    near: float,
-    span: float,
+    constraints: CompiledConstraints, flown: BaseMotion, polynomials: SinePolynomials, look: Look
 ) -> tuple[IntArray, Array, Array, int]:
-    """Local minima below ``near`` over a flight, narrowed down from a look by ``span`` to both sides.
+    """Local minima over a flight, narrowed down from a look.
 
     Returned are row, s and value (L,), and at how many instants it looked closer. The flight, on any grid, is of a
     motion of the class ``polynomials``.
@@ -333,7 +333,8 @@ def minima(
     motion = Filled("Series", polynomials, **terms, **flight, **series)
     most = len(look.grid) * constraints.rows
     row, s, least = np.empty(most, dtype=np.int64), np.empty(most), np.empty(most)
-    filled = Filled("Minima", look, instants=len(look.grid), near=near, span=span, row=row, s=s, least=least)
+    numbers = {"instants": len(look.grid), "near": look.near, "span": look.span}
+    filled = Filled("Minima", look, **numbers, row=row, s=s, least=least)
     compiled, found = constraints.kernel, filled.structure
     if compiled.minima(*constraints.references, motion.structure, found, compiled.instructions):
         raise MemoryError("no memory to look between the nodes")

@@ -22,13 +22,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.motion.exact_polynomials import (
-    CONDITIONS,
-    basis_columns,
-    chebyshev_of_powers,
-    chebyshev_of_seconds,
-    powers_of_seconds,
-)
+from floatplan.motion import exact_polynomials as exact
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import chebyshev_values
 
 END_LENGTH = math.sqrt(1 / 9240)  # [-] root mean square of the quintic with p'' = 1 at one end
@@ -70,11 +65,14 @@ class Basis:
     """
 
     def __init__(self, form: Form) -> None:
-        columns = basis_columns(form.bubbles)
+        columns = exact.basis_columns(form.bubbles)
         if form.free_ends:
             ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
             columns = np.concatenate((columns[:, form.given], ends, columns[:, CONDITIONS:]), axis=1)
-        self.powers, self.chebyshev = read_only(columns.astype(np.float64)), read_only(chebyshev_of_powers(columns))
+        self.powers, self.chebyshev = (
+            read_only(columns.astype(np.float64)),
+            read_only(exact.chebyshev_of_powers(columns)),
+        )
 
     def values(self, s: Array) -> tuple[Array, Array, Array]:
         """Each column and its first two derivatives by s at the instants s: three arrays (len(s), 6+m)."""
@@ -242,7 +240,7 @@ class SinePolynomials:
             conditions = conditions.copy()
             conditions[:, self.free_ends] = z[:, : len(self.free_ends)] / END_LENGTH
         combinations = np.concatenate((conditions, z[:, len(self.free_ends) :]), axis=1).tolist()
-        return np.array([powers_of_seconds(combination, self.duration) for combination in combinations])
+        return np.array([exact.powers_of_seconds(combination, self.duration) for combination in combinations])
 
 
 def powers_map(form: Form, duration: float) -> Array:
@@ -314,7 +312,7 @@ class WrittenMotion:
     @classmethod
     def from_powers(cls, centre: Array, amplitude: Array, coefficients: Array, duration: float) -> WrittenMotion:
         """From the coefficients b (n, k+1), powers of t in seconds."""
-        p = chebyshev_of_seconds(coefficients, duration)
+        p = exact.chebyshev_of_seconds(coefficients, duration)
         rate = np.asarray(2 / duration * chebyshev.chebder(p), dtype=np.float64)
         curvature = np.asarray(2 / duration * chebyshev.chebder(rate), dtype=np.float64)
         return cls(centre, amplitude, duration, (p, rate, curvature))

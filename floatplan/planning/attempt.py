@@ -134,11 +134,6 @@ class Outcome:
         """Whether it holds, and no motion beside it costs less."""
         return self.holds and self.solution.status == "optimal"
 
-    @property
-    def converged_quickly(self) -> bool:
-        """Whether it is optimal, and took so few iterations that other starts promise little."""
-        return self.is_optimal and self.solution.iterations <= batch.EASY_ITERATIONS
-
     @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
@@ -179,6 +174,11 @@ class Attempts:
         known, more = self._drawn[degrees]
         known.extend(islice(more, max(count - len(known), 0)))
         return known[:count]
+
+    def numbered(self, degrees: tuple[int, ...], given: Sequence[Start], number: int) -> Start | None:
+        """Return a start by its number, the given ones first; None where there are not so many."""
+        known = [*given, *self.first_starts(degrees, max(number + 1 - len(given), 0))]
+        return known[number] if number < len(known) else None
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""

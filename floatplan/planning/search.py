@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
-from floatplan.kernel.batch import WANTED_AFTER_FAILURE
+from floatplan.kernel.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
@@ -195,7 +195,8 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         values = sorted(outcomes[index].objective_value for index in solved)[:AGREEING]
         agree = len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
         return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agree
-    if outcomes[0].converged_quickly or len(solved) >= WANTED_AFTER_FAILURE:
+    quickly = outcomes[0].is_optimal and outcomes[0].solution.iterations <= EASY_ITERATIONS  # others promise little
+    if quickly or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
         any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST
@@ -232,7 +233,8 @@ def _outcomes(
         yield together
 
     def here(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-        return _follow(prepared, given, number, degrees, expired, allowance.left)
+        start = prepared.numbered(degrees, given, number)
+        return prepared.attempt(start, expired, allowance.left) if start else None
 
     ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
     several = options.jobs > 1
@@ -270,19 +272,6 @@ def expiry(budget: float | None) -> Callable[[], bool]:
     return lambda: time.monotonic() > end
 
 
-def _follow(
-    prepared: Attempts,
-    given: list[Start],
-    number: int,
-    degrees: tuple[int, ...],
-    expired: Callable[[], bool],
-    most_work: float,
-) -> Outcome | None:
-    """Follow a start by its number: the given ones come first; None where there are not so many."""
-    known = [*given, *prepared.first_starts(degrees, max(number + 1 - len(given), 0))]
-    return prepared.attempt(known[number], expired, most_work) if number < len(known) else None
-
-
 @one_thread
 def _attempting(
     problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float
@@ -292,8 +281,8 @@ def _attempting(
 
     @one_thread
     def attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-        outcome = _follow(prepared, given, number, degrees, expired, most_work)
-        return _portable(outcome) if outcome else None
+        start = prepared.numbered(degrees, given, number)
+        return _portable(prepared.attempt(start, expired, most_work)) if start else None
 
     return attempt
 

@@ -207,13 +207,11 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
         written = robot.layout.tree.joint[joint]
         leader, ratio, offset = _coupling(robot, joint)
         low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
-        beyond, value, limit = max(
-            (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
-        )
+        below, above = (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
+        beyond, value, limit = max(below, above)
         if beyond > ROUNDING:
-            message = (
-                f'{joint} goes to {value:.4g} rad, its URDF ends at {limit:.4g} rad; limits.position = "urdf" keeps it.'
-            )
+            message = f"{joint} goes to {value:.4g} rad, its URDF ends at {limit:.4g} rad"
+            message += '; limits.position = "urdf" keeps it.'
             yield PlanWarning("position", joint, value, limit, "rad", None, message)
         rate, instant = abs(ratio) * float(peaks.velocity[leader]), float(peaks.velocity_instant[leader])
         if rate > written.velocity * (1 + RELATIVE):

@@ -57,7 +57,9 @@ class Outputs:
             webbrowser.open(page.resolve().as_uri())
         return page
 
-    def export(self, form: str, path: str | Path | None = None, rate: float | None = None, **gains: Any) -> Path:
+    def export(
+        self, form: str, path: str | Path | None = None, rate: float | None = None, *, kp: Any = None, kd: Any = None
+    ) -> Path:
         """Write the motion in another format.
 
         Parameters
@@ -78,7 +80,7 @@ class Outputs:
             The format is unknown or has no room for gains, a number is wrong, or there is no motion.
         """
         path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
-        return Path(output("export")(self, text(form, "format"), path, rate, **gains))
+        return Path(output("export")(self, text(form, "format"), path, rate, kp=kp, kd=kd))
 
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""

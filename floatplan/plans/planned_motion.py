@@ -12,18 +12,9 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.motion import flight
+from floatplan.motion import flight, quadrature
 from floatplan.motion.dynamics import FlightState, Peaks
-from floatplan.motion.quadrature import (
-    NODE_COUNTS,
-    GaussLegendre,
-    chebyshev_nodes,
-    extremes,
-    gauss_legendre,
-    largest_magnitudes,
-    least_by_grids,
-    resolution,
-)
+from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.pool.threads import one_thread
 from floatplan.problem.parts import Ground, Obstacle
@@ -197,27 +188,27 @@ class PlannedMotion:
     @one_thread
     def orientation(self, times: Array) -> Array:
         """Orientation (N,) rad at times (N,), by (18)."""
-        quadrature, rates = self._orientation_rates
-        integrals = quadrature.integrals(times / self.duration) @ rates
+        rule, rates = self._orientation_rates
+        integrals = rule.integrals(times / self.duration) @ rates
         return np.asarray(self.problem.initial.orientation + self.duration * integrals)
 
     @cached_property
     @one_thread
     def final_orientation(self) -> float:
         """Orientation at the end of the flight, rad."""
-        quadrature, rates = self._orientation_rates
-        return float(self.problem.initial.orientation + self.duration * (quadrature.weights @ rates))
+        rule, rates = self._orientation_rates
+        return float(self.problem.initial.orientation + self.duration * (rule.weights @ rates))
 
     @cached_property
-    def _orientation_rates(self) -> tuple[GaussLegendre, Array]:
+    def _orientation_rates(self) -> tuple[quadrature.GaussLegendre, Array]:
         """Quadrature with as many nodes as theta0' needs, and theta0' (N,) at them."""
-        for count in NODE_COUNTS:
-            quadrature = gauss_legendre(count)
-            positions, velocities, _ = self.joint_motion(quadrature.nodes * self.duration)
+        for count in quadrature.NODE_COUNTS:
+            rule = quadrature.gauss_legendre(count)
+            positions, velocities, _ = self.joint_motion(rule.nodes * self.duration)
             rates = self.dynamics.base_rate(positions, velocities, self.angular_momentum)
-            if quadrature.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
+            if rule.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
                 break
-        return quadrature, rates
+        return rule, rates
 
     @one_thread
     def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
@@ -245,7 +236,7 @@ class PlannedMotion:
     def _resolved(self) -> FlightState:
         """The state at as many Chebyshev nodes as torques and rates need."""
         for count in PEAK_NODES:
-            state = self.at(chebyshev_nodes(count) * self.duration)
+            state = self.at(quadrature.chebyshev_nodes(count) * self.duration)
             if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
                 break
         return state
@@ -257,11 +248,11 @@ class PlannedMotion:
         state = self._resolved
         of_joints = [getattr(state, row.quantity) for row in JOINT_LIMITS]
         columns = [state.torques, state.motor_torques, *of_joints]
-        largest, where = largest_magnitudes(np.concatenate(columns, axis=1))
+        largest, where = quadrature.largest_magnitudes(np.concatenate(columns, axis=1))
         splits = np.cumsum([column.shape[1] for column in columns])[:-1]
         torque, motor_torque, *peaks = np.split(largest, splits)
         _, motor_instant, *instants = np.split(where * self.duration, splits)
-        lowest, _, highest, _ = extremes(state.positions)
+        lowest, _, highest, _ = quadrature.extremes(state.positions)
         ends = [time for obstacle in self.problem.obstacles for time in obstacle.window or ()]
         clearance = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
         return Peaks(
@@ -279,11 +270,10 @@ class PlannedMotion:
     def holding_torques(self) -> Mapping[str, tuple[float, float]]:
         """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
         state, robot = self._resolved, self.robot
-        forces = self.dynamics.full_forces(
-            state.positions, state.velocities, state.accelerations, state.orientation_rate
-        )
+        moved = (state.positions, state.velocities, state.accelerations, state.orientation_rate)
+        forces = self.dynamics.full_forces(*moved)
         rows = [robot.model.getJointId(joint) - 1 for joint in robot.locked]
-        largest, where = largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
+        largest, where = quadrature.largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
         pairs = zip(largest.tolist(), (where * self.duration).tolist(), strict=True)
         return dict(zip(robot.locked, pairs, strict=True))
 
@@ -300,7 +290,7 @@ class PlannedMotion:
     @one_thread
     def out_of_plane_leak(self) -> float:
         """Largest angular momentum that the motion makes out of the plane, over that in it."""
-        state = self.at(chebyshev_nodes(PEAK_NODES[0]) * self.duration)
+        state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
 
     @cached_property
@@ -310,6 +300,6 @@ class PlannedMotion:
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
             return float(np.linalg.norm(self.coefficients))
-        quadrature = gauss_legendre(NODE_COUNTS[-1])
-        integrand = getattr(self.at(quadrature.nodes * self.duration), quantity)
-        return float(self.duration * (quadrature.weights @ (integrand**2).sum(axis=1)))
+        rule = quadrature.gauss_legendre(quadrature.NODE_COUNTS[-1])
+        integrand = getattr(self.at(rule.nodes * self.duration), quantity)
+        return float(self.duration * (rule.weights @ (integrand**2).sum(axis=1)))

@@ -24,6 +24,7 @@ LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeho
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
 LARGEST_ANGLE = 1e6  # [rad] of a term of p
 ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
+LOSSES = ("armature", "damping")  # of motors
 # What may hold numbers that are not finite: null in a file.
 NOT_STATED = ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay")
 
@@ -171,14 +172,8 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     InputError
         The URDF is missing, or is not what it was when the plan was made.
     """
-    choices = {
-        "plane": record.plane,
-        "joints": record.joints,
-        "coupled": {name: Coupling(**values) for name, values in record.coupled.items()},
-        "locked": dict(record.locked),
-        "armature": dict(record.armature),
-        "damping": dict(record.damping),
-    }
+    choices: dict[str, Any] = {name: getattr(record, name) for name in ("plane", "joints", "locked", *LOSSES)}
+    choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_urdf(record.urdf, plan_file) if urdf is None else urdf
     robot = robot_as_asked(source, choices, plan_file, "robot.")
     if robot.sha256 != record.sha256:
@@ -237,9 +232,6 @@ def robot_record(robot: Robot) -> RobotRecord:
         joints=robot.joints,
         plane=robot.plane.name,
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
-        locked=dict(robot.locked),
-        meshes=dict(robot.meshes),
         resting=tuple(robot.resting.tolist()),
-        armature=dict(robot.armature),
-        damping=dict(robot.damping),
+        **{name: dict(getattr(robot, name)) for name in ("locked", "meshes", *LOSSES)},
     )

@@ -17,16 +17,8 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool.threads import one_thread
-from floatplan.robot.planar.choice import (
-    Choice,
-    Coupling,
-    choose_joints,
-    largest_turn,
-    with_axes_in_plane,
-    with_motors,
-)
-from floatplan.robot.planar.mirror import mirror_couplings
-from floatplan.robot.planar.model import build_model, check_model, coordinates, planned_limits
+from floatplan.robot.planar import model as planar
+from floatplan.robot.planar.choice import Choice, Coupling, choose_joints, mirror_couplings, with_motors
 from floatplan.robot.planar.plane import Plane
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
@@ -181,12 +173,12 @@ class Robot:
 
     @classmethod
     def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
-        tree = with_axes_in_plane(written, choice)
-        model = build_model(tree, choice)
+        tree = planar.with_axes_in_plane(written, choice)
+        model = planar.build_model(tree, choice)
         layout = TreeLayout.of(tree, choice)
-        reference, selection, transmission = coordinates(model, choice)
-        position_limits, velocity_limits, torque_limits = planned_limits(tree, choice)
-        check_model(model, reference, selection, choice.planned, position_limits)
+        reference, selection, transmission = planar.coordinates(model, choice)
+        position_limits, velocity_limits, torque_limits = planar.planned_limits(tree, choice)
+        planar.check_model(model, reference, selection, choice.planned, position_limits)
         resting = [choice.resting[name] for name in choice.planned]
         missing = [
             f'link "{link}": collision mesh "{filename}" not found; left out of its shape'
@@ -218,7 +210,7 @@ class Robot:
             warnings=(*choice.warnings, *missing),
             source=source,
             layout=layout,
-            tilt=largest_turn(written, tree),
+            tilt=planar.largest_turn(written, tree),
         )
 
     @property

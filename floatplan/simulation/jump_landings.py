@@ -121,6 +121,8 @@ class JumpReplay(Outlined):
     seconds : time that it took
     """
 
+    shown = ("landed", "flights", "engine", "control", "rate", "statuses", "seconds")
+
     flights: int
     asked: int
     seed: int

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
 from floatplan.robot import Frame, LinkCapsule, Robot
 from floatplan.stance.model import Spot, spot_weights
@@ -252,10 +252,14 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
 
 @dataclass(frozen=True)
 class Watched:
-    """Points that stay above the ground: places on bodies, and the heights (P,) m of their centres at least."""
+    """Points that stay above the ground: places on bodies, and the heights (P,) m of their centres at least.
+
+    Those that are ``low`` (P,) do for bodies that have not turned to one side since they stood.
+    """
 
     spots: tuple[Spot, ...]
     least: Array
+    low: BoolArray
 
 
 def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, room: float) -> Watched:
@@ -278,16 +282,18 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
             own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
             if all(apart + corner.radius > most for apart, most in own):
                 group.append((corner, shape.link in feet_links))
-    spots, least = [], []
+    spots, least, low = [], [], []
     ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
+    turned = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
     for members in filter(None, kept.values()):
         places = np.array([corner.place for corner, _ in members])
         radii = np.array([corner.radius for corner, _ in members])
         reach = np.outer(ways.real, places.real) + np.outer(ways.imag, places.imag) + radii
-        farthest, missing = set[int](), reach.max(axis=1)
-        while missing.max() > COARSE:
-            farthest.add(int(reach[missing.argmax()].argmax()))
-            missing = reach.max(axis=1) - reach[:, sorted(farthest)].max(axis=1)
+        farthest = dict[int, bool]()
+        for under in (True, False):
+            facing = reach[(ways * turned[members[0][0].body]).imag < 0] if under else reach
+            while (missing := facing.max(axis=1) - facing[:, [*farthest]].max(axis=1, initial=-np.inf)).max() > COARSE:
+                farthest[int(facing[missing.argmax()].argmax())] = under
         heights = undersides(robot, [corner for corner, _ in members], y) - ground
         for index in sorted(farthest):
             above, (spot, is_foot) = heights[index], members[index]
@@ -295,4 +301,5 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
             if above > STANDING and not stands:
                 spots.append(spot._replace(radius=0.0))
                 least.append(spot.radius + (-POINT_FEET / 2 if is_foot else min(room, above / 2)))
-    return Watched(tuple(spots), np.array(least))
+                low.append(farthest[index])
+    return Watched(tuple(spots), np.array(least), np.array(low, bool))

@@ -17,7 +17,7 @@ LESS = 0.7  # [-] of what is missing is left at most by the next, or no other is
 def solved(first: JumpProgram, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
     """Solve from a guess; again with what the solution breaks, until nothing is.
 
-    That is what comes too near, where either way around is tried, and torques of joints that are held. A solution in
+    That is what comes too near, where either way around is tried, and what else should have been a row. A solution in
     which distances are missing is where the next program begins, in which this costs more.
 
     Parameters

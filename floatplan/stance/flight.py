@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 
-from floatplan.planning.planner import plan
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
@@ -16,6 +18,7 @@ from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
+PATIENCE = 1.6e7  # [instants of one body] with each of them at first, about a second
 
 
 def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
@@ -79,20 +82,20 @@ def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground:
     time = float(solution.durations[index])
     rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
     heights = rise + [undersides(robot, corners(robot.shapes), y).min() for y in flown]
-    levels, lifted = [min(0.0, *heights[[0, -1]])], np.flatnonzero(heights > POINT_FEET)
-    windows: list[tuple[float, float] | None] = [None]
+    level = ground + min(0.0, *heights[[0, -1]]) - POINT_FEET
+    lifted, found = np.flatnonzero(heights > POINT_FEET), [HalfPlane(point=(0.0, round(level, 4)))]
     if len(lifted) > 1:
         first, last = lifted[[0, -1]]
-        levels.append(min(POINT_FEET, heights[first : last + 1].min()))
-        windows.append((time * shares[first], time * shares[last]))
-    pairs = zip(levels, windows, strict=True)
-    return [HalfPlane(point=(0.0, round(ground + low - POINT_FEET, 4)), window=window) for low, window in pairs]
+        level = ground + min(0.0, heights[first : last + 1].min() - POINT_FEET)
+        found.append(HalfPlane(point=(0.0, round(level, 4)), window=(time * shares[first], time * shares[last])))
+    return found
 
 
 def planned_flight(problem: Problem, seed: int) -> Plan:
-    """Return the plan of a flight's problem: of a low degree where that does, else of higher ones."""
-    for degree in DEGREES:
-        found = plan(replace(problem, motion=replace(problem.motion, degree=degree), jump=None), seed=seed)
+    """Return the plan of a flight's problem: of a low degree where that does soon, else of higher ones."""
+    for patience, degree in itertools.product((PATIENCE, None), DEGREES):
+        asked = replace(problem, motion=replace(problem.motion, degree=degree), jump=None)
+        found = planned(asked, SearchOptions(seed, patience=patience)).plan
         if found.ok:
             break
     return replace(found, problem=replace(found.problem, jump=problem.jump))

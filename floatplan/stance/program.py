@@ -53,6 +53,7 @@ SMOOTH = 0.1  # [-] of squared torques beside the factor
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
+IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
 AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
@@ -383,7 +384,7 @@ class JumpProgram:
         )
 
     def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
-        """The same program, with what it keeps apart, and held joints whose torques are rows."""
+        """The same program, with what it keeps apart, and what is among its rows of what is left out at first."""
         other = copy(self)
         vars(other).pop("_solver", None)
         other.node, other.separation = copy(self.node), separation

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched, heights_over_com
+from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com
 from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
@@ -23,6 +23,7 @@ LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one 
 CLEAR = "clear of the ground"
 EFFORT = "effort of"
 ROUNDING = 1e-9  # [m]
+BEYOND = 1e-4  # [-, m] its bound is what has to become a row: not the right joint where the left one is
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,7 @@ class Bounds:
     Attributes
     ----------
     torque, stall, slope : (motors,) N m, N m, N m s/rad, of each motor; infinite where there is none
+    joint_torque : (n,) N m, of the generalised torques; infinite where those of motors say all
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
@@ -39,6 +41,7 @@ class Bounds:
     """
 
     torque: Array
+    joint_torque: Array
     stall: Array
     slope: Array
     velocity: Array
@@ -158,7 +161,7 @@ class NodeRows:
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
     known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
-    held : joints that are held, whose torques are rows
+    held : joints that are held, whose torques are rows; CLEAR, where all that is watched is in stances too
     """
 
     held: tuple[str, ...] = ()
@@ -210,9 +213,11 @@ class NodeRows:
             rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
         rows += [*self._torque_rows(moments), *self._held_rows(phase.contacts, [own, *pairs])]
         ground = -phase.anchor.depth
-        if self.watched.spots:
-            heights = model.places(model.weights(self.watched.spots, anchor))[1]
-            rows += [(heights[at] - ground, float(self.least[at]), np.inf, CLEAR) for at in range(heights.numel())]
+        near = np.flatnonzero(self.watched.low | (CLEAR in self.held)).tolist()
+        if near:
+            heights = model.places(model.weights([self.watched.spots[at] for at in near], anchor))[1]
+            low = zip(casadi().vertsplit(heights), self.least[near].tolist(), strict=True)
+            rows += [(height - ground, least, np.inf, CLEAR) for height, least in low]
         standing = [contact.name for contact in phase.contacts]
         for contact, least in zip(self.feet, self.least[len(self.watched.spots) :].tolist(), strict=True):
             if contact.name not in standing:
@@ -266,9 +271,12 @@ class NodeRows:
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
-        bounds, robot, rows = self.bounds, self.model.robot, []
+        bounds, robot = self.bounds, self.model.robot
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
+        generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
+        shares, limited = generalised / bounds.joint_torque, np.flatnonzero(np.isfinite(bounds.joint_torque))
+        rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct:
             name, torque = robot.motors[motor], torques[motor]
             if np.isfinite(bounds.torque[motor]):
@@ -281,34 +289,39 @@ class NodeRows:
 
     def _held_rows(self, contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of joints that are held over their efforts."""
-        shares = self._holding.shares(self.held, contacts, forces)
-        most = self.bounds.held
-        return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(self.held)]
+        names, most = [name for name in self.held if name != CLEAR], self.bounds.held
+        shares = self._holding.shares(names, contacts, forces)
+        return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
 
     @cached_property
     def _holding(self) -> HeldJoints:
         return HeldJoints(self.model)
 
     def strained(self, motion: Sequence[Array], forces: Sequence[Array]) -> tuple[str, ...]:
-        """Held joints whose torques are no rows yet, and beyond their bounds at nodes; of left and right the one.
+        """What is beyond its bounds at nodes, but no row yet: torques of held joints, of left and right the one; CLEAR.
 
         Parameters
         ----------
         motion : y, v, a (n+1, K+1)
         forces : of each phase (2 others, nodes) N
         """
-        names = [name for name in self._holding.efforts if name not in self.held]
-        found: dict[tuple[float, ...], str] = {}
+        names, spots = [name for name in self._holding.efforts if name not in self.held], self.watched.spots
+        found, least = dict[tuple[float, ...], str](), self.least[: len(spots)] - BEYOND
         shares = [np.zeros((len(names), 0))]
-        for phase, start, given in zip(self.phases, self.starts, forces, strict=False) if names else ():
+        for phase, start, given in zip(self.phases, self.starts, forces, strict=False):
+            nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
+            for y in nodes[0].T if phase.contacts and CLEAR not in self.held else ():
+                heights = heights_over_com(self.model.robot, spots, y).imag
+                if (heights - ground_below(self.model.robot, phase.anchor, y) < least).any():
+                    found[()] = CLEAR
             symbols = casadi().SX.sym("forces", len(given))
             own, pairs = balanced(self.model, phase, symbols) if phase.contacts else ((0.0, 0.0), [])
             acting = [own, *pairs] if phase.contacts else []
-            function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
-            nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
-            shares.append(np.abs(np.asarray(function(*nodes, given))))
+            if names:
+                function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
+                shares.append(np.abs(np.asarray(function(*nodes, given))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if row.max() > self.bounds.held:
+            if row.max() > self.bounds.held + BEYOND:
                 found.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(found.values())
 

@@ -64,11 +64,6 @@ class Engine:
     alone: Callable[[], AbstractContextManager[Executor]]
 
 
-def processors() -> int:
-    """Processors that this process may use."""
-    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, MOST_JOBS)
-
-
 @contextmanager
 def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engine]:
     """Offer an engine as long as it lasts.
@@ -76,7 +71,7 @@ def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engi
     Parameters
     ----------
     name : "processes" or "dask"
-    jobs : processes; None for as many as there are processors
+    jobs : processes; None for as many as there are processors that this one may use
     scheduler : address of dask's; None for a cluster on this machine
 
     Raises
@@ -88,7 +83,8 @@ def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engi
         raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {name!r}", element="engine")
     if scheduler is not None and name != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
-    count = processors() if jobs is None else jobs
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = min(there, MOST_JOBS) if jobs is None else jobs
     if name == "dask":
         with _client(count, scheduler) as client:
             cluster = nullcontext(client.get_executor(pure=False))  # which outlives its workers

@@ -63,13 +63,17 @@ def is_news(drawn: View | None, view: View) -> bool:
 
 def status_card(view: View) -> str:
     """The verdict in a colour, why, and the numbers that count."""
-    colour, headline = _headline(view)
+    answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
+    colour, headline = known or BEFORE_THE_END["waiting"]
+    if known is None and answer is not None:
+        words, tone = verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
+        colour, headline = COLOURS[tone], words.capitalize()
     parts = []
     if view.refusal:
         parts.append(f'<div class="band refusal"><b>Not changed</b><p>{escape(view.refusal)}</p></div>')
     attributes = f'data-verdict="{view.verdict}" data-number="{view.number}" data-answers="{view.answered}"'
-    words = _paragraphs(*_words(view))
-    parts.append(f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{words}</div>')
+    band = f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{_paragraphs(*_words(view))}</div>'
+    parts.append(band)
     if view.answer is not None:
         facts = "".join(f"<div><span>{name}</span>{value}</div>" for name, value in _facts(view.answer))
         parts.append(f'<div class="facts">{facts}</div>')
@@ -85,14 +89,6 @@ def status_card(view: View) -> str:
 
 def _stance(row: Row) -> str:
     return f'<div class="band" style="--c:{COLOURS[row.tone]}" data-stance="{row.tone}">{_paragraphs(row.text)}</div>'
-
-
-def _headline(view: View) -> tuple[str, str]:
-    answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
-    if known is not None or answer is None:
-        return known or BEFORE_THE_END["waiting"]
-    words, tone = verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
-    return COLOURS[tone], words.capitalize()
 
 
 def _words(view: View) -> list[str]:

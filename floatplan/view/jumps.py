@@ -83,7 +83,8 @@ class JumpView:
     def problem(self) -> Problem:
         """That of the flight, with name, limits and obstacles of the jump, its duration and its ends."""
         asked, found, ends = self.jump.problem, self.flight.problem, self.at([0.0, self.duration])
-        start, goal = map(Posture, ends.orientation.tolist(), ends.positions)
+        within = np.clip(ends.positions, *found.position_limits.T)  # which robots that fall may leave
+        start, goal = map(Posture, ends.orientation.tolist(), within)
         obstacles = tuple(_later(each, self.jump.takeoff_time) for each in asked.obstacles)
         flight = replace(found.flight, duration=self.duration)
         own = replace(found, name=asked.name, limits=asked.limits, start=start, goal=goal)

@@ -219,7 +219,7 @@ def test_file_is_recorded_as_read():
 
 
 def test_loading_builds_one_model_and_imports_no_geometry():
-    with patch.object(robot_module, "build_model", wraps=robot_module.build_model) as build:
+    with patch.object(robot_module.planar, "build_model", wraps=robot_module.planar.build_model) as build:
         Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
     assert build.call_count == 1
     code = (

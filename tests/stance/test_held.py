@@ -17,6 +17,7 @@ from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import PlanarModel, Spot
 from floatplan.stance.motion import Stance
 from floatplan.stance.planner import ROOM
+from floatplan.stance.rows import CLEAR
 from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
@@ -68,10 +69,25 @@ def test_twins_are_rows_once_and_only_where_they_bind() -> None:
     program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
     y, v, a, _ = program.motion(program.guess(np.random.default_rng(1)))
     forces = [np.full((2 * len(phase.others), phase.intervals + 1), 30.0) for phase in program.phases]
-    program.node.bounds = replace(program.node.bounds, held=1e-3)
+    program.node.bounds, program.node.held = replace(program.node.bounds, held=1e-3), (CLEAR,)
     assert program.node.strained((y, v, a), forces) == ("FL_hip_joint", "RL_hip_joint")
     program.node.bounds = replace(program.node.bounds, held=np.inf)
     assert program.node.strained((y, v, a), forces) == ()
+
+
+def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low() -> None:
+    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
+    node, phase = program.node, program.phases[0]
+    forces = [np.zeros((2 * len(each.others), each.intervals + 1)) for each in program.phases]
+    standing = np.tile(node.ends[0][:, None], program.nodes)
+    assert node.strained((standing, 0 * standing, 0 * standing), forces) == ()
+    few = [label for *_, label in node.stance(phase)[1]].count(CLEAR)
+    fallen = standing.copy()
+    fallen[0, 3] += np.pi  # on its back, above the ground by no more than its feet are below
+    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces) == (CLEAR,)
+    node.held = (CLEAR,)
+    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces) == ()
+    assert [label for *_, label in node.stance(phase)[1]].count(CLEAR) == len(node.watched.spots) > few > 0
 
 
 @pytest.mark.long

@@ -16,14 +16,7 @@ from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.contact_advice import FAST, Momentum, advice, in_words
-from floatplan.motion.planar.contact_rates import (
-    ContactRates,
-    End,
-    contact_rates,
-    has_contact,
-    rate_limits,
-    shared_momentum,
-)
+from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact, shared_momentum
 from floatplan.motion.planar.reachable import Reachable, reachable
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
@@ -91,8 +84,7 @@ class Contact(Outlined):
     @property
     def limits(self) -> Array:
         """Velocity limits (n,) of the planned joints and what follows them, rad/s; infinite where there is none."""
-        limits = rate_limits(self.problem)
-        return np.full(len(limits), np.inf) if self.found is None else limits
+        return np.full(len(self.problem.robot.joints), np.inf) if self.found is None else self.found.limits
 
     @property
     def orientation_rate(self) -> float:

@@ -71,6 +71,7 @@ class ContactRates:
     joint : str, optional
         The motor whose limit holds back most: a higher one lowers the ratio more than any other's would. Without
         limits, that which weighs most in the largest rate. None where all are at rest, or there are no rates.
+    limits : (n,) rad/s, of the planned joints, see :func:`rate_limits`
     """
 
     ratio: float | None
@@ -78,6 +79,7 @@ class ContactRates:
     orientation_rate: float
     angular_momentum: float
     joint: str | None
+    limits: Array
     robot: Robot
 
     @property
@@ -195,6 +197,7 @@ def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_m
         orientation_rate=float(values[free - 1]),
         angular_momentum=float(values[0]) if angular_momentum is None else angular_momentum,
         joint=_motor(robot, least, free),
+        limits=read_only(limits),
         robot=robot,
     )
 

@@ -15,15 +15,10 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import FlightGrid, MomentumSet
+from floatplan.motion.planar import clearance
 from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.motion.planar.clearance import (
-    LinkShapes,
-    Segments,
-    distance_rows,
-    obstacle_distances,
-    pair_distances,
-)
+from floatplan.motion.planar.clearance import LinkShapes, Segments
 from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion
@@ -99,7 +94,7 @@ class PlanarFlight:
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
         links = self.link_shapes.hull_links if isinstance(obstacle, Ground) else self.links
-        return links * distance_rows(obstacle)
+        return links * clearance.distance_rows(obstacle)
 
     def grid(self, level: int) -> GaussGrid:
         """Return the Gauss-Legendre nodes of a level."""
@@ -222,11 +217,11 @@ class PlanarBaseMotion:
 
     def obstacle_distances(self, obstacle: Obstacle) -> Array:
         """Distances (S K, r) of the capsules to an obstacle."""
-        return obstacle_distances(self.shapes, obstacle, self._times)
+        return clearance.obstacle_distances(self.shapes, obstacle, self._times)
 
     def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Array:
         """Distances (S K, r) between capsules, given by their indices: each of the first to each of the second."""
-        return pair_distances(self.shapes.of(np.array(first)), self.shapes.of(np.array(second)))
+        return clearance.pair_distances(self.shapes.of(np.array(first)), self.shapes.of(np.array(second)))
 
     def at_goal(self) -> PlanarBaseMotion:
         """Return the same motion with the orientations asked for at takeoff and landing."""

@@ -82,12 +82,12 @@ def local_minima(
     """
     if not constraints:
         return NOTHING_NEAR
-    nodes, span = model.nodes(level, variables.polynomials.form), 1 / (FIRST_LOOK - 1)
+    nodes = model.nodes(level, variables.polynomials.form)
     block, row, look = _look(constraints)
     if (watch := watch_of(model.flight, constraints, "")) and all(watch.known):
         resolves = known and known.sampling.grid.nodes == nodes.grid.nodes
         motion = known if known and resolves else trajectory(model, variables, nodes, x)
-        column, s, least, looked = minima(watch, motion.flown, variables.polynomials, look, NEAR, span)
+        column, s, least, looked = minima(watch, motion.flown, variables.polynomials, look)
         model.evaluated(nodes.grid.nodes + len(look.grid))
         model.evaluated(looked, len(column))
         return Worst(block[column], row[column], s, least)
@@ -102,7 +102,8 @@ def local_minima(
     at, column = lowest_of_neighbours(first)
     near = (first - _rise(first))[at, column] < NEAR
     at, column = at[near], column[near]
-    s, least = narrowed(lambda s: values(sample_also(nodes, s)), column, look.grid[at], first[at, column], span, 1.0)
+    begin = look.grid[at], first[at, column], look.span
+    s, least = narrowed(lambda s: values(sample_also(nodes, s)), column, *begin, last=1.0)
     return Worst(block[column], row[column], s, least)
 
 
@@ -114,7 +115,7 @@ def _look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look
     low, high = np.array([each.window for each in constraints])[block].T
     grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), window_ends(constraints))
     row = np.concatenate([np.arange(length) for length in lengths])
-    return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high))
+    return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
 
 
 def _rise(value: Array) -> Array:

@@ -167,9 +167,8 @@ class Trajectory:
     @cached_property
     def residual_jacobian(self) -> Array:
         """Derivatives (e, size) of the residual by x."""
-        return self.duration * np.tensordot(
-            self.sampling.grid.weights, self._chained(self.differentiable.residual_partials), 1
-        )
+        by_x = self._chained(self.differentiable.residual_partials)
+        return self.duration * np.tensordot(self.sampling.grid.weights, by_x, 1)
 
     @cached_property
     def attitude_jacobian(self) -> Array:

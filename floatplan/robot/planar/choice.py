@@ -1,8 +1,7 @@
-"""Which joints are planned, which follow another, and which are locked, and where."""
+"""Which joints are planned, which follow another, such as that on the other side, and which are locked, and where."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,8 +16,8 @@ from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.planar.plane import Plane, choose_plane, joint_axes
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
-AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
 TILT_ROUNDING = 1e-5  # [rad] below it lies a right angle written as 1.5708 or 1.570796; not worth a warning
+MIRRORED = 0.03  # [-] of the robot's extent: how far from the mirror image a joint may be
 
 
 @dataclass(frozen=True)
@@ -289,29 +288,63 @@ def with_motors(tree: UrdfTree, choice: Choice, asked: Mapping[str, float | Mapp
     return replace(tree, joints=tuple(joints.get(joint.name, joint) for joint in rest))
 
 
-def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
-    """Return the robot that is planned: the axes of planned and coupled joints exactly along or against the normal.
+def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | None) -> dict[str, Coupling]:
+    """Return couplings that make left and right limbs move as one.
 
-    An axis slightly off is turned onto it, and nothing else: the joints' origins are those of the file. A robot with
-    tilted axes has no motion in the plane to restrict it to; this one moves in the plane exactly, and its momentum
-    differs from the file's by the order of the tilt.
+    Two joints of ``choice`` are a pair where, at planned positions zero, they lie at the same place in the plane, at
+    equal distances on either side of the middle (the joints' median), and on the same or on paired links. The ratio is
+    -1 where their axes oppose each other. The one that comes first leads, or the one among ``joints`` where these are
+    given.
+
+    Raises
+    ------
+    InputError
+        If there is no pair.
     """
-    positions = choice.positions_at_zero
-    rotations = {tree.root: np.eye(3)}
-    joints = []
-    for joint in tree.joints:
-        rotation = rotations[joint.parent] @ joint.origin.placement.rotation
-        turned = joint
-        if joint.name in choice.ratios:
-            exact = choice.signs[joint.name] * rotation.T @ choice.plane.normal
-            if abs(exact - joint.axis).max() >= AXIS_ROUNDING:
-                turned = replace(joint, axis=exact / math.hypot(*exact))
-        joints.append(turned)
-        rotations[joint.child] = rotation @ turned.motion(positions.get(joint.name, 0.0)).rotation
-    return replace(tree, joints=tuple(joints))
+    partner = _partners(tree, choice)
+    couplings: dict[str, Coupling] = {}
+    for name in choice.planned:
+        other = partner.get(name)
+        if other is None or other in couplings or name in couplings:
+            continue
+        leader, follower = (name, other) if joints is None or name in joints else (other, name)
+        if joints is None or (leader in joints and follower not in joints):
+            couplings[follower] = Coupling(leader, choice.signs[leader] * choice.signs[follower])
+    if not couplings:
+        reason = "no two joints to be coupled are each other's mirror image"
+        raise InputError(reason, element='coupled "mirror"', advice="name the pairs: follower = leader")
+    return couplings
 
 
-def largest_turn(written: UrdfTree, turned: UrdfTree) -> float:
-    """Largest angle between the axes of a joint in the one and in the other, rad."""
-    pairs = [(joint.axis, turned.joint[joint.name].axis) for joint in written.joints]
-    return max(math.atan2(np.linalg.norm(np.cross(one, other)), one @ other) for one, other in pairs)
+def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
+    """The joints that have a mirror image, and their mirror images."""
+    plane, names = choice.plane, choice.planned
+    placements = tree.placements(choice.positions_at_zero)
+    axes = np.array([plane.horizontal, plane.vertical, plane.normal])
+    places = np.array([axes @ placements[tree.joint[name].child].translation for name in names])
+    tolerance = MIRRORED * (float(np.ptp(places, axis=0).max()) or 1.0)
+    beside = places[:, 2] - np.median(places[:, 2])
+    mirrored = places - 2.0 * np.outer(beside, (0.0, 0.0, 1.0))
+    gaps = np.linalg.norm(places[:, None] - mirrored[None, :], axis=2)
+    partner: dict[str, str] = {}
+    for i, name in enumerate(names):
+        if name in partner or abs(beside[i]) <= tolerance:
+            continue
+        images = [
+            (gap, other)
+            for gap, other in zip(gaps[i].tolist(), names, strict=True)
+            if gap < tolerance and other != name and other not in partner and _together(tree, name, other, partner)
+        ]
+        if images:
+            other = min(images)[1]
+            partner[name], partner[other] = other, name
+    return partner
+
+
+def _together(tree: UrdfTree, name: str, other: str, partner: Mapping[str, str]) -> bool:
+    """Whether the next joints above two joints that have a mirror image are the same or a pair."""
+    above, other_above = (
+        next((up.name for up in tree.path(tree.joint[joint].parent) if up.name in partner), None)
+        for joint in (name, other)
+    )
+    return above == other_above or (above is not None and partner.get(above) == other_above)

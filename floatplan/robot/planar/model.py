@@ -7,7 +7,9 @@ that nq = nv and every angle is one unbounded number. ``JointModelPlanar`` carri
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from random import Random  # NumPy's takes longer to import than all postures to draw
 from typing import Any
 
@@ -20,10 +22,39 @@ from floatplan.robot.planar.choice import Choice
 from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
+AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] stands in Pinocchio for a limit that is not given
 UNLIMITED = (UNBOUNDED, UNBOUNDED, -UNBOUNDED, UNBOUNDED)  # of effort, of velocity, lower, upper
 POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
 LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
+
+
+def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
+    """Return the robot that is planned: the axes of planned and coupled joints exactly along or against the normal.
+
+    An axis slightly off is turned onto it, and nothing else: the joints' origins are those of the file. A robot with
+    tilted axes has no motion in the plane to restrict it to; this one moves in the plane exactly, and its momentum
+    differs from the file's by the order of the tilt.
+    """
+    positions = choice.positions_at_zero
+    rotations = {tree.root: np.eye(3)}
+    joints = []
+    for joint in tree.joints:
+        rotation = rotations[joint.parent] @ joint.origin.placement.rotation
+        turned = joint
+        if joint.name in choice.ratios:
+            exact = choice.signs[joint.name] * rotation.T @ choice.plane.normal
+            if abs(exact - joint.axis).max() >= AXIS_ROUNDING:
+                turned = replace(joint, axis=exact / math.hypot(*exact))
+        joints.append(turned)
+        rotations[joint.child] = rotation @ turned.motion(positions.get(joint.name, 0.0)).rotation
+    return replace(tree, joints=tuple(joints))
+
+
+def largest_turn(written: UrdfTree, turned: UrdfTree) -> float:
+    """Largest angle between the axes of a joint in the one and in the other, rad."""
+    pairs = [(joint.axis, turned.joint[joint.name].axis) for joint in written.joints]
+    return max(math.atan2(np.linalg.norm(np.cross(one, other)), one @ other) for one, other in pairs)
 
 
 def build_model(tree: UrdfTree, choice: Choice) -> Any:

@@ -43,10 +43,7 @@ class Rows {
   }
 }
 
-/* Whether the reader asks for less motion. */
-function isCalm() {
-  return matchMedia("(prefers-reduced-motion: reduce)").matches;
-}
+const CALM = matchMedia("(prefers-reduced-motion: reduce)"); // whether the reader asks for less motion
 
 function fillSelect(select, options, chosen) {
   select.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
@@ -108,7 +105,7 @@ class Page {
       const place = this.map.at(event);
       if (place === null) return;
       this.choose(this.map.row[place]);
-      this.film.scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
+      this.film.scrollIntoView({ block: "nearest", behavior: CALM.matches ? "auto" : "smooth" });
     });
     this.holder.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
@@ -195,7 +192,7 @@ class Page {
       this.stage.take(motion);
       this.player.take(motion.duration);
     }
-    if (!isCalm()) this.player.play();
+    if (!CALM.matches) this.player.play();
   }
 }
 
