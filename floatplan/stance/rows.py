@@ -33,6 +33,7 @@ class Bounds:
     Attributes
     ----------
     torque, stall, slope : (motors,) N m, N m, N m s/rad, of each motor; infinite where there is none
+    joint_torque : (n,) N m, of the generalised torques; infinite where those of motors say all
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
@@ -40,6 +41,7 @@ class Bounds:
     """
 
     torque: Array
+    joint_torque: Array
     stall: Array
     slope: Array
     velocity: Array
@@ -269,9 +271,12 @@ class NodeRows:
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
-        bounds, robot, rows = self.bounds, self.model.robot, []
+        bounds, robot = self.bounds, self.model.robot
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
+        generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
+        shares, limited = generalised / bounds.joint_torque, np.flatnonzero(np.isfinite(bounds.joint_torque))
+        rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct:
             name, torque = robot.motors[motor], torques[motor]
             if np.isfinite(bounds.torque[motor]):

@@ -149,6 +149,7 @@ class Setup:
         bent = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
+            joint_torque=share * np.where(np.isinf(problem.motor_torque_limits).all(), problem.torque_limits, np.inf),
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,

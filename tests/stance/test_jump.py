@@ -166,3 +166,14 @@ def test_the_largest_share_of_the_limits_is_less_where_that_is_asked() -> None:
     figures, margin = spared.check.figures, spared.request.margin
     share = max(figures[name] / margin[name] for name in ("torque", "velocity"))
     assert f"they take {share:.0%}" in spared.explanation
+
+
+@pytest.mark.long
+def test_limits_of_generalised_torques_are_held() -> None:
+    """Given as a list they are of the planned joints, left and right together."""
+    limits = [30.0, 70.0, 30.0, 70.0]
+    found = jump(replace(go2_problem(), limits=fp.Limits(velocity="urdf", torque=limits)), starts=1)
+    assert found.ok
+    state = found.at(np.linspace(0.0, found.duration, 2001))
+    shares = np.abs(state.torques @ found.problem.robot.selection).max(axis=0) / limits
+    assert 0.7 < shares.max() <= 0.85
