@@ -54,6 +54,11 @@ class Phase:
     intervals: int
 
     @property
+    def name(self) -> str:
+        """Side and contacts, for a person."""
+        return self.side + (" on " if self.contacts else "") + " and ".join(each.name for each in self.contacts)
+
+    @property
     def anchor(self) -> Contact:
         """The contact from which places are measured."""
         return self.contacts[0]

@@ -21,6 +21,7 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.relief import giving, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
@@ -80,7 +81,7 @@ def jump(
         setup = jump_setup(problem, asked)
         first = setup.program(ROOM)
         first.separation.check_standing(first.node, first.motion(first.guess()))
-    best: tuple[float, str] = (np.inf, "")
+    best: tuple[JumpProgram, Solution] | None = None
     answer: Jump | None = None
     known: JumpProgram | None = None  # of the start before: what it could not keep apart is kept apart from the start
     spent = 0
@@ -98,18 +99,22 @@ def jump(
         found = known, solution = solved(first, first.guess(rng), known)
         spent += solution.iterations
         if not solution.converged:
-            best = min(best, solution.worst)
+            if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
+                best = found
             continue
         answer = corrected(ROOM, asked, found, setup.program, complete)
         if answer.ok:
             return answer
-    if answer is not None:
-        return answer
-    return _not_found(
-        problem,
-        asked,
-        f"No jump was found in {tried} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
-    )
+    if answer is not None or best is None:
+        return answer or _not_found(problem, asked, "No jump was found.")
+    say("what stands in the way")
+    asks = [asked.takeoff.durations, "duration" in asked.fixed, asked.landing.durations]
+    sides = ("takeoff", "flight", "landing")
+    timed = tuple(f"duration of ({side}" for side, given in zip(sides, asks, strict=True) if given)
+    (missed, row), apart = best[1].worst, best[1].missing < np.inf  # then all else holds
+    gives = [] if apart else giving(*best, timed)
+    told = [sentence(each, problem) for each in gives] or [f"{row}: {missed:.2g} m missing" if apart else row]
+    return _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(told)}.")
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

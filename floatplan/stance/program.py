@@ -198,7 +198,7 @@ class JumpProgram:
         return box
 
     @cached_property
-    def _solver(self) -> tuple[Any, Any, Rows]:
+    def stated(self) -> tuple[Any, Any, Rows]:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
         ca, unit = casadi(), self.node.unit
         size = sum(rows * columns for rows, columns in self._shapes)
@@ -219,7 +219,7 @@ class JumpProgram:
                 cost = self._add_flight(rows, parts, durations[index], momentum)
             else:
                 cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
-            self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
+            self._add_rates(rows, [each[1:, :] for each in parts], step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
@@ -296,7 +296,7 @@ class JumpProgram:
             low[:, 0], high[:, 0] = -np.inf, np.inf
         if not takeoff and index + 1 < len(self.phases):
             low[:, -1], high[:, -1] = -np.inf, np.inf
-        rows.add_nodes(values, bounds, low, high, phase.side)
+        rows.add_nodes(values, bounds, low, high, phase.name)
         return cost
 
     @property
@@ -352,9 +352,8 @@ class JumpProgram:
 
     def solve(self, guess: Array) -> Solution:
         """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
-        solver, evaluate, rows = self._solver
-        low, high = np.concatenate(rows.low), np.concatenate(rows.high)
-        box = np.concatenate((np.stack(self._box), self.separation.box), axis=1)
+        solver, evaluate, rows = self.stated
+        low, high, box = np.concatenate(rows.low), np.concatenate(rows.high), self.box
 
         def excess(raw: Array) -> Array:
             values = np.asarray(evaluate(raw)).ravel()
@@ -383,10 +382,25 @@ class JumpProgram:
             iterations=int(stats["iter_count"]),
         )
 
+    @property
+    def box(self) -> Array:
+        """Bounds (2, size) of the variables, scaled, and of directions."""
+        return np.concatenate((np.stack(self._box), self.separation.box), axis=1)
+
+    @property
+    def labels(self) -> list[str]:
+        """What the bounds of the variables and directions are about; "" where that is no limit."""
+        parts, names = [np.full(shape, "", object) for shape in self._shapes], self.model.robot.joints
+        at = np.searchsorted(self.starts[1:-1], np.arange(self.nodes), "right")
+        for part, words in zip(parts, ("range of", "rate of"), strict=False):
+            part[1:] = [[f"{words} {name} ({self.phases[phase].name})" for phase in at] for name in names]
+        parts[-3][:, 0] = [f"duration of ({phase.name})" for phase in self.phases]
+        return [*np.concatenate([np.ravel(part, order="F") for part in parts]), *[""] * len(self.separation.start)]
+
     def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
         """The same program, with what it keeps apart, and what is among its rows of what is left out at first."""
         other = copy(self)
-        vars(other).pop("_solver", None)
+        vars(other).pop("stated", None)
         other.node, other.separation = copy(self.node), separation
         other._iterations = min(self._iterations, AROUND) if separation.lines else self._iterations
         other.node.held = held

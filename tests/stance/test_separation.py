@@ -77,7 +77,7 @@ def test_rows_are_what_is_measured(name: str) -> None:
     program = program.kept(
         replace(program.separation, lines=tuple(chosen.values())).at(program.node, program.motion(guess))
     )
-    _, evaluate, rows = program._solver
+    _, evaluate, rows = program.stated
     values = np.asarray(evaluate(np.append(guess, program.separation.start))).ravel()
     _, segments = program.separation._measured(program.node, program.motion(guess))
     landing = program.starts[program.flight + 1]

@@ -1,0 +1,104 @@
+"""Why no jump is found: what stands in the way is what was made too small."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jumps import INSTALLED, go2_problem
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.stance.planner import ROOM
+from floatplan.stance.relief import Given, giving, kind_of, sentence
+from floatplan.stance.setup import jump_setup
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+SIDE = "takeoff on RL_foot"
+
+
+def weak(share: float) -> fp.Problem:
+    problem = go2_problem()
+    own = zip(problem.robot.motors, problem.motor_torque_limits.tolist(), strict=True)
+    return replace(problem, limits=replace(problem.limits, torque={name: share * most for name, most in own}))
+
+
+def narrow() -> fp.Problem:
+    problem = go2_problem()
+    ranges = (problem.initial.positions[:, None] + [-0.2, 0.2]).tolist()
+    return replace(problem, limits=replace(problem.limits, position=ranges))
+
+
+HURRIED = fp.JumpTakeoff(durations=[[0.05, 0.1], [0.03, 0.06]])
+CASES = {
+    "weak": (weak(0.5), fp.JumpRequest(), "torque", 1),
+    "weaker": (weak(0.35), fp.JumpRequest(), "torque", 1),
+    "slippery": (go2_problem(), fp.JumpRequest(friction=0.1), "friction", 1),
+    "narrow": (narrow(), fp.JumpRequest(), "range", 3),
+    "hurried": (go2_problem(), fp.JumpRequest(takeoff=HURRIED), "duration", 3),
+    "weak and slippery": (weak(0.5), fp.JumpRequest(friction=0.1), "friction", 2),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
+def test_what_was_made_too_small_stands_in_the_way(name: str) -> None:
+    problem, request, kind, most = CASES[name]
+    program = jump_setup(replace(problem, jump=request), request).program(ROOM, iterations=60)
+    timed = ("duration of (takeoff",) if request.takeoff.durations else ()
+    gives = giving(program, program.solve(program.guess()), timed)
+    assert kind in [each.kind for each in gives[:most]], gives
+
+
+@pytest.mark.long
+def test_nothing_stands_in_the_way_of_what_is_found() -> None:
+    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
+    assert giving(program, program.solve(program.guess())) == []
+
+
+@pytest.mark.long
+def test_a_search_that_finds_nothing_says_why() -> None:
+    answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.1), starts=1)
+    assert not answer.ok
+    found = re.search(
+        r"In the way: friction of \w+_foot \(\w+ on [^)]*\): (\S+) needed, 0\.1 allowed", answer.explanation
+    )
+    assert found is not None, answer.explanation
+    needed = float(found[1])
+    assert needed > 0.1
+    assert fp.jump(go2_problem(), fp.JumpRequest(friction=1.3 * needed)).ok
+
+
+def test_every_row_of_a_limit_is_known_and_no_other() -> None:
+    request = fp.JumpRequest(takeoff=HURRIED)
+    program = jump_setup(go2_problem(), request).program(ROOM)
+    rows = {kind_of(label) for label in program.stated[2].labels}
+    assert {"torque", "velocity", "friction", "ground"} <= rows
+    assert not {"range", "duration"} & rows
+    assert {kind_of(label) for label in program.labels} == {"", "range", "velocity", "duration"}
+    assert len(program.labels) == program.box.shape[1]
+    for label in ("balance of moments (takeoff)", "FL_foot meets the ground (takeoff)", "FL_foot stands (landing)"):
+        assert kind_of(label) not in ("ground", "torque", "friction")
+    low, high = program.box
+    torso = np.flatnonzero([label.startswith("range of FL_calf_joint") for label in program.labels])
+    assert (low[torso] < high[torso]).sum() == program.nodes - 2  # it stands at both ends
+
+
+@pytest.mark.parametrize(
+    ("label", "share", "size", "said"),
+    [
+        (f"torque of RL_calf_joint ({SIDE})", 0.5, 1.0, "57.9 N m needed, 38.6 N m allowed"),
+        (f"rate of RL_calf_joint ({SIDE})", 0.1, 2.0, "15.2 rad/s needed, 13.8 rad/s allowed"),
+        (f"friction of RL_foot ({SIDE})", 0.5, 0.1, "0.9 needed, 0.6 allowed"),
+        (f"range of RL_calf_joint ({SIDE})", 0.5, 0.4, "0.2 rad missing"),
+        (f"duration of ({SIDE})", 2.0, 0.05, "0.1 s missing"),
+        ("clear of the ground (flight)", 0.5, 0.08, "0.04 m missing"),
+    ],
+)
+def test_it_is_said_in_the_words_of_the_file(label: str, share: float, size: float, said: str) -> None:
+    problem = replace(go2_problem(), jump=fp.JumpRequest())
+    assert sentence(Given(label, kind_of(label), share, size), problem) == f"{label}: {said}"
