@@ -57,7 +57,7 @@ ONE_SIDE = {"max_hessian_perturbation": 1e6}  # of IPOPT, where the flight is kn
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
-AROUND = 150  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
+AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
 
 
 @dataclass(frozen=True, eq=False)
