@@ -20,13 +20,12 @@ from floatplan.plans.presentation import Row
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
-from floatplan.stance.exact import exact_stances
+from floatplan.stance.exact import StanceDynamics, exact_stances
 from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Stance, flight_state
-from floatplan.stance.phases import Meeting
-from floatplan.stance.plainest import plainest
+from floatplan.stance.motion import Grid, Stance, flight_state, hermite, values
+from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE, Range
@@ -37,6 +36,9 @@ STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
 MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
+SHORTER, DRAWN = 0.8, (0.3, 1.3)  # [-] of the usual durations; and of these, each at random
+FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
+FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
 
@@ -229,6 +231,53 @@ def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Lau
     takes = f"{WORDS['velocity'].format(joint)} is at least {ratio:.2f} of its limit" if joint else "no rates meet it"
     sentence = f"{end.capitalize()}: no stance reaches it: with {name} at rest then, {takes}, whatever came before."
     return rates[0], Launch(False, ratio, "velocity", joint, (sentence,), {}, impossible=True)
+
+
+def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Generator | None = None) -> Array:
+    """Return a guess (size,) of the program of one side, whose motion is a quintic from rest to the flight.
+
+    Legs that stand follow from where their feet are; forces are those that balance the moments.
+
+    Parameters
+    ----------
+    met : where the flight is met, with rates ``v`` (n+1,) rad/s
+    rng : draws other durations
+    """
+    takes_off, way = met.node == 0, 1 if met.node == 0 else -1
+    home, plain = program.ends[0 if takes_off else 1], program.split(program.guess())
+    stances = [index for index, phase in enumerate(program.phases) if phase.contacts][::way]
+    shares = SHORTER * (1.0 if rng is None else rng.uniform(*DRAWN, len(stances)))
+    plain[-3][stances, 0] *= shares
+    times = instants(program.phases, plain[-3].ravel())
+    inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
+    a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
+    rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
+    motion = _quintic((rest, flies)[::way], times)
+    for index in stances:
+        phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
+        nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
+        try:
+            closed = np.stack(dynamics.close(*motion[:, :, nodes]))
+        except np.linalg.LinAlgError:  # a leg is straight
+            break
+        if not np.abs(closed - motion[:, :, nodes])[0].max() < FARTHEST:
+            break
+        motion[:, :, nodes] = closed
+        if index != stances[-1]:  # from where the other feet leave, or to where they come
+            rows, seam = dynamics.dependent, closed[:, :, -1 if takes_off else 0]
+            beyond = slice(nodes.stop - 1, None) if takes_off else slice(0, nodes.start + 1)
+            motion[:, rows, beyond] = _quintic((seam, flies)[::way], times[beyond])[:, rows]
+        grid = Grid(times[nodes], closed[0], closed[1], closed[2], np.zeros((len(phase.others), closed.shape[2])))
+        forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
+        for row, contact in enumerate(phase.others):
+            plain[3 + index][2 * row : 2 * row + 2] = np.sum([forces[name] for name in contact.names], axis=0).T
+    plain[-1][:] = FACTOR
+    return program.join([*motion, *plain[3:]])
+
+
+def _quintic(ends: tuple[Array, ...], times: Array) -> Array:
+    """Values and two derivatives (3, n+1, N) of quintics between these (3, n+1) at the first and the last time."""
+    return np.stack(values(hermite(times[[0, -1]], *np.stack(ends, axis=2)), times))
 
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
