@@ -39,7 +39,6 @@ CASES = {
     "weaker": (weak(0.35), fp.JumpRequest(), "torque", 1),
     "slippery": (go2_problem(), fp.JumpRequest(friction=0.1), "friction", 1),
     "narrow": (narrow(), fp.JumpRequest(), "range", 3),
-    "hurried": (go2_problem(), fp.JumpRequest(takeoff=HURRIED), "duration", 3),
     "weak and slippery": (weak(0.5), fp.JumpRequest(friction=0.1), "friction", 2),
 }
 
