@@ -50,7 +50,7 @@ def blocks(page: str, *languages: str) -> Iterator[tuple[str, str]]:
 
 def commands(block: str) -> Iterator[str]:
     """Lines of a shell block that call floatplan, without their comments."""
-    for line in block.splitlines():
+    for line in block.replace("\\\n", " ").splitlines():
         command = " ".join(shlex.split(line, comments=True))
         if command.startswith("floatplan "):
             yield command

@@ -159,6 +159,7 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
         except OSError as error:  # of whatever the system refuses: a full disk, a closed pipe, a name too long
             place = "" if error.filename is None else f"{printable(str(error.filename))}: "
             _complain(f"{place}{error.strerror or error}")
+            _drop_what_is_left()
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             _complain("interrupted")
@@ -210,6 +211,14 @@ def _complain(message: str) -> None:
     """Print an error on stderr, where there is one that takes it."""
     with contextlib.suppress(OSError):
         typer.echo(f"error: {message}", err=True)
+
+
+def _drop_what_is_left() -> None:
+    """Let the interpreter not try to print it once more as it ends: its exit code would be 120."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def program() -> str:

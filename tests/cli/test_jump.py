@@ -15,7 +15,6 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.stance import launch as launching
-from floatplan.stance import planner
 from floatplan.stance.check import JumpCheck
 from floatplan.stance.jump import Jump
 from floatplan.stance.launch import Launch
@@ -40,12 +39,12 @@ def found(monkeypatch: pytest.MonkeyPatch) -> list[fp.Problem]:
         asked.append(problem)
         return backflip()
 
-    monkeypatch.setattr(planner, "jump", search)
+    monkeypatch.setattr(fp, "jump", search)
     return asked
 
 
 def answering(monkeypatch: pytest.MonkeyPatch, answer: Jump) -> None:
-    monkeypatch.setattr(planner, "jump", lambda problem, **_: answer)
+    monkeypatch.setattr(fp, "jump", lambda problem, **_: answer)
 
 
 def words(text: str) -> str:
@@ -108,8 +107,7 @@ def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.json"
     wrong.write_text(json.dumps(content))
     run = floatplan("show", wrong, "-o", "nowhere")
-    assert run.code == 2
-    assert words(run.stderr).startswith(f"error: {wrong}: goal.positions.")
+    assert (run.code, "not within limits" in Path("nowhere/report.html").read_text()) == (0, True)
     path.write_text(path.read_text().replace("floatplan.jump/1", "floatplan.jump/9"))
     assert floatplan("show", path).code == 2
 
@@ -209,7 +207,7 @@ WRONG = {  # in go2.toml: what is replaced, and what is said then
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_refused(floatplan: Command, go2: Path, tmp_path: Path, name: str) -> None:
     before, after, said = WRONG[name]
-    text = go2.read_text()
+    text = go2.read_text().replace('"rolling"', '"point"')
     assert before in text
     path = tmp_path / "wrong.toml"
     path.write_text(text.replace(before, after))
@@ -232,7 +230,7 @@ def test_launch(
     floatplan: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: Launch, code: int, said: str
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(launching, "launch", lambda plan, request, **words: asked.append((request, words)) or answer)
+    monkeypatch.setattr(fp, "launch", lambda plan, request, **words: asked.append((request, words)) or answer)
     flight = backflip().flight
     assert flight is not None
     path = flight.save(tmp_path / "plan.json")

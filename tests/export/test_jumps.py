@@ -300,7 +300,7 @@ def test_the_command_s_gains(floatplan: Callable[..., Any], jump_file: Path, tmp
     ("words", "said"),
     [
         (["-f", "csv", "--rate", "0"], "--rate: 0.0 Hz is not positive"),
-        (["-f", "csv", "--rate", "nan"], "--rate: nan Hz is not positive"),
+        (["-f", "csv", "--rate", "nan"], "--rate: nan is not a finite number"),
         (["-f", "mcap", "--rate", "1e9"], "--rate: "),
         (["-f", "ros", "--kp", "40"], 'format: a file "ros" has no room for gains'),
         (["-f", "unitree", "--kd", "1"], 'format: a file "unitree" has no room for gains'),

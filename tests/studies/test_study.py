@@ -22,7 +22,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan import InputError, files
-from floatplan.studies import columns, driver, maps, rows
+from floatplan.studies import driver, folder, maps, rows
 from floatplan.studies.file import load_study_file
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
@@ -114,10 +114,10 @@ def test_joints_of_unlike_degrees_have_lists_of_unlike_lengths():
     values = np.arange(24.0).reshape(3, 2, 4)
     values[0, 1, 2:] = values[1] = np.nan
     wanted = [[[0, 1, 2, 3], [4, 5]], None, [[16, 17, 18, 19], [20, 21, 22, 23]]]
-    assert columns.lists(pyarrow, values).to_pylist() == wanted
-    whole = columns.lists(pyarrow, values[2:])
+    assert folder.lists(pyarrow, values).to_pylist() == wanted
+    whole = folder.lists(pyarrow, values[2:])
     assert whole.to_pylist() == wanted[2:]
-    assert whole.type == columns.lists(pyarrow, values).type == pyarrow.list_(pyarrow.list_(pyarrow.float64()))
+    assert whole.type == folder.lists(pyarrow, values).type == pyarrow.list_(pyarrow.list_(pyarrow.float64()))
 
 
 def test_the_best_rows_hold_plans_that_are_proved(done):
@@ -347,7 +347,7 @@ class TestFolder:
         out = tmp_path / "out"
         shutil.copytree(study.folder, out)
         chunk = sorted((out / "chunks").iterdir())[0]
-        columns.arrow()[1].write_table(spoil(columns.read_table(chunk.read_bytes())), chunk)
+        folder.arrow()[1].write_table(spoil(folder.read_table(chunk.read_bytes())), chunk)
         assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(study.table))
 
     def test_a_chunk_that_holds_its_rows_is_kept_whoever_wrote_it(self, done, tmp_path, monkeypatch):
@@ -355,7 +355,7 @@ class TestFolder:
         out = tmp_path / "out"
         shutil.copytree(study.folder, out)
         for chunk in (out / "chunks").iterdir():
-            columns.arrow()[1].write_table(columns.read_table(chunk.read_bytes()), chunk)
+            folder.arrow()[1].write_table(folder.read_table(chunk.read_bytes()), chunk)
         monkeypatch.setattr(rows, "plan_many", None)
         assert fp.study(path, folder=out, jobs=1).table.equals(study.table)
 
