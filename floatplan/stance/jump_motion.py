@@ -71,7 +71,7 @@ class JumpMotion(MotionInFile):
     @property
     def ground(self) -> float:
         """Height of the ground, m."""
-        return min(stance.place.imag - stance.contacts[0].depth for stance in self.stances)
+        return min(stance.ground for stance in self.stances)
 
     @property
     def phases(self) -> tuple[JumpPhase, ...]:

@@ -84,6 +84,10 @@ class JumpState:
     torques: Array
     points: dict[str, Array]
 
+    def planned(self, robot: Robot) -> Array:
+        """Orientation and planned joints (n+1, N), rad."""
+        return np.vstack((self.positions[:, 2], np.linalg.pinv(robot.selection) @ (self.positions - robot.reference).T))
+
 
 @dataclass(frozen=True, eq=False)
 class Stance:
@@ -179,6 +183,11 @@ class Stance:
                 jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
                 found[name][0][row], found[name][1][row] = (data.oMi[joint] * at).translation, axes @ jacobian[:3]
         return found
+
+    @property
+    def ground(self) -> float:
+        """Height of the ground on which the anchor stands, m."""
+        return self.place.imag - self.contacts[0].depth
 
     @cached_property
     def span(self) -> tuple[float, float]:
