@@ -19,6 +19,7 @@ import numpy as np
 from scipy.optimize import root
 
 from floatplan.arrays import Array
+from floatplan.plans.plan import Plan
 from floatplan.stance.contacts import Contact, heights_over_com
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, hermite, quintic, refined, values
@@ -199,35 +200,30 @@ def released(program: JumpProgram, solution: Solution) -> Solution:
 
 
 def exact_stances(
-    program: JumpProgram, solution: Solution, side: str, y: Array, rate: float, com: complex
+    program: JumpProgram, solution: Solution, side: str, plan: Plan, rate: float | None = None
 ) -> tuple[Stance, ...]:
     """Return the stances of one side, in order of time, exact from the flight's end on.
 
     Parameters
     ----------
     side : "takeoff" or "landing"
-    y : (n+1,) rad, where the flight begins or ends
-    rate : of the orientation there, rad/s
-    com : place of the centre of mass there, m, horizontal + i vertical
+    plan : of the flight
+    rate : of the orientation where it begins or ends, rad/s; the plan's if left out
     """
-    phases = [phase for phase in program.phases if phase.side == side]
-    robot, anchor = program.model.robot, phases[-1 if side == "takeoff" else 0].anchor
-    spot, angles = anchor.spots[0], robot.tree.absolute_angles(y[0], y[1:])
-    place = com + complex(heights_over_com(robot, [spot], y)[0]) + robot.tree.turn * spot.radius * angles[spot.body]
-    pairs = zip(phases, exact_side(program, solution, side, (float(y[0]), rate)), strict=True)
-    return tuple(Stance(robot, program.model.gravity, phase.contacts, place, grid) for phase, grid in pairs)
-
-
-def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tuple[float, float]) -> list[Grid]:
-    """Motion of the stances of one side; ``meeting``: orientation and its rate where the flight is, rad and rad/s."""
     near, far, way = (-1, 0, -1) if side == "takeoff" else (0, -1, 1)  # ends of phases, and from where to where
     outwards = [index for index, phase in enumerate(program.phases) if phase.side == side][::way]
-    home, grids, junction = program.ends[far], list[Grid](), None
+    state = plan.at(0.0 if side == "takeoff" else plan.duration)
+    y, rate = np.append(state.orientation, state.positions), float(state.orientation_rate) if rate is None else rate
+    robot, spot, gravity = program.model.robot, program.phases[outwards[0]].anchor.spots[0], program.model.gravity
+    rolled = robot.tree.turn * spot.radius * robot.tree.absolute_angles(y[0], y[1:])[spot.body]
+    place = complex(*state.com_position) + complex(heights_over_com(robot, [spot], y)[0]) + rolled
+    home, stances, junction = program.ends[far], list[Stance](), None
     each = [StanceDynamics(program.model, program.phases[index], home) for index in outwards]
     for index, dynamics, beyond in zip(outwards, each, [*each[1:], None], strict=True):
         nodes = _nodes(program, solution, index)
         if junction is None and not dynamics.phase.others:
-            motion = _one_point(OnePoint(dynamics, nodes.times[::way]), nodes, meeting, home, beyond)[:, :, ::way]
+            point = OnePoint(dynamics, nodes.times[::way])
+            motion = _one_point(point, nodes, (float(y[0]), rate), home, beyond)[:, :, ::way]
         else:
             motion = nodes.motion
             if junction is not None:
@@ -237,8 +233,9 @@ def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tup
             motion = dynamics.close(*motion)
         junction = motion[:, :, far]
         grid = Grid(nodes.times, motion[0], motion[1], motion[2], nodes.ratios)
-        grids.append(replace(grid, ratios=dynamics.shared(grid, program.node.bounds.friction)))
-    return grids[::way]
+        grid = replace(grid, ratios=dynamics.shared(grid, program.node.bounds.friction))
+        stances.append(Stance(robot, gravity, dynamics.phase.contacts, place, grid))
+    return tuple(stances[::way])
 
 
 def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:

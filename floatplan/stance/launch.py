@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from floatplan.arguments import SEED, made, one_of, optional, whole
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.planar.contact_rates import ContactEquations, rates_at
+from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool.threads import one_thread
@@ -29,8 +29,6 @@ from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE, Range
-
-End: TypeAlias = Literal["takeoff", "landing"]
 
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
@@ -183,8 +181,7 @@ def _answer(
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
-    com = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position)
-    stances = exact_stances(program, solution, end, solution.y[:, node], float(solution.v[0, node]), com)
+    stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     shares = {name: figures[name] for name in ("torque", "torque_speed", "velocity")}
