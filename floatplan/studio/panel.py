@@ -239,7 +239,7 @@ class JumpTab:
         self._flight = 0  # which phase it is
         with self._folder:
             self._look = gui.add_html("")
-            inputs.tick("as they are", lambda each: edits.phase_ends(each) is not None, self._kept)
+            inputs.tick("fixed", lambda each: edits.phase_ends(each) is not None, self._kept)
         inputs.slider("friction", ("jump.friction",), *FRICTION, hint="Coefficient of the ground.")
         hint = "Of the limits, what stances may use."
         for name in MARGIN:
