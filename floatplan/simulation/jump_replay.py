@@ -21,8 +21,7 @@ from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.mujoco_model import import_mujoco
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
-from floatplan.stance.jump import Jump
-from floatplan.stance.jump_file import load_jump
+from floatplan.stance.jump import Jump, load_jump
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE
 from floatplan.tables import Range
