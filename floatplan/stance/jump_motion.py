@@ -17,7 +17,7 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.motion.planar.full_model import FREE_FLYER, free_flyer
 from floatplan.plans.plan import Plan
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot

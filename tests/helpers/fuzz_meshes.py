@@ -60,7 +60,7 @@ def prepare_robot(rng: random.Random, folder: Path) -> list[str]:
 
 def _copied(name: str, folder: Path) -> Path:
     """The URDF in a folder like the package's own, with its SRDFs, and links to the meshes that it names."""
-    from floatplan.robot.urdf.example_robots import urdf_path
+    from floatplan.robot.urdf.tree import urdf_path
 
     origin = urdf_path(PREFIX + name)
     robots = origin.parents[len(Path(name).parts) - 1]

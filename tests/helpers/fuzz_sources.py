@@ -77,7 +77,7 @@ def _fit_capsules() -> None:
 
 def has_gallery() -> bool:
     """Whether the package of the gallery's robots is installed."""
-    from floatplan.robot.urdf.example_robots import robots_folder
+    from floatplan.robot.urdf.tree import robots_folder
 
     return robots_folder() is not None
 
