@@ -14,6 +14,7 @@ SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this 
 CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
 SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
 FLATTEST = 1e-9  # [-] sine of the angle between sides that are prolonged until they meet
+EXTREMES = (8, 32, 96)  # [-] points of a polygon, inside which nothing is a corner of the hull
 MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 OUTSIDE = 1e-3  # [m] by which a polygon of fewer corners may reach beyond a convex hull
 
@@ -157,14 +158,16 @@ def _meeting(corners: ComplexArray, sides: ComplexArray, side: int, other: int) 
 
 def _outer(points: ComplexArray) -> ComplexArray:
     """Points less those strictly inside the polygon of a few extreme ones: a mesh has thousands of these."""
-    if len(points) < 200:
-        return points
-    around = np.exp(2j * np.pi * np.arange(32) / 32)
-    corners = points[np.unique((points[None, :] * np.conj(around)[:, None]).real.argmax(axis=1))]
-    corners = corners[np.argsort(np.angle(corners - corners.mean()))]
-    sides = np.roll(corners, -1) - corners
-    inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
-    return np.asarray(points[~inside], dtype=np.complex128)
+    for count in EXTREMES:
+        if len(points) < 2 * count:
+            break
+        around = np.exp(2j * np.pi * np.arange(count) / count)
+        corners = points[np.unique((points[None, :] * np.conj(around)[:, None]).real.argmax(axis=1))]
+        corners = corners[np.argsort(np.angle(corners - corners.mean()))]
+        sides = np.roll(corners, -1) - corners
+        inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
+        points = points[~inside]
+    return points
 
 
 def _halves(outline: Outline, direction: complex, level: float) -> list[Outline]:

@@ -28,6 +28,7 @@ LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
 FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
 KINDS = ("sphere", "box", "capsule", "cylinder", "mesh")
+UNMOVED = complex(-0.0, -0.0)  # [m] added, it changes nothing, not even the sign of zero
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 
 
@@ -241,15 +242,15 @@ def read_collision(
         if size.min() < 0.0:
             raise InputError("is negative", element=f"{where}: size")
         corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        return Outline.convex(placed(corners * size)), 0j
+        return Outline.convex(placed(corners * size)), UNMOVED
     if shape.tag not in KINDS:
         return None
     radius = _length(where, shape, "radius")
     if shape.tag == "sphere":
-        return Outline.convex(placed(np.zeros((1, 3))), radius), 0j
+        return Outline.convex(placed(np.zeros((1, 3))), radius), UNMOVED
     ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * _length(where, shape, "length")
     round_ends = shape.tag == "capsule"
-    return Outline.convex(placed(ends), radius) if round_ends else _cylinder(radius, ends, placed), 0j
+    return Outline.convex(placed(ends), radius) if round_ends else _cylinder(radius, ends, placed), UNMOVED
 
 
 def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:
