@@ -13,9 +13,16 @@ from floatplan.motion.planar.contact_rates import End, Reachable
 from floatplan.motion.planar.end_rates import end_rates, motion_into_ground
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, momentum_set
 from floatplan.motion.planar.flight import planar_flight as flight_dynamics
-from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics, free_flyer
+from floatplan.motion.planar.full_model import (
+    FlightCoordinates,
+    FullMotion,
+    MotionInFile,
+    PinocchioDynamics,
+    free_flyer,
+)
 
-__all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FullMotion", "GaussGrid", "LinkShapes"]
+__all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FlightCoordinates", "FullMotion", "GaussGrid"]
+__all__ += ["LinkShapes", "MotionInFile"]
 __all__ += ["PinocchioDynamics", "PlanarFlight", "Reachable", "Segments", "angular_momentum_interval", "ballistics"]
 __all__ += ["difficulties", "end_rates", "flight_dynamics", "frame_from_com", "free_flyer", "gauss_grid"]
 __all__ += ["impossibilities", "inertia_extremes", "landing", "momentum_set", "motion_into_ground"]
