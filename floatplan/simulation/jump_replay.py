@@ -14,7 +14,7 @@ import pinocchio as pin
 from floatplan.arguments import SEED, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
 from floatplan.simulation.forward import Gain, given_gains
 from floatplan.simulation.jump_flight import Flown, JumpControl

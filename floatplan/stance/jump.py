@@ -21,7 +21,7 @@ from floatplan.planning.repair import judged
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.reading import robot_record
 from floatplan.plans.verdicts import Certificate, verdict_in_words
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.file import problem_to_dict
 from floatplan.stance.check import JumpCheck, check_jump
 from floatplan.stance.jump_motion import JumpMotion

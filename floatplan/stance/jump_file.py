@@ -16,7 +16,7 @@ from floatplan.files import check_finite, read_json
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot
 from floatplan.plans.record import RobotRecord
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot

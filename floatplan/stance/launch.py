@@ -7,30 +7,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from floatplan.arguments import SEED, made, one_of, optional, whole
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.planar.contact_rates import ContactEquations, rates_at
+from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.presentation import Row
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
 from floatplan.stance.exact import StanceDynamics, exact_stances
 from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, flight_state, hermite, values
+from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE, Range
-
-End: TypeAlias = Literal["takeoff", "landing"]
 
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
@@ -183,8 +181,7 @@ def _answer(
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
-    com = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position)
-    stances = exact_stances(program, solution, end, solution.y[:, node], float(solution.v[0, node]), com)
+    stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     shares = {name: figures[name] for name in ("torque", "torque_speed", "velocity")}
@@ -252,12 +249,12 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
     a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
     rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
-    motion = _quintic((rest, flies)[::way], times)
+    motion = quintic(times, times[[0, -1]], *(rest, flies)[::way])
     for index in stances:
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
         try:
-            closed = np.stack(dynamics.close(*motion[:, :, nodes]))
+            closed = dynamics.close(*motion[:, :, nodes])
         except np.linalg.LinAlgError:  # a leg is straight
             break
         if not np.abs(closed - motion[:, :, nodes])[0].max() < FARTHEST:
@@ -266,18 +263,13 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
         if index != stances[-1]:  # from where the other feet leave, or to where they come
             rows, seam = dynamics.dependent, closed[:, :, -1 if takes_off else 0]
             beyond = slice(nodes.stop - 1, None) if takes_off else slice(0, nodes.start + 1)
-            motion[:, rows, beyond] = _quintic((seam, flies)[::way], times[beyond])[:, rows]
+            motion[:, rows, beyond] = quintic(times[beyond], times[beyond][[0, -1]], *(seam, flies)[::way])[:, rows]
         grid = Grid(times[nodes], closed[0], closed[1], closed[2], np.zeros((len(phase.others), closed.shape[2])))
         forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
         for row, contact in enumerate(phase.others):
             plain[3 + index][2 * row : 2 * row + 2] = np.sum([forces[name] for name in contact.names], axis=0).T
     plain[-1][:] = FACTOR
     return program.join([*motion, *plain[3:]])
-
-
-def _quintic(ends: tuple[Array, ...], times: Array) -> Array:
-    """Values and two derivatives (3, n+1, N) of quintics between these (3, n+1) at the first and the last time."""
-    return np.stack(values(hermite(times[[0, -1]], *np.stack(ends, axis=2)), times))
 
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:

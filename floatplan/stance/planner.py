@@ -10,8 +10,8 @@ import numpy as np
 
 from floatplan.arguments import SEED, made, optional, whole
 from floatplan.errors import InputError, naming
-from floatplan.kernel.library import kernel
-from floatplan.pool.threads import one_thread
+from floatplan.kernel.layout import kernel
+from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
@@ -127,17 +127,7 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
     if not plan.ok:
         return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    before, after = (
-        exact_stances(
-            program,
-            solution,
-            side,
-            np.append(state.orientation, state.positions),
-            float(state.orientation_rate),
-            complex(*state.com_position),
-        )
-        for side, state in (("takeoff", plan.at(0.0)), ("landing", plan.at(plan.duration)))
-    )
+    before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
     shares = [check.figures[name] / request.margin[of] for name, of in SHARES]

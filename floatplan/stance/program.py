@@ -438,7 +438,7 @@ class JumpProgram:
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
-        curve = hermite(instants(phases, solution.durations), solution.y, solution.v, solution.a)
+        curve = hermite(instants(phases, solution.durations), np.stack((solution.y, solution.v, solution.a)))
         joined = values(curve, instants(self.phases, solution.durations))
         forces = [
             np.array([np.interp(own.shares, other.shares, row) for row in rows]).reshape(-1, len(own.shares))
