@@ -50,7 +50,7 @@ class JumpControl:
         self.times = np.arange(int((jump.duration + AFTER) / PERIOD) + 1) * PERIOD
         self.wanted = jump.at(np.minimum(self.times, jump.duration))
         self.ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
-        self.data = robot.model.createData()
+        self.data, self.axes = robot.model.createData(), np.stack((robot.plane.horizontal, robot.plane.vertical))
         self.joints = tuple(robot.model.names)[BASE + 1 :]
         self.motors = [self.joints.index(name) for name in robot.motors]
         effort = robot.model.effortLimit[BASE:]
@@ -104,8 +104,7 @@ class JumpControl:
         if not rows:
             return FlownJump(*parts)
         positions, velocities, accelerations, torques, forces, points = map(read_only, zip(*rows, strict=True))
-        axes = np.stack((self.robot.plane.horizontal, self.robot.plane.vertical))
-        of_feet = (dict(zip(feet, np.moveaxis(each, 1, 0), strict=True)) for each in (forces @ axes.T, points))
+        of_feet = (dict(zip(feet, np.moveaxis(each, 1, 0), strict=True)) for each in (forces @ self.axes.T, points))
         in_plane, places = of_feet
         times = read_only(self.times[: len(rows)])
         state = JumpState(times, positions, velocities, accelerations, in_plane, torques, places)
@@ -165,16 +164,9 @@ class _Loop:
             places, rates = known = self.measured[then]
             angles, velocities = (known[:, BASE:] - resting) @ control.to_planned.T
             pin.centerOfMass(robot.model, control.data, places, rates)
-            axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
-            done = self.replanner.update(
-                float(control.times[then]) - begin,
-                *known[:, BASE - 1],
-                angles,
-                velocities,
-                now=now - begin,
-                com_position=axes @ control.data.com[0],
-                com_velocity=axes @ control.data.vcom[0],
-            )
+            base, of_com = known[:, BASE - 1].tolist(), (control.data.com[0], control.data.vcom[0])
+            joints = angles, velocities, now - begin, *(control.axes @ each for each in of_com)
+            done = self.replanner.update(float(control.times[then]) - begin, base[0], base[1], *joints)
             self.statuses[done.status] += 1
         reference = self.replanner.reference(now - begin)
         torques = control.torques[tick].copy()
