@@ -4,8 +4,8 @@ from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
 from floatplan.inflight.authority import Authority as Authority
 from floatplan.inflight.authority import authority as authority
-from floatplan.inflight.correction import Correction as Correction
-from floatplan.inflight.correction import Reference as Reference
+from floatplan.inflight.replanner import Correction as Correction
+from floatplan.inflight.replanner import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.motion.dynamics import FlightState as FlightState
 from floatplan.motion.planar.contact import Contact as Contact

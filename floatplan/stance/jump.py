@@ -29,7 +29,7 @@ from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot, robot_record
 from floatplan.plans.record import RobotRecord
 from floatplan.plans.verdicts import Certificate, verdict_in_words
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot

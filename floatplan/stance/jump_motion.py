@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.flight import FullMotion, MotionInFile
 from floatplan.plans.plan import Plan
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.motion import JumpState, Stance, flight_state, joined

@@ -17,7 +17,7 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.presentation import Row
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import SHARES, judged, limit_shares, stance_figures
 from floatplan.stance.exact import StanceDynamics, exact_stances

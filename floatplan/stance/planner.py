@@ -10,8 +10,8 @@ import numpy as np
 
 from floatplan.arguments import SEED, made, optional, whole
 from floatplan.errors import InputError, naming
-from floatplan.kernel.library import kernel
-from floatplan.pool.threads import one_thread
+from floatplan.kernel.layout import kernel
+from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem

@@ -10,7 +10,7 @@ import pytest
 from needed import skip_or_fail
 
 from floatplan.robot import Robot
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.stance.model import PlanarModel, Spot, casadi
 
 if find_spec("casadi") is None or robots_folder() is None:
