@@ -183,7 +183,7 @@ def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str,
             words.append(f"friction {most:g}")
             request = replace(request, friction=most)
         elif kind == "ground":
-            least = max(math.floor(1e3 * (request.clearance - beyond * share * size)) / 1e3, 0.0)
+            least = max(round(request.clearance - beyond * share * size, 3), 0.0)
             words.append(f"clearance {least:g}")
             request = replace(request, clearance=least)
         elif kind == "duration":
