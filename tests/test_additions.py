@@ -189,7 +189,7 @@ from floatplan.kernel.constraints import ObstacleRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import program
-from floatplan.planning.transcription.objectives import objective
+from floatplan.planning.transcription.program import objective
 from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio.panel import ObstaclesTab, obstacle_dials

@@ -17,8 +17,7 @@ from floatplan.problem.resolution import lowest_point
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.example_robots import urdf_path
-from floatplan.robot.urdf.tree import read_urdf, reference_postures
+from floatplan.robot.urdf.tree import read_urdf, reference_postures, urdf_path
 
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin

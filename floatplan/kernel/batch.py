@@ -1,4 +1,7 @@
-"""Plans without inequalities for many problems of one robot: arrays in, arrays out."""
+"""Plans without inequalities for many problems of one robot: arrays in, arrays out.
+
+Of many plans of one robot the largest torques and rates, over all times, are measured too.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,24 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.bodies import Bodies, filled_grid, filled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address, constants, structure_array
-from floatplan.kernel.library import Kernel
+from floatplan.kernel.bodies import Bodies, filled_grid, filled_robot, unscaled_robot
+from floatplan.kernel.layout import (
+    ENUMERATIONS,
+    STRUCTURES,
+    Filled,
+    Kernel,
+    Structure,
+    address,
+    constants,
+    kernel,
+    structure_array,
+)
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar import flight
-from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.quadrature import NODE_COUNTS, chebyshev_nodes, coefficient_map
 from floatplan.optimization import sqp
-from floatplan.optimization.nonlinear_program import Settings
+from floatplan.optimization.programs import Settings
+from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.tables import ORIENTATION
 
@@ -57,6 +70,8 @@ AGREEMENT = 0.003  # [-] relative difference of what is left of it
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
 NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
+NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
+RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
 
 
 def nearly_resolved(settings: Settings) -> Settings:
@@ -73,7 +88,7 @@ class Search:
     starts : solved starts to choose the best from
     most_starts : starts tried, those before ``first_start`` included
     seed : of the random ones
-    longest_step : of the solver, see :class:`floatplan.optimization.nonlinear_program.Settings`
+    longest_step : of the solver, see :class:`floatplan.optimization.programs.Settings`
     first_start : number of the first that is followed
     only_draws : take starts as they are, to see where they begin
     """
@@ -203,3 +218,56 @@ def _settings(search: Search) -> Structure:
     if search.only_draws:
         others["polishing_steps"] = 0
     return constants("Settings", vars(sqp), vars(flight), globals(), **others)
+
+
+@dataclass(frozen=True, eq=False)
+class ManyPeaks:
+    """Largest magnitudes of N plans: ``motor_torque`` (N, m) N m; ``velocity`` (N, n) rad/s, None if not asked for."""
+
+    motor_torque: Array
+    velocity: Array | None
+
+
+def many_peaks(
+    like: Problem, duration: Array, angular_momentum: Array, coefficients: Array, velocities: bool = True
+) -> ManyPeaks:
+    """Measure N plans with the robot and the joint ranges of a problem; each as if it were alone.
+
+    Parameters
+    ----------
+    like : Problem
+    duration : (N,) s
+    angular_momentum : (N,) kg m^2/s
+    coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
+    velocities : whether to measure them too
+    """
+    found = kernel()
+    count, n, size = coefficients.shape
+    motors = len(like.robot.motors)
+    peaks = np.empty((count, motors + n if velocities else motors))
+    low, high = like.position_limits.T
+    interpolations = _interpolations(size, NODES)
+    counts = {"count": count, "levels": len(NODES), "columns": size, "motors": motors, "velocities": velocities}
+    ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
+    plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
+    batch = Filled("Peaks", resolved=RESOLVED, peaks=peaks, **counts, **ranges, **plans)
+    robot = unscaled_robot(like.robot.tree)[1].structure
+    if found.peaks(robot, interpolations, batch.structure, found.instructions):
+        raise MemoryError("no memory to measure plans")
+    return ManyPeaks(peaks[:, :motors], peaks[:, motors:] if velocities else None)
+
+
+@lru_cache(maxsize=16)
+def _interpolations(size: int, counts: tuple[int, ...]) -> Any:
+    """Powers of s and their derivatives at the nodes, and the last Chebyshev coefficients from values there."""
+    found = []
+    k = np.arange(size)
+    for nodes in counts:
+        s = chebyshev_nodes(nodes)
+        powers = np.vander(s, size, increasing=True)
+        slope, curvature = np.zeros((2, *powers.shape))
+        slope[:, 1:] = powers[:, :-1] * k[1:]
+        curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
+        of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
+        found.append(Filled("Interpolation", nodes=nodes, s=s, tail=coefficient_map(nodes)[-3:], **of_powers))
+    return structure_array("Interpolation", found)

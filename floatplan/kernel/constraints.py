@@ -15,8 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address
-from floatplan.kernel.library import kernel
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address, kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis

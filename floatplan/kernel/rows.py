@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.batch import Rows, Solver
-from floatplan.kernel.library import kernel
+from floatplan.kernel.layout import kernel
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.bounds import inertia_extremes, monotonic_midpoints
 from floatplan.motion.planar.flight import PlanarFlight

@@ -20,13 +20,18 @@ from floatplan.kernel.batch import Answers, Rows, Search
 from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
-from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.sqp import Solution
+from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.constraints import Constraint, constraints
 from floatplan.planning.transcription.exchange import Worst, local_minima, solve
-from floatplan.planning.transcription.objectives import Objective, objective, objective_value
-from floatplan.planning.transcription.program import FlightProgram, instants_beside_nodes, watching
+from floatplan.planning.transcription.program import (
+    FlightProgram,
+    Objective,
+    instants_beside_nodes,
+    objective,
+    objective_value,
+    watching,
+)
 from floatplan.planning.transcription.trajectory import (
     EVALUATION,
     FlightModel,

@@ -11,11 +11,12 @@ import numpy as np
 
 from floatplan.arguments import SEED, made, optional, whole
 from floatplan.errors import InputError, naming
-from floatplan.kernel.library import kernel
-from floatplan.pool.threads import one_thread
+from floatplan.kernel.layout import kernel
+from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.stance.check import FIGURES, SHARES
 from floatplan.stance.exact import exact_stances, released
 from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight
@@ -27,7 +28,6 @@ from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
 ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
-SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
@@ -163,20 +163,10 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
     if not plan.ok:
         return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    before, after = (
-        exact_stances(
-            program,
-            solution,
-            side,
-            np.append(state.orientation, state.positions),
-            float(state.orientation_rate),
-            complex(*state.com_position),
-        )
-        for side, state in (("takeoff", plan.at(0.0)), ("landing", plan.at(plan.duration)))
-    )
+    before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
-    shares = [check.figures[name] / request.margin[of] for name, of in SHARES]
+    shares = [check.figures[name] / FIGURES[name].most(request) for name in SHARES]
     told = f" Of what the margins leave they take {max(shares):.0%}." if request.objective == "limits" else ""
     held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     answer = replace(found, explanation=held)

@@ -29,7 +29,7 @@ LOST = "the planner ended unexpectedly; change something to try again"
 ROBOT = "robot"
 LOG = logging.getLogger(__name__)
 LOADED = (  # before a process begins
-    *("floatplan.certificate.certificate", "floatplan.kernel.library", "floatplan.planning.many"),
+    *("floatplan.certificate.certificate", "floatplan.kernel.layout", "floatplan.planning.many"),
     *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
 )
 
@@ -219,12 +219,14 @@ class Planning:
         return self._newest is question and not self._closed
 
     def _plan(self, question: Question) -> None:
-        try:
-            answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
-        except StoppedError:
-            answer = Failure(LOST)
+        if question.problem.jump is None or self._near is None:  # else the last jump is shown until there is another
+            try:
+                answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
+            except StoppedError:
+                answer = Failure(LOST)
+            if not self._closed:
+                self._tell(question, answer)
         if not self._closed:
-            self._tell(question, answer)
             self._proofs.do("proof", lambda: self._settle(question))
 
     def _settle(self, question: Question) -> None:
@@ -236,7 +238,7 @@ class Planning:
             answer = self._thorough.ask(PlanTask(question.problem))
             if self._is_newest(question):
                 self._tell(question, answer)
-                if isinstance(answer, ShownPlan):
+                if isinstance(answer, ShownPlan) and question.problem.jump is None:
                     launched = self._thorough.ask(LaunchTask(answer))
                     if self._is_newest(question) and isinstance(launched, ShownPlan) and launched.stances:
                         self._tell(question, launched)

@@ -11,13 +11,12 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
-from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.prediction import LimitRows, Views
+from floatplan.inflight.update import RemainingMotion
 from floatplan.kernel.constraints import ObstacleRows, PairRows
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
-from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.closed_form import Ballistics, Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
 from floatplan.problem.problem import Shares
