@@ -183,7 +183,10 @@ class Replanner:
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
         self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
-        self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
+        positions, velocities, _ = self.motion.at(0.0)
+        rate = self.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)[0]
+        orientation = plan.problem.initial.orientation
+        self.update(0.0, orientation, rate, positions[0], velocities[0])  # what is made once is made now
         self.reset()
 
     def __copy__(self) -> Replanner:
@@ -224,11 +227,6 @@ class Replanner:
         self._estimate.inertial.state[1] = angular_momentum
         self._update.remember(motion)
         return self._update.corrected(0.0, self.plan.duration, evaluations)
-
-    def _takeoff_rates(self) -> tuple[float, Array, Array]:
-        positions, velocities, _ = self.motion.at(0.0)
-        rate = self.views.flight.equations.base_rate(positions, velocities, self.plan.angular_momentum)
-        return float(rate[0]), positions[0], velocities[0]
 
     @property
     def motion(self) -> RemainingMotion:
