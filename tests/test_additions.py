@@ -238,7 +238,7 @@ for shift in np.linspace(-0.5, 0.5, 11):
         assert found == ["proved" if finely > 0.02 else "refuted"], (shift, finely, found)
 
 replanner = fp.Replanner(plan)
-assert [rows.block.obstacle for rows in replanner.views.rows if rows.aim == DISTANCE_AIM] == [bend]
+assert [rows.block.between for rows in replanner.views.rows if rows.aim == DISTANCE_AIM] == [bend]
 flown = fp.closed_loop(plan, perturb=fp.Perturbation(h=0.1), flights=1, budget=None)
 assert flown.uncorrected.clearance.min() < 0.9 * bend.margin < flown.corrected.clearance.min()
 
