@@ -16,7 +16,7 @@ from floatplan.motion import flight, quadrature
 from floatplan.motion.dynamics import FlightState, Peaks
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along

@@ -40,21 +40,31 @@ class Grid:
     @cached_property
     def curve(self) -> Any:
         """Piecewise polynomial of y."""
-        return hermite(self.times, self.y, self.v, self.a)
+        return hermite(self.times, self.motion)
 
-    def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """y, y', y'' (n+1, N) at times (N,)."""
+    @property
+    def motion(self) -> Array:
+        """y, v, a (3, n+1, G)."""
+        return np.stack((self.y, self.v, self.a))
+
+    def at(self, times: Array) -> Array:
+        """y, y', y'' (3, n+1, N) at times (N,)."""
         return values(self.curve, times)
 
 
-def hermite(times: Array, y: Array, v: Array, a: Array) -> Any:
-    """Quintics through values (rows, G), first and second derivatives."""
-    return BPoly.from_derivatives(times, np.stack((y.T, v.T, a.T), axis=1))
+def hermite(times: Array, motion: Array) -> Any:
+    """Quintics through values, first and second derivatives (3, rows, G)."""
+    return BPoly.from_derivatives(times, np.transpose(motion, (2, 0, 1)))
 
 
-def values(curve: Any, times: Array) -> tuple[Array, Array, Array]:
-    """A curve and two derivatives (rows, N) at times (N,)."""
-    return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
+def values(curve: Any, times: Array) -> Array:
+    """A curve and two derivatives (3, rows, N) at times (N,)."""
+    return np.stack([(curve.derivative(order) if order else curve)(times).T for order in range(3)])
+
+
+def quintic(times: Array, span: Array, first: Array, last: Array) -> Array:
+    """Values and two derivatives (3, rows, N) of quintics between these (3, rows) at two times ``span`` (2,)."""
+    return values(hermite(span, np.stack((first, last), axis=2)), times)
 
 
 def refined(times: Array, count: int) -> Array:
@@ -216,7 +226,7 @@ def _shared(contact: Contact, force: Array) -> dict[str, Array]:
     return dict.fromkeys(contact.names, force / len(contact.names))
 
 
-def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
+def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
     """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
     flown = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration)).coordinates
     motion = flown.positions, flown.velocities, flown.accelerations

@@ -187,7 +187,7 @@ class Separation:
         """Instants (M,) s since takeoff, ``INSTANTS`` in each interval, and where all parts are then."""
         y, v, a, durations = motion
         times = instants(node.phases, durations.ravel())
-        motion = [*values(hermite(times, y, v, a), refined(times, INSTANTS)), durations]
+        motion = [*values(hermite(times, np.stack((y, v, a))), refined(times, INSTANTS)), durations]
         parts = range(len(self._parts))
         phases = self._placed(node, lambda function, *given: function(*given), motion, parts, INSTANTS)
         since, x, z = (

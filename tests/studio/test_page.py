@@ -19,7 +19,7 @@ from studio_page import grip_places
 
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.studio import edits
 from floatplan.studio.page import Studio, is_own_page, titled
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space

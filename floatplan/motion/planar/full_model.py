@@ -33,7 +33,7 @@ import pinocchio as pin
 from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 
