@@ -162,6 +162,7 @@ class NodeRows:
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
     known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
+        Feet that have left, or are to come, may then be as far in the ground as other parts of feet.
     held : joints that are held, whose torques are rows; CLEAR, where all that is watched is in stances too
     """
 
