@@ -23,7 +23,7 @@ from floatplan.stance.contacts import Contact, contact_at, corners, heights_over
 from floatplan.stance.exact import OnePoint, StanceDynamics
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, hermite
+from floatplan.stance.motion import Grid, Stance, quintic
 from floatplan.stance.phases import Phase, standing_posture
 from floatplan.stance.rows import balanced
 from floatplan.tables import POINT_FEET
@@ -171,9 +171,8 @@ def _both(drawing: Drawing, rng: np.random.Generator, together: bool, straight: 
 
     def motion(turning: float, at: Array) -> tuple[Array, Array, Array] | None:
         pushes = np.append(turning, changes[1:])
-        ends = np.stack((begin, begin + moved)), np.stack((0 * rates, rates)), np.stack((0 * rates, pushes))
-        curve = hermite(times[[0, -1]], *(each.T for each in ends))
-        parts = np.stack([(curve.derivative(k) if k else curve)(at).T for k in range(3)])
+        ends = np.stack((begin, 0 * rates, 0 * rates)), np.stack((begin + moved, rates, pushes))
+        parts = quintic(at, times[[0, -1]], *ends)
         return drawing.legs(parts[:, 0], parts[:, 1:])
 
     def last(turning: float, row: int) -> float:
@@ -260,7 +259,7 @@ def _flown(plan: Plan, drawing: Drawing) -> tuple[Array, Array] | None:
 
 def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: float) -> Grid | None:
     """The phase on the rear feet, at whose end they carry nothing."""
-    first = [part[1:, -1] for part in (before.y, before.v, before.a)]
+    first = before.motion[:, 1:, -1]
     begin = before.times[-1]
     times = begin + np.linspace(0.0, duration, NODES)
     rates = first[1] + first[2] * duration / 2 + rng.uniform(-25.0, 25.0, len(first[0])) * duration
@@ -268,14 +267,12 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
     point = drawing.point
     point.times = times
 
-    def motion(accelerations: Array) -> tuple[Array, Array, Array]:
-        ends = [np.stack(pair, axis=1) for pair in zip(first, (last, rates, accelerations), strict=True)]
-        curve = hermite(times[[0, -1]], *ends)
-        start = float(before.y[0, -1]), float(before.v[0, -1])
-        return point.follow(lambda at: tuple((curve.derivative(k) if k else curve)(at).T for k in range(3)), start)
+    def motion(accelerations: Array) -> Array:
+        end, start = np.stack((last, rates, accelerations)), (float(before.y[0, -1]), float(before.v[0, -1]))
+        return point.follow(lambda at: quintic(at, times[[0, -1]], first, end), start)
 
     def carried(accelerations: Array) -> Array:
-        return drawing.carried(*(part[:, -1:] for part in motion(accelerations)))[:2, 0]
+        return drawing.carried(*motion(accelerations)[:, :, -1:])[:2, 0]
 
     unknown, weight = np.zeros(len(last)), drawing.robot.mass * GRAVITY
     for _ in range(8):
@@ -294,10 +291,8 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
 def _known(drawing: Drawing, stances: tuple[Stance, ...]) -> DrawnStance | None:
     """What is known of a stance that holds: its limits, its friction, and the flight after it."""
     robot, last = drawing.robot, stances[-1].grid
-    momentum, horizontal, vertical = drawing.carried(*(each[:, -1:] for each in (last.y, last.v, last.a)))[
-        3:, 0
-    ].tolist()
-    y, v, a = (part[:, -1] for part in (last.y, last.v, last.a))
+    momentum, horizontal, vertical = drawing.carried(*last.motion[:, :, -1:])[3:, 0].tolist()
+    y, v, a = last.motion[:, :, -1]
     low, high = np.asarray(robot.position_limits).T[..., None]
     within = all(((low < each.grid.y[1:]) & (each.grid.y[1:] < high)).all() for each in stances)
     if not (within and RISING[0] < vertical < RISING[1]):

@@ -8,7 +8,7 @@ import numpy as np
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
 RATE = 200.0  # [Hz]

@@ -18,10 +18,9 @@ from scipy.optimize import minimize
 
 import floatplan as fp
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
-from floatplan.optimization.nonlinear_program import AnyEvaluation
+from floatplan.optimization.programs import AnyEvaluation
 from floatplan.planning.transcription.constraints import constraints
-from floatplan.planning.transcription.objectives import objective
-from floatplan.planning.transcription.program import FlightProgram
+from floatplan.planning.transcription.program import FlightProgram, objective
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes
 from floatplan.planning.transcription.variables import decision_variables
 

@@ -27,7 +27,7 @@ from peers import ACCEPTED, MOST_ITERATIONS, NODES, Answer, reduced_program
 import floatplan as fp
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.flight import PlanarFlight
-from floatplan.planning.transcription.objectives import CoefficientNorm
+from floatplan.planning.transcription.program import CoefficientNorm
 from floatplan.robot.planar.tree import PlanarTree
 
 COMPILE = ("gcc", "-O3", "-march=native", "-fPIC", "-shared")

@@ -11,7 +11,7 @@ import pinocchio as pin
 from generated_problems import random_chain
 
 import floatplan as fp
-from floatplan.motion.planar.ballistics import frame_from_com
+from floatplan.motion.planar.closed_form import frame_from_com
 from floatplan.motion.planar.contact_rates import equations_at, rates_at
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory

@@ -23,7 +23,7 @@ import floatplan as fp
 from floatplan.kernel.batch import QUADRATURE_ERROR
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
-from floatplan.optimization import quadratic_program
+from floatplan.optimization import programs
 
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 
@@ -118,7 +118,7 @@ def _shares(problem: fp.Problem, turns: int) -> list[str]:
         urdf = Path(folder) / "robot.urdf"
         urdf.write_text(problem.robot.xml, encoding="utf-8")
         return [
-            share(lambda: fp.plan(problem), quadratic_program, ["_proxqp"]),
+            share(lambda: fp.plan(problem), programs, ["_proxqp"]),
             share(lambda: fp.plan(problem), pin, PIN_CALLS),
             share(lambda: fp.Robot.from_urdf(urdf), pin, PIN_CALLS),
             share(lambda: plans.pop().record, pin, PIN_CALLS),

@@ -19,9 +19,9 @@ from witness_robots import witness_robot
 
 import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
+from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.transcription.trajectory import Trajectory, flight_model, sample_nodes, trajectory

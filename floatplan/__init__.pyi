@@ -4,8 +4,8 @@ from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
 from floatplan.inflight.authority import Authority as Authority
 from floatplan.inflight.authority import authority as authority
-from floatplan.inflight.correction import Correction as Correction
-from floatplan.inflight.correction import Reference as Reference
+from floatplan.inflight.replanner import Correction as Correction
+from floatplan.inflight.replanner import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.motion.dynamics import FlightState as FlightState
 from floatplan.motion.planar.contact import Contact as Contact
@@ -46,7 +46,7 @@ from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
 from floatplan.stance.check import JumpCheck as JumpCheck
 from floatplan.stance.jump import Jump as Jump
-from floatplan.stance.jump_file import load_jump as load_jump
+from floatplan.stance.jump import load_jump as load_jump
 from floatplan.stance.jump_motion import JumpPhase as JumpPhase
 from floatplan.stance.launch import Launch as Launch
 from floatplan.stance.launch import launch as launch

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 COLUMNS = ("problem", "verdict", "clearance, m", "torque / limit", "orientation ball, rad", "intervals", "proved in, s")

@@ -16,7 +16,7 @@ import floatplan as fp
 from floatplan.initial.flight import first_flight
 from floatplan.initial.robots import chosen_robot
 from floatplan.initial.text import problem_file_text
-from floatplan.robot.urdf.example_robots import PREFIX
+from floatplan.robot.urdf.tree import PREFIX
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = {

@@ -23,7 +23,7 @@ from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-IMAGES = ROOT / "docs" / "images"
+IMAGES, JUMPS = ROOT / "docs" / "images", ROOT / "problems" / "jumps"
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 SLOWER = 20  # a scene that is to be photographed: without a graphics card a picture takes a second
 PATIENCE = 120  # s that a scene has to load and to be in mid-flight
@@ -54,6 +54,7 @@ def main() -> None:
             for plan in (backflip, example):
                 photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
             photograph_studio(browser, backflip.problem, IMAGES / "studio_go2.png")
+            photograph_studio(browser, fp.load_problem(JUMPS / "go2.toml"), IMAGES / "studio_jump.png", 0.36)
 
 
 def checked(name: str) -> fp.Plan:
@@ -67,7 +68,7 @@ def checked(name: str) -> fp.Plan:
 
 def jumped(name: str) -> Shown:
     """Plan a jump, and prove its flight."""
-    jump = fp.jump(ROOT / "problems" / "jumps" / f"{name}.toml")
+    jump = fp.jump(JUMPS / f"{name}.toml")
     if not jump.ok or jump.flight is None:
         raise SystemExit(f"{name}: {jump.explanation}")
     view: Shown = jump.with_certificate(certify(jump.flight)).view
@@ -99,17 +100,20 @@ def photograph_scene(browser: Any, plan: fp.Plan, page: Path, path: Path) -> Non
     save(browser.driver.find_element("tag name", "canvas").screenshot_as_png, path)
 
 
-def photograph_studio(browser: Any, problem: fp.Problem, path: Path) -> None:
-    """With its map, in mid-flight."""
+def photograph_studio(browser: Any, problem: fp.Problem, path: Path, share: float = 0.4) -> None:
+    """With its map, in mid-flight; a jump with its phases, where a share of it is over."""
     from studio_page import Page
 
     browser.driver.set_window_size(1300, 900)
     with closing(Studio(problem, port=0)) as studio:
-        studio.player.seek(0.4 * problem.flight.duration)
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
-        page.tab("Map")
-        studio.session.wait(lambda view: view.map is not None and len(view.map.points) > MAPPED, PATIENCE)
+        answer = studio.session.view.answer
+        assert answer is not None
+        studio.player.seek(share * answer.motion.duration)
+        if problem.jump is None:
+            page.tab("Map")
+            studio.session.wait(lambda view: view.map is not None and len(view.map.points) > MAPPED, PATIENCE)
         browser.run(CLEAR)
         time.sleep(3.0)
         save(browser.driver.get_screenshot_as_png(), path)

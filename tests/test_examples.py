@@ -15,7 +15,7 @@ import pytest
 from long_cases import cases
 from needed import skip_or_fail
 
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PROMISED = {

@@ -18,7 +18,7 @@ import floatplan as fp
 from floatplan.certificate.certificate import shapes_of
 from floatplan.motion.planar.contact_rates import has_contact
 from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
-from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
+from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "problems" / "gallery"

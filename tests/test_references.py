@@ -8,7 +8,7 @@ import pytest
 from references import REFERENCES, ROOT, answer, problem_names
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 SAME = 1e-6  # relative, of objectives, and of h where it is given; where the search ended at an optimum
 FREE = 1e-4  # relative, of h where it is free: it moves as the square root of what it changes of the objective

@@ -16,7 +16,7 @@ from long_cases import cases
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.pool import threads
+from floatplan import pool
 
 ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = ("obstacle_hard", "moving_hoop")  # their sums are long enough to be shared among threads
@@ -93,7 +93,7 @@ class Library:
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Library:
     made = Library()
-    monkeypatch.setattr(threads, "_libraries", lambda: (made,))
+    monkeypatch.setattr(pool, "_libraries", lambda: (made,))
     return made
 
 
@@ -104,10 +104,10 @@ def test_it_is_held_until_the_last_call_ends(library: Library) -> None:
         begun.set()
         enough.wait()
 
-    other = threading.Thread(target=threads.one_thread(slow))
+    other = threading.Thread(target=pool.one_thread(slow))
     other.start()
     begun.wait()
-    assert threads.one_thread(lambda: library.num_threads)() == 1
+    assert pool.one_thread(lambda: library.num_threads)() == 1
     assert library.num_threads == 1
     enough.set()
     other.join()
@@ -116,13 +116,13 @@ def test_it_is_held_until_the_last_call_ends(library: Library) -> None:
 
 def test_an_error_lets_go_too(library: Library) -> None:
     def outer() -> None:
-        threads.one_thread(fails)()
+        pool.one_thread(fails)()
 
     def fails() -> None:
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        threads.one_thread(outer)()
+        pool.one_thread(outer)()
     assert library.num_threads == 3
 
 
@@ -132,7 +132,7 @@ def test_an_error_lets_go_too(library: Library) -> None:
 def test_public_calls_hold_numpys_library_and_give_it_back(
     compute: Callable[[fp.Problem], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (blas, *_) = threads._libraries()
+    (blas, *_) = pool._libraries()
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     seen = []
     monkeypatch.setattr(type(blas), "set_num_threads", lambda _, count: seen.append(count))

@@ -37,9 +37,9 @@ from floatplan.errors import InputError, naming
 from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.robot.robot import LinkCapsule, Robot
-from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time

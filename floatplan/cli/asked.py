@@ -13,7 +13,7 @@ from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.example_robots import PREFIX
+from floatplan.robot.urdf.tree import PREFIX
 from floatplan.tables import REST
 
 PLACE = "command line"

@@ -32,7 +32,7 @@ ROBOTS = (".urdf", ".xml", ".toml")
 
 def robots(json_output: common.Json = False) -> None:
     """List the robots at hand: what to type, and the joints that turn in the plane."""
-    from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
+    from floatplan.robot.urdf.tree import PREFIX, example_urdfs
 
     with progress("reading"):
         known = [_facts(source) for source in (*common.own_urdfs(), *(PREFIX + name for name in example_urdfs()))]
@@ -60,7 +60,7 @@ def _facts(source: str) -> dict[str, Any]:
 
 def _lines(usable: list[dict[str, Any]], unusable: list[dict[str, Any]]) -> Iterator[str]:
     """A line for each robot; its name comes last and whole, ready to be copied."""
-    from floatplan.robot.urdf.example_robots import robots_folder
+    from floatplan.robot.urdf.tree import robots_folder
 
     yield f"{'joints':<9}{'kg':>7}  plane  robot"
     for facts in usable:

@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.motion.flight import FullMotion, free_flyer
+from floatplan.motion.flight import FullMotion
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
@@ -20,20 +19,6 @@ from floatplan.simulation.forward import BANDWIDTH, Gain, given_gains, joint_ine
 from floatplan.stance.jump_motion import JumpMotion
 
 Exportable: TypeAlias = Plan | JumpMotion
-
-
-@dataclass(frozen=True, eq=False)
-class WholeMotion:
-    """Base and all J joints at N instants, as :class:`floatplan.motion.flight.FullMotion` has them."""
-
-    positions: Array
-    velocities: Array
-    accelerations: Array
-    motor_torques: Array
-    base_position: Array
-    base_quaternion: Array
-    base_velocity: Array
-    base_angular_velocity: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,33 +71,20 @@ class Exported:
         """Return ``q``, ``v``, ``a``, ``tau`` (N, ..) at times (N,), s; InputError where they are no numbers."""
         motion, times = self.motion, np.minimum(times, self.duration)  # the last may be later by rounding
         found = {"q": motion.q(times), "v": motion.v(times), "a": motion.a(times), "tau": motion.tau(times)}
-        if not all(np.isfinite(values).all() for values in found.values()):
-            raise InputError("is not a motion at all times: it holds what is no number", source=motion.problem.name)
+        self._check(*found.values())
         return found
 
-    def at(self, times: Array) -> FullMotion | WholeMotion:
-        """Return base and all joints at times (N,), s."""
-        motion = self.motion
-        if isinstance(motion, Plan):  # which knows them to the last bit
-            return motion.full_motion(times)
-        robot, order = self.robot, free_flyer(self.robot)
-        q, v, a, tau = self.coordinates(times).values()
-        positions, continuous = q[:, order.in_q], order.in_q[order.continuous]
-        positions[:, order.continuous] = np.unwrap(np.arctan2(q[:, continuous + 1], q[:, continuous]), axis=0)
-        torques = tau[:, order.in_v]
-        motors, made = [self.joints.index(name) for name in robot.motors], torques @ robot.transmission[BASE:]
-        torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
-        torques[:, motors] = made
-        return WholeMotion(
-            positions=positions,
-            velocities=v[:, order.in_v],
-            accelerations=a[:, order.in_v],
-            motor_torques=torques,
-            base_position=q[:, :3],
-            base_quaternion=q[:, 3:7],
-            base_velocity=np.asarray(Rotation.from_quat(q[:, 3:7]).apply(v[:, :3])),
-            base_angular_velocity=v[:, 3:6],
-        )
+    def at(self, times: Array) -> FullMotion:
+        """Return base and all joints at times (N,), s; errors as of :meth:`coordinates`."""
+        motion = self.motion.full_motion(np.minimum(times, self.duration))
+        known = motion.coordinates
+        self._check(known.positions, known.velocities, known.accelerations, known.torques)
+        return motion
+
+    def _check(self, *arrays: Array) -> None:
+        if not all(np.isfinite(values).all() for values in arrays):
+            reason = "is not a motion at all times: it holds what is no number"
+            raise InputError(reason, source=self.motion.problem.name)
 
     def contacts(self, times: Array) -> dict[str, Any]:
         """Return the contacts at times (N,), s, at a change of them those before; nothing of a motion without phases.

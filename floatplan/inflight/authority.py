@@ -12,14 +12,12 @@ import numpy as np
 from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
-from floatplan.inflight.correction import REACHED
 from floatplan.inflight.estimate import Estimate, adapted
-from floatplan.inflight.motion import Rewriting
-from floatplan.inflight.replanner import Replanner
-from floatplan.inflight.update import Update
+from floatplan.inflight.replanner import REACHED, Replanner
+from floatplan.inflight.update import Rewriting, Update
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried

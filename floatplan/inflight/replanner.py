@@ -3,25 +3,44 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arguments import optional, outline, positive
-from floatplan.arrays import Array
+from floatplan.arguments import Outlined, optional, outline, positive
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.inflight.correction import REACHED, Correction, Reference, Status, WarmStarts
-from floatplan.inflight.estimate import Estimate, Identification, Measurement, Plausibility, Recovery, read, unwrapped
-from floatplan.inflight.motion import RemainingMotion, Rewriting
+from floatplan.inflight.estimate import (
+    LARGEST_JUMP,
+    Estimate,
+    Identification,
+    Measurement,
+    Plausibility,
+    Recovery,
+    read,
+    unwrapped,
+)
 from floatplan.inflight.prediction import Views
-from floatplan.inflight.update import EVALUATIONS_NEAR, KEPT, Corrected, Update
+from floatplan.inflight.update import EVALUATIONS_NEAR, FAR, KEPT, Corrected, RemainingMotion, Rewriting, Update
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 
+REACHED = 0.01  # [rad] of the goal: a landing within half a degree
+REACH = 0.15  # [-] of the plan's angular momentum, either way
+STEPS = 3  # [-] either way
+SHORTEST = 0.25  # [-] of them, where the goal is out of reach after a whole one
+EVALUATIONS = 30  # [-] of changed motions, for each
+WARM_PART = 0.1  # [-] of the flight: later corrections do not begin so
+
+Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
 FIRST = 8  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
@@ -31,6 +50,107 @@ LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
 LARGEST = 1e12  # [SI] sigma and acceleration
 FAR_OFF = "too far from what is expected"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Correction(Outlined):
+    """What became of a measurement.
+
+    Attributes
+    ----------
+    status : "applied", "limited", "refused" or "invalid"
+        The motion was corrected, keeps all limits and obstacles and lands within ``REACHED`` of the goal; it was
+        corrected in part, or lands further off, or breaks a limit that the last one breaks too; no part of a correction
+        keeps the limits and the last motion stays; the measurement cannot be one, or is late, and changes nothing.
+    reason : why it is not "applied"
+    landing : s
+        When the robot lands.
+    angular_momentum : kg m^2/s
+        As it is estimated.
+    motion : RemainingMotion
+        The joints' from now on.
+    predicted_miss : rad
+        Orientation at landing less the goal, under that motion.
+    torque_peak : (m,) N m
+        Largest magnitude of each motor's torque for the rest of the flight, in the order of ``robot.motors``.
+    """
+
+    status: Status
+    reason: str
+    landing: float
+    angular_momentum: float
+    motion: RemainingMotion
+    predicted_miss: float
+    torque_peak: Array
+    shown: ClassVar[Sequence[str]] = ("status", "reason", "predicted_miss", "landing", "angular_momentum")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reference(Outlined):
+    """What the joints are to do at a time.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations : (n,) rad, rad/s, rad/s^2
+    feedforward : (n,) N m
+        Generalised torques: a leader's moves its followers too.
+    motors : (m,) N m
+        Each motor's own torque, in the order of ``robot.motors``.
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    feedforward: Array
+    motors: Array
+
+
+class WarmStarts:
+    """Corrections at takeoff, by angular momentum; those between are made of the two nearest, beyond is the last.
+
+    There are as many as reach the goal within the limits.
+
+    Parameters
+    ----------
+    motion : RemainingMotion
+        The plan's, from takeoff.
+    corrected : callable
+        A motion from takeoff corrected for an angular momentum, kg m^2/s, with so many evaluations at most.
+    planned : kg m^2/s
+    """
+
+    def __init__(
+        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Corrected], planned: float
+    ) -> None:
+        self._latest = WARM_PART * motion.end
+        free = motion.coefficients[CONDITIONS:]
+        reach = abs(planned) * REACH
+
+        def changes(step: float) -> list[tuple[float, Array]]:
+            """Momenta one step further each, with their changes; shorter steps where the goal is out of reach."""
+            found, changed, momentum, least = [], motion, planned, SHORTEST * abs(step)
+            while abs(step) >= least > 0 and abs(momentum + step - planned) <= reach * (1 + 1e-9):
+                there = corrected(changed, momentum + step, EVALUATIONS)
+                if abs(there.miss) > FAR or (there.worst < -KEPT).any():
+                    step /= 2
+                    continue
+                changed, momentum = there.motion, momentum + step
+                found.append((momentum, changed.coefficients[CONDITIONS:] - free))
+            return found
+
+        known = [(planned, np.zeros_like(free)), *changes(-reach / STEPS), *changes(reach / STEPS)]
+        known.sort(key=lambda each: each[0])
+        self._momenta, self._changes = [momentum for momentum, _ in known], read_only([change for _, change in known])
+
+    def at(self, now: float, angular_momentum: float) -> Array | None:
+        """Change of the free coefficients (m, n) to begin with at ``now``, s; None where none is known."""
+        momenta, last = self._momenta, len(self._momenta) - 1
+        if not last or now > self._latest or not math.isfinite(angular_momentum):
+            return None
+        momentum = min(max(angular_momentum, momenta[0]), momenta[last])
+        below = min(bisect_right(momenta, momentum) - 1, last - 1)
+        share = (momentum - momenta[below]) / (momenta[below + 1] - momenta[below])
+        return np.asarray((1 - share) * self._changes[below] + share * self._changes[below + 1])
 
 
 class Replanner:
@@ -72,7 +192,10 @@ class Replanner:
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
         self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
-        self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
+        positions, velocities, _ = self.motion.at(0.0)
+        rate = self.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)[0]
+        orientation = plan.problem.initial.orientation
+        self.update(0.0, orientation, rate, positions[0], velocities[0])  # what is made once is made now
         self.reset()
 
     def __copy__(self) -> Replanner:
@@ -114,11 +237,6 @@ class Replanner:
         self._update.remember(motion)
         return self._update.corrected(0.0, self.plan.duration, evaluations)
 
-    def _takeoff_rates(self) -> tuple[float, Array, Array]:
-        positions, velocities, _ = self.motion.at(0.0)
-        rate = self.views.flight.equations.base_rate(positions, velocities, self.plan.angular_momentum)
-        return float(rate[0]), positions[0], velocities[0]
-
     @property
     def motion(self) -> RemainingMotion:
         """The joints' motion from the last correction on."""
@@ -136,8 +254,11 @@ class Replanner:
     def reference(self, t: float) -> Reference:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
         time = _time(t)
-        motion = self._motion_at(time).at(time if math.isfinite(time) else self._now)
-        positions, velocities, accelerations = (each[0] for each in motion)
+        motions = self._update.motions
+        otherwise = motions[-1 if math.isnan(time) else 0]
+        motion = next((each for each in reversed(motions) if each.begin <= time), otherwise)
+        state = motion.at(time if math.isfinite(time) else self._now)
+        positions, velocities, accelerations = (each[0] for each in state)
         torques, n = self._update.torques(positions, velocities, accelerations), len(positions)
         return Reference(positions, velocities, accelerations, torques[:n], torques[n:])
 
@@ -198,7 +319,7 @@ class Replanner:
         base = plausible.base(measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+        elif not (abs(measured.orientation - expected.beside) <= LARGEST_JUMP and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
@@ -228,13 +349,6 @@ class Replanner:
             return self._landing
         reach = LARGEST_STRETCH * (self._landing - now)
         return min(max(found, self._landing - reach), self._landing + reach)
-
-    def _motion_at(self, time: float) -> RemainingMotion:
-        """The motion that holds at a time."""
-        for motion in reversed(self._update.motions):
-            if motion.begin <= time:
-                return motion
-        return self._update.motions[-1 if math.isnan(time) else 0]
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
         return replace(self._last, status=status, reason=reason)

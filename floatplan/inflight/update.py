@@ -1,7 +1,7 @@
 """An update of a flight's corrections: the state that is expected, the filter, the rest of the flight corrected.
 
 All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``prediction.hpp``; this fills what these
-read.
+read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
 from __future__ import annotations
@@ -9,24 +9,28 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from numpy.polynomial.chebyshev import chebval
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate, Expected, Measurement
-from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.kernel.bodies import Bodies, filled_robot
 from floatplan.kernel.constraints import CompiledConstraints
-from floatplan.kernel.layout import ENUMERATIONS, Filled, constants
-from floatplan.kernel.library import kernel
+from floatplan.kernel.layout import ENUMERATIONS, Filled, constants, kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.sine_polynomial import Form, WrittenMotion, basis
+from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
 
+LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
 EVALUATIONS_NEAR = 1  # [-] of changed motions at most
 EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
 FAR = 0.06  # [rad]
@@ -41,6 +45,80 @@ GAP_NODES = 5  # [-] of the quadrature between measurements
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
 FILTER = ("state", "covariance", "surprises", "wander", "deviations")  # what is of an estimate
 STEPS = ENUMERATIONS["Step"].__members__
+
+
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
+class RemainingMotion:
+    """Joints from ``begin`` to ``end``, s since takeoff: ``centre + amplitude sin(p)``, p a polynomial of time.
+
+    Attributes
+    ----------
+    centre, amplitude : (n,) rad
+    begin, end : s
+        The landing is at ``end``.
+    coefficients : (6+m, n)
+        Of p in ``basis``: p and two derivatives by u = (t - begin) / (end - begin) at both ends, then those of the m
+        free polynomials.
+    table : (3, k+1, 6+m)
+        Of their values and two derivatives by u, in Chebyshev polynomials of 2 u - 1.
+    """
+
+    centre: Array
+    amplitude: Array
+    begin: float
+    end: float
+    coefficients: Array
+    table: Array
+
+    @property
+    def remaining(self) -> float:
+        """Time from ``begin`` to ``end``, s."""
+        return self.end - self.begin
+
+    def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, velocities, accelerations (N, n) at times (N,), s since takeoff; at rest outside of its time."""
+        instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        inside = np.minimum(np.maximum(instants - self.begin, 0.0), self.remaining)
+        positions, velocities, accelerations = self._written.at(inside)
+        outside = (instants > self.end) | (instants < self.begin)
+        if outside.any():
+            velocities[outside] = accelerations[outside] = 0.0
+        return positions, velocities, accelerations
+
+    @cached_property
+    def _written(self) -> WrittenMotion:
+        """The same by time since ``begin``."""
+        p, rate, curvature = self.table @ self.coefficients
+        chebyshev = p, rate / self.remaining, curvature / self.remaining**2
+        return WrittenMotion(self.centre, self.amplitude, self.remaining, chebyshev)
+
+
+class Rewriting:
+    """What writes motions on a shorter time: the values at ``points``, Chebyshev's, fix all coefficients.
+
+    Exact while the landing time stays. Where it moves, p keeps p, p', p'' at both ends, by time, and its free part.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        size = max(plan.coefficients.shape[1], CONDITIONS + LEAST_FREE)
+        self.form = Form(size - CONDITIONS)
+        functions = basis(self.form)
+        self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
+        self.of_values = np.linalg.inv(functions.values(self.points)[0])
+        written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
+        coefficients = self.of_values @ chebval(2 * self.points - 1, written.chebyshev[0]).T
+        boundary = np.stack([chebval([-1.0, 1.0], part).T for part in written.chebyshev])
+        self.landing = read_only(boundary[:, 1])
+        scale = plan.duration ** np.arange(3.0)[:, None]  # from derivatives by time to those by u
+        coefficients[:3], coefficients[3:CONDITIONS] = boundary[:, 0] * scale, self.landing * scale
+        self.first = RemainingMotion(
+            np.array(plan.centre),
+            np.array(plan.amplitude),
+            0.0,
+            plan.duration,
+            read_only(coefficients),
+            functions.series,
+        )
 
 
 @dataclass(eq=False)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.layout import Filled
-from floatplan.kernel.library import kernel
-from floatplan.optimization.nonlinear_program import AnyEvaluation
-from floatplan.optimization.quadratic_program import QP_ACCURACY, ROW_TOLERANCE, Multipliers, Step
+from floatplan.kernel.layout import Filled, kernel
+from floatplan.optimization.programs import QP_ACCURACY, ROW_TOLERANCE, AnyEvaluation, Multipliers, Step
 
 CHANGES = 16  # [-] of the active rows, after which ProxQP solves the QP
 

@@ -5,21 +5,24 @@ All flights are in a plane until there is a second module; see :mod:`floatplan.m
 
 from __future__ import annotations
 
-from floatplan.motion.planar.ballistics import Ballistics, ballistics, frame_from_com
-from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
+from floatplan.motion.planar.bounds import angular_momentum_interval, difficulties, impossibilities, inertia_extremes
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
-from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
-from floatplan.motion.planar.contact import Contact, landing, no_common_momentum, reachable_sets, takeoff
-from floatplan.motion.planar.contact_advice import FAST
-from floatplan.motion.planar.contact_rates import End
+from floatplan.motion.planar.closed_form import Ballistics, Dynamics, ballistics, frame_from_com, tree_dynamics
+from floatplan.motion.planar.contact import FAST, Contact, landing, no_common_momentum, reachable_sets, takeoff
+from floatplan.motion.planar.contact_rates import End, Reachable
 from floatplan.motion.planar.end_rates import end_rates, motion_into_ground
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, momentum_set
 from floatplan.motion.planar.flight import planar_flight as flight_dynamics
-from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics, free_flyer
-from floatplan.motion.planar.impossibility import difficulties, impossibilities
-from floatplan.motion.planar.reachable import Reachable
+from floatplan.motion.planar.full_model import (
+    FlightCoordinates,
+    FullMotion,
+    MotionInFile,
+    PinocchioDynamics,
+    free_flyer,
+)
 
-__all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FullMotion", "GaussGrid", "LinkShapes"]
+__all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FlightCoordinates", "FullMotion", "GaussGrid"]
+__all__ += ["LinkShapes", "MotionInFile"]
 __all__ += ["PinocchioDynamics", "PlanarFlight", "Reachable", "Segments", "angular_momentum_interval", "ballistics"]
 __all__ += ["difficulties", "end_rates", "flight_dynamics", "frame_from_com", "free_flyer", "gauss_grid"]
 __all__ += ["impossibilities", "inertia_extremes", "landing", "momentum_set", "motion_into_ground"]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 FINENESS = 8  # points of the search grid per node

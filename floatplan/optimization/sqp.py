@@ -6,6 +6,9 @@ function with Armijo line search (section 18.3), one second-order correction per
 (section 18.3, (18.42)), and an elastic QP where the linearised constraints contradict each other (section 18.3,
 p. 536). Without inequalities the inverse of the Hessian is kept instead: a step then needs products only, and a system
 as small as the multipliers (section 16.2, range-space method).
+
+From one start it fails on many obstacle problems that have a solution. Levenberg-Marquardt on the constraint violations
+alone, whatever the objective, solves most of them from several starts (section 10.3): :func:`reduce_violations`.
 """
 
 from __future__ import annotations
@@ -18,8 +21,19 @@ from typing import Generic, NamedTuple, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program, Settings
-from floatplan.optimization.quadratic_program import FirstWay, Multipliers, Step, elastic_qp, solve_qp
+from floatplan.optimization.programs import (
+    AnyEvaluation,
+    Detail,
+    Evaluation,
+    FirstWay,
+    Multipliers,
+    Program,
+    Settings,
+    Step,
+    elastic_qp,
+    solve_qp,
+    solved,
+)
 
 ARMIJO = 1e-4  # [-] sufficient decrease of the merit function, Nocedal and Wright p. 540
 PENALTY_FACTOR = 1.2  # [-] of the l1 merit function's penalty over the largest multiplier
@@ -34,6 +48,14 @@ SLACK_PENALTY = 1e3  # [-] of an elastic QP, relative to the Hessian's largest d
 LARGEST_CURVATURE = 1e10  # [-] of a BFGS update, relative to the slack penalty; beyond it an approximation is rejected
 POLISHING_STEPS = 2
 POLISHED = 1e-12  # in its own unit, of an equality: hardly more than rounding
+ITERATIONS = 60
+FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
+STALL_ITERATIONS = 6  # within which the squared violation must fall below STALLED
+STALLED = 0.8  # [-] of the squared violation before
+INITIAL_DAMPING = 1e-2  # [-] weight of the squared step
+SMALLEST_DAMPING = 1e-8  # [-]
+LARGEST_DAMPING = 1e8  # [-] beyond it the iteration ends
+PASSES = 4  # of one step, each with the rows that the step before would violate
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +63,7 @@ class DirectHessian:
     """A quasi-Newton approximation H (m, m) of the Lagrangian's Hessian, for programs with inequalities.
 
     ``first`` is the way in which their QPs are tried first, see
-    :func:`~floatplan.optimization.quadratic_program.solve_qp`.
+    :func:`~floatplan.optimization.programs.solve_qp`.
     """
 
     hessian: Array
@@ -315,3 +337,67 @@ def _damped_bfgs(
     if not float(gradient_change @ gradient_change) < largest_curvature * curvature:
         return None
     return hessian.updated(change, product, gradient_change)
+
+
+@dataclass(frozen=True, eq=False)
+class LeastViolation(Generic[Detail]):
+    """Result of :func:`reduce_violations`: a point x, the program there, its violation, and the evaluations used."""
+
+    x: Array
+    evaluation: Evaluation[Detail]
+    squared_violation: float
+    evaluations: int
+
+
+def reduce_violations(
+    program: Program[Detail], x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
+) -> LeastViolation[Detail]:
+    """Minimise the squared violations from x (m,); steps are damped in the program's metric and in x itself."""
+    metric = program.metric.T @ program.metric + np.eye(len(x))
+    damping = INITIAL_DAMPING
+    evaluation = program.evaluate(x)
+    squared = _squares(evaluation)
+    evaluations, history = 1, [squared]
+    for _ in range(iterations):
+        stalled = len(history) > STALL_ITERATIONS and history[-1] > STALLED * history[-1 - STALL_ITERATIONS]
+        if squared < FEASIBLE**2 or damping > LARGEST_DAMPING or stalled or stop():
+            break
+        while damping <= LARGEST_DAMPING:
+            step = _damped_step(evaluation, damping * metric)
+            trial = program.evaluate(x + step)
+            evaluations += 1
+            if _squares(trial) < squared:
+                x, damping = x + step, max(damping / 5, SMALLEST_DAMPING)
+                evaluation, squared = trial, _squares(trial)
+                break
+            damping *= 4
+        history.append(squared)
+    return LeastViolation(x, evaluation, squared, evaluations)
+
+
+def _squares(evaluation: AnyEvaluation) -> float:
+    """Sum of squared violations."""
+    violated = np.minimum(evaluation.inequality, 0)
+    return float(evaluation.equality @ evaluation.equality + violated @ violated)
+
+
+def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:
+    """Minimise the squared violations of the linearised program and the damping.
+
+    Rows that hold now and would be violated by the step join those that are violated now: without them the search
+    zigzags where several rows are close to their limits.
+    """
+    normal = evaluation.equality_jacobian.T @ evaluation.equality_jacobian + damping
+    gradient = evaluation.equality_jacobian.T @ evaluation.equality
+    step: Array = np.zeros(len(gradient))
+    taken = np.zeros(len(evaluation.inequality), dtype=bool)
+    for _ in range(PASSES):
+        new = (evaluation.inequality + evaluation.inequality_jacobian @ step < 0) & ~taken
+        if step.any() and not new.any():
+            break
+        taken |= new
+        jacobian = evaluation.inequality_jacobian[new]
+        normal += jacobian.T @ jacobian
+        gradient += jacobian.T @ evaluation.inequality[new]
+        step = -solved(normal, gradient)
+    return step

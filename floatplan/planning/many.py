@@ -16,15 +16,14 @@ from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
-from floatplan.kernel import rows as plain
+from floatplan.kernel import batch as plain
 from floatplan.kernel.batch import INFEASIBLE, MOST_STARTS, Answers, Search
 from floatplan.planning.attempt import STATUS
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
-from floatplan.pool import in_order, processes
-from floatplan.pool.threads import one_thread
+from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem

@@ -22,7 +22,7 @@ from floatplan.planning.search import SAME, SearchOptions, search
 from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE

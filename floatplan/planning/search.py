@@ -21,11 +21,10 @@ import numpy as np
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.kernel.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.optimization.nonlinear_program import Derivatives
+from floatplan.optimization.programs import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
-from floatplan.pool import in_order, processes
-from floatplan.pool.threads import one_thread
+from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
@@ -257,7 +256,7 @@ def _outcomes(
 def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
     """The outcomes of least violation, each at another motion."""
     distinct: list[Outcome] = []
-    for outcome in sorted(outcomes, key=lambda outcome: outcome.rank):
+    for outcome in sorted(outcomes, key=lambda outcome: (outcome.violation, outcome.objective_value)):
         value = outcome.objective_value
         if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
             distinct.append(outcome)

@@ -24,7 +24,7 @@ from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
 from floatplan.plans.record import PlanRecord, check_asked
 from floatplan.plans.verdicts import Certificate
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
@@ -16,7 +16,7 @@ from floatplan.motion import flight, quadrature
 from floatplan.motion.dynamics import FlightState, Peaks
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along
@@ -36,7 +36,7 @@ def least_distances(segments: flight.Segments, obstacle: Obstacle, instants: Arr
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedMotion:
+class PlannedMotion(flight.MotionInFile):
     """The motion ``q_i(t) = centre_i + amplitude_i sin(sum_k b_ik t^k)`` and what follows from it at any time.
 
     Attributes
@@ -123,38 +123,8 @@ class PlannedMotion:
 
     def full_motion(self, times: npt.ArrayLike) -> flight.FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
-        return flight.FullMotion(self.dynamics, self._state(self._within(times).ravel()), self.ballistics.gravity)
-
-    def q(self, times: npt.ArrayLike) -> Array:
-        """Configuration (..., nq), m and rad, in the order of the free-flyer model of the file itself.
-
-        That is ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``: place of the root link, quaternion x y z w,
-        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.full_model` for the world's
-        axes, for what that model makes of q, v, a and tau, and for joints that floatplan had to turn into the plane.
-
-        Parameters
-        ----------
-        times : number or array
-            s, within the flight; the configuration's shape begins with theirs.
-
-        Raises
-        ------
-        InputError
-            As of :meth:`at`; or a joint is called ``root_joint``, as Pinocchio calls the free flyer.
-        """
-        return self._in_file(times, flight.free_flyer(self.robot).configurations)
-
-    def v(self, times: npt.ArrayLike) -> Array:
-        """Velocity (..., nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
-        return self._in_file(times, flight.free_flyer(self.robot).velocities)
-
-    def a(self, times: npt.ArrayLike) -> Array:
-        """Acceleration (..., nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
-        return self._in_file(times, flight.free_flyer(self.robot).accelerations)
-
-    def tau(self, times: npt.ArrayLike) -> Array:
-        """Torques (..., nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
-        return self._in_file(times, flight.free_flyer(self.robot).torques)
+        state = self._state(self._within(times).ravel())
+        return flight.FullMotion(self.robot, flight.FlightCoordinates(self.dynamics, state, self.ballistics.gravity))
 
     @property
     def phases(self) -> tuple[()]:
@@ -169,12 +139,6 @@ class PlannedMotion:
     def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
         """Return no places where forces act; as :meth:`forces`."""
         return self.forces(times)
-
-    @one_thread
-    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[flight.FullMotion], Array]) -> Array:
-        """A quantity (N, size) at times of any shape, in that shape."""
-        values = quantity(self.full_motion(times))
-        return values.reshape(*np.shape(times), values.shape[1])
 
     @one_thread
     def joint_motion(self, times: Array) -> tuple[Array, Array, Array]:

@@ -18,7 +18,7 @@ from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FILE, FORMAT, PlanRecord, RobotRecord, check_asked
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.example_robots import PREFIX
+from floatplan.robot.urdf.tree import PREFIX
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite

@@ -1,10 +1,13 @@
 """Processes that compute for this one: they import the modules that it does, and end with it.
 
+BLAS is held to one thread while floatplan computes: a sum shared among threads has other last bits.
+
 Nothing else is loaded with this module, so that processes may load while others do.
 """
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import sys
@@ -17,7 +20,15 @@ from multiprocessing import forkserver, get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_lock = threading.Lock()
+_here = threading.local()  # ``held``: whether this thread is in such a call already
+_calls = 0  # under way, in all threads of this process: BLAS has one number of threads for all of them
+_held: list[tuple[Any, int]] = []  # libraries, and the threads that each had before
 
 
 def get_ready(*modules: str) -> ForkServerContext:
@@ -123,3 +134,46 @@ def _begin(ended: Connection, prepare: Callable[..., Any] | None, given: tuple[A
     if prepare is not None:
         global _work
         _work = prepare(*given)
+
+
+@functools.cache
+def _libraries() -> tuple[Any, ...]:
+    """NumPy's BLAS, and what else is loaded when floatplan first computes; looking for them takes milliseconds."""
+    import numpy as np  # noqa: F401 - so that its library is there
+    from threadpoolctl import ThreadpoolController
+
+    return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
+
+
+def _count(more: int) -> None:
+    """Count the calls under way: BLAS is held from the first that begins to the last that ends.
+
+    It costs microseconds, as threads come and go.
+    """
+    global _calls
+    with _lock:
+        if not _calls:
+            _held[:] = [(library, library.num_threads) for library in _libraries()]
+        if not _calls or not _calls + more:
+            for library, threads in _held:
+                if threads != 1:
+                    library.set_num_threads(1 if more > 0 else threads)
+        _calls += more
+
+
+def one_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function compute the same bits whatever the number of threads that BLAS may use, and put that back."""
+
+    @functools.wraps(function)
+    def held(*args: P.args, **kwargs: P.kwargs) -> R:
+        if getattr(_here, "held", False):
+            return function(*args, **kwargs)
+        _count(1)
+        _here.held = True
+        try:
+            return function(*args, **kwargs)
+        finally:
+            _here.held = False
+            _count(-1)
+
+    return held

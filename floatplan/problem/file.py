@@ -21,7 +21,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.example_robots import PREFIX
+from floatplan.robot.urdf.tree import PREFIX
 from floatplan.tables import REST
 
 Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]

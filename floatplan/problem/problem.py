@@ -17,7 +17,7 @@ import numpy as np
 from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
 from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
 from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.robot.leak import refuse_leak

@@ -16,17 +16,15 @@ from floatplan.arguments import FINITE, by_name, for_all, made, many, number, op
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, choose_joints, mirror_couplings, with_motors
-from floatplan.robot.planar.plane import Plane
+from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, mirror_couplings, with_motors
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.example_robots import urdf_path
-from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture, urdf_path
 
 NAME = optional(text)
 NAMES = many(text, "names")

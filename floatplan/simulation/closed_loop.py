@@ -26,7 +26,7 @@ from floatplan.inflight.replanner import Replanner
 from floatplan.motion.flight import LinkShapes
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.planned_motion import least_distances
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation import forward
 from floatplan.simulation.forward import Accelerations, Engine, State

@@ -22,7 +22,7 @@ from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.plans.reading import Recorded, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation import forward

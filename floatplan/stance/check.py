@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -13,29 +14,67 @@ from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
-from floatplan.robot import Robot
+from floatplan.problem.problem import Problem
+from floatplan.stance.contacts import corners, heights_over_com, links_of, undersides
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import JumpState, Stance, flight_state
+from floatplan.stance.model import Spot
+from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
-RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing height
-DRIFT = 1e-3  # [m]
-SPEED = 0.02  # [m/s] of a foot that stands
-GROUND = -1e-6  # [m] of what never stands
-LIFTED = 0.01  # [m] that the lowest point of a link that stands may be above the ground
 SEAM = 1e-6  # [m, rad, per second; over the time unit per second squared] of steps of the motion
-LEAST = ("range", "pull", "ground", "feet", "obstacles", "self_distance")  # figures that are worst where they are least
-PULL = -1e-3  # [-] of the weight
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
-DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
 AROUND = 4e-3  # [s] two steps of a controller at 500 Hz, within which torques change where contacts do
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
-Touching = Mapping[str, tuple[Array, Array]]  # places and Jacobians of what is on the ground, by point's name
-Words = tuple[str, str]  # a figure in words, and its limit
+Value: TypeAlias = tuple[str, float]  # of a figure, at some place and time
+Words: TypeAlias = tuple[str, str]  # a figure in words, and its limit
+
+
+class Figure(NamedTuple):
+    """What is said of a figure, its limit, in its unit, and whether it is worst where it is least."""
+
+    sentence: str
+    limit: float | Callable[[JumpRequest], float]
+    least: bool = False
+
+    def most(self, request: JumpRequest) -> float:
+        """The limit of a jump."""
+        return self.limit(request) if callable(self.limit) else self.limit
+
+
+SHARES = ("torque", "torque_speed", "velocity")  # figures that are shares of limits
+FIGURES = {
+    "residual": Figure("forces are out of balance by {:.2g} of the weight", 1e-3),
+    "torque": Figure("torques take {:.0%} of their limits", lambda request: request.margin["torque"]),
+    "torque_speed": Figure(
+        "torques and rates take {:.0%} of the motors' curves", lambda request: request.margin["torque"]
+    ),
+    "held_torque": Figure("joints that are held take {:.0%} of their efforts", 1.0),
+    "velocity": Figure("rates take {:.0%} of their limits", lambda request: request.margin["velocity"]),
+    "friction": Figure("friction is {:.2f}", lambda request: request.friction),
+    "slip": Figure("horizontal forces leave the cone by {:.2g} of the weight", SLIP),
+    "drift": Figure("feet that stand drift by {:.2g} m", 1e-3),
+    "foot_speed": Figure("feet that stand move at {:.2g} m/s", 0.02),
+    "derivative": Figure("rates and differences of places differ by {:.2g}", 1e-3),
+    "takeoff_seam": Figure("the takeoff's seam is {:.2g}", SEAM),
+    "landing_seam": Figure("the landing's seam is {:.2g}", SEAM),
+    "junction": Figure("where feet come or leave, the motion steps by {:.2g}", SEAM),
+    "gap": Figure("phases are {:.2g} s apart", SEAM),
+    "rest": Figure("at its ends it moves by {:.2g}", SEAM),
+    "level": Figure("what stands is on grounds {:.2g} m apart", SEAM),
+    "torque_step": Figure("torques change by {:.0%} of their limits within 4 ms where contacts do", np.inf),
+    "lifted": Figure("feet that stand are up to {:.2g} m above the ground", 0.01),
+    "circle": Figure("outlines of feet that roll are circles to {:.2g} m", POINT_FEET),
+    "range": Figure("joints keep {:.2g} rad from the ends of their ranges", 0.0, least=True),
+    "pull": Figure("the least vertical force is {:.2g} of the weight", -1e-3, least=True),
+    "ground": Figure("everything else is at least {:.2g} m above the ground", -1e-6, least=True),
+    "feet": Figure("the feet's shapes are at least {:.2g} m above the ground", -POINT_FEET, least=True),
+    "obstacles": Figure("obstacles are {:.2g} m away beyond their margins", 0.0, least=True),
+    "self_distance": Figure("links are {:.2g} m apart beyond their margins", 0.0, least=True),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,170 +107,137 @@ class JumpCheck:
 def check_jump(jump: JumpMotion) -> JumpCheck:
     """Check the stances of a jump at 2 kHz, independently of the program that found them."""
     assert jump.flight is not None
-    lines = [stance.place.imag - stance.contacts[0].depth for stance in jump.stances]
+    grounds = [stance.ground for stance in jump.stances]
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
-    flight = _surroundings(jump, flight_state(jump.flight, times, jump.takeoff_time), min(lines))
-    figures = {**_worst([stance_figures(jump), flight]), **_seams(jump), "level": float(np.ptp(lines))}
+    flown = flight_state(jump.flight, jump.takeoff_time, times)
+    flight = _surroundings(jump, flown, min(grounds))
+    figures = _worst([*_stances(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
     broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
     if not jump.flight.ok:
         broken.append("the flight's plan does not hold")
     return JumpCheck(not broken, figures, (*broken, *held))
 
 
-def _worst(found: Iterable[Mapping[str, float]]) -> dict[str, float]:
+def _worst(found: Iterable[Value]) -> dict[str, float]:
     figures: dict[str, float] = {}
-    for each in found:
-        for name, value in each.items():
-            figures[name] = (min if name in LEAST else max)(figures.get(name, value), value)
+    for name, value in found:
+        figures[name] = (min if FIGURES[name].least else max)(figures.get(name, float(value)), float(value))
     return figures
 
 
 def stance_figures(jump: JumpMotion) -> dict[str, float]:
     """Figures of :class:`JumpCheck`, but for those of seams."""
-    found = []
+    return _worst(_stances(jump))
+
+
+def _stances(jump: JumpMotion) -> Iterator[Value]:
     for stance in jump.stances:
         begin, end = stance.span
         times = np.linspace(begin, end, max(int(np.ceil((end - begin) * RATE)), 8) + 1)
         kinks = stance.grid.times  # there third derivatives may step
         apart = np.abs(times - kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]) > APART
-        times = np.sort(np.concatenate((times[apart], kinks)))
-        state = stance.at(times)
-        touching = stance.touching(state.positions)
-        found.append(_dynamics(jump, stance, state, touching))
-        found.append(_feet(stance, state, touching, jump.request.friction))
-        found.append(_surroundings(jump, state, stance.place.imag - stance.contacts[0].depth, stance))
-    return _worst(found)
+        state = stance.at(np.sort(np.concatenate((times[apart], kinks))))
+        yield from _dynamics(jump, stance, state)
+        yield from _feet(stance, state, jump.request.friction)
+        yield from _surroundings(jump, state, stance.ground, stance)
 
 
-def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState, touching: Touching) -> dict[str, float]:
-    robot, problem = stance.robot, jump.problem
-    weight = robot.mass * stance.gravity
-    model, data = robot.model, robot.model.createData()
-    standing = pin.centerOfMass(model, data, state.positions[0]) @ robot.plane.vertical
-    height = float(standing - stance.place.imag + stance.contacts[0].depth)
-    wrench = np.empty_like(state.positions)
-    for row, (q, v, a) in enumerate(zip(state.positions, state.velocities, state.accelerations, strict=True)):
-        lifted = a.copy()
-        lifted[1] += stance.gravity
-        wrench[row] = pin.rnea(model, data, q, v, lifted)
-    for name, (_, jacobians) in touching.items():
-        wrench -= np.einsum("ni,nij->nj", state.forces[name], jacobians)
-    residual = np.abs(wrench[:, :3]) / [weight, weight, weight * height]
-    motors = wrench @ robot.transmission
-    planned = np.linalg.pinv(robot.selection).T
-    rates = state.velocities @ planned
-    shares = (motors / problem.motor_torque_limits, wrench @ robot.selection / problem.torque_limits)
-    found = {"residual": float(residual.max()), "torque": max(float(np.abs(each).max()) for each in shares)}
-    own = np.abs(motors) + problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
-    found["torque_speed"] = float((own / problem.motor_stall).max())
-    found["velocity"] = float((np.abs(rates) / problem.velocity_limits).max())
-    efforts = np.where(robot.model.effortLimit > 0, robot.model.effortLimit, np.inf)
+def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Value]:
+    robot, problem, torques = stance.robot, jump.problem, state.torques
+    model, weight = robot.model, robot.mass * stance.gravity
+    standing = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
+    height = float(standing) - stance.ground
+    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * height]).max()
+    yield from ((name, shares.max()) for name, shares in limit_shares(problem, state).items())
+    yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
-    found["held_torque"] = float((np.abs(wrench[:, locked]) / efforts[locked]).max(initial=0.0))
-    joints = _joints(robot, state)
-    low, high = np.asarray(problem.position_limits).T
-    found["range"] = float(np.minimum(joints - low, high - joints).min())
+    efforts = [robot.layout.tree.joint[name].effort for name in robot.locked]
+    yield "held_torque", (np.abs(torques[:, locked]) / efforts).max(initial=0.0)
+    joints, (low, high) = state.planned(robot)[1:].T, np.asarray(problem.position_limits).T
+    yield "range", np.minimum(joints - low, high - joints).min()
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
         mean = (ahead[1:] + ahead[:-1]) / 2
         difference = np.diff(behind, axis=0) / np.diff(state.times)[:, None]
-        scale = np.abs(ahead).max() + 1e-9
-        found["derivative"] = max(found.get("derivative", 0.0), float(np.abs(mean - difference).max() / scale))
-    return found
+        yield "derivative", np.abs(mean - difference).max() / (np.abs(ahead).max() + 1e-9)
 
 
-def _feet(stance: Stance, state: JumpState, touching: Touching, friction: float) -> dict[str, float]:
+def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
+    """Shares of limits at N instants, by ``SHARES``: (N, motors) of torque and torque-speed curve, (N, n) of rates."""
+    robot = problem.robot
+    motors, rates = np.abs(state.torques @ robot.transmission), state.velocities @ np.linalg.pinv(robot.selection).T
+    slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
+    found = motors / problem.motor_torque_limits, (motors + slowed) / problem.motor_stall
+    return dict(zip(SHARES, (*found, np.abs(rates) / problem.velocity_limits), strict=True))
+
+
+def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
     """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
-    tree, weight = stance.robot.tree, stance.robot.mass * stance.gravity
-    angles = tree.absolute_angles(state.positions[:, 2], _joints(stance.robot, state))
-    drifts, speeds = [], []
+    robot, tree, weight = stance.robot, stance.robot.tree, stance.robot.mass * stance.gravity
+    y, touching = state.planned(robot), stance.touching(state.positions)
+    angles = tree.absolute_angles(y[0], y[1:].T)
     for contact in stance.contacts:
         for name, spot in zip(contact.names, contact.spots, strict=True):
             places, jacobians = touching[name]
-            along = places @ stance.robot.plane.horizontal + tree.turn * spot.radius * angles[:, spot.body]
-            drifts += [np.ptp(along), np.ptp(places @ stance.robot.plane.vertical)]
-            speeds.append(np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max())
-    found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf}
-    found |= {"drift": float(max(drifts)), "foot_speed": float(max(speeds))}
-    for horizontal, vertical in (each.T for each in state.forces.values()):
-        pressed = vertical > LIGHT * weight
-        found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
-        found["slip"] = max(
-            found["slip"], float((np.abs(horizontal) - friction * np.maximum(vertical, 0)).max() / weight)
-        )
-        found["pull"] = min(found["pull"], float(vertical.min() / weight))
-    return found
+            yield "drift", np.ptp(places @ robot.plane.horizontal + tree.turn * spot.radius * angles[:, spot.body])
+            yield "drift", np.ptp(places @ robot.plane.vertical)
+            yield "foot_speed", np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max()
+            horizontal, vertical = np.abs(state.forces[name][:, 0]), state.forces[name][:, 1]
+            pressed = vertical > LIGHT * weight
+            yield "friction", (horizontal[pressed] / vertical[pressed]).max(initial=0.0)
+            yield "slip", (horizontal - friction * np.maximum(vertical, 0)).max() / weight
+            yield "pull", vertical.min() / weight
 
 
-def _joints(robot: Robot, state: JumpState) -> Array:
-    """Planned joints (N, n), rad."""
-    return (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T
-
-
-def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stance | None = None) -> dict[str, float]:
+def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Stance | None = None) -> Iterator[Value]:
     """Heights over the ground, m, by the corners of the hulls; least distances from obstacles, and between links.
 
     ``stance`` is what stands, nothing where there is none.
     """
-    robot = jump.problem.robot
-    tree = robot.tree
-    theta, base = state.positions[:, 2], state.positions[:, 0] + 1j * state.positions[:, 1]
-    angles = tree.absolute_angles(theta, _joints(robot, state))
-    rotations = tree.rotations(angles)
-    com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
+    robot, y = jump.problem.robot, state.planned(jump.problem.robot)
+    base = state.positions[:, 0] + 1j * state.positions[:, 1]
+    com = base - heights_over_com(robot, [Spot(0, 0j)], y)[:, 0]
     own = () if stance is None else stance.contacts
-    feet, stands, rolls = (
-        {robot.contact_link(robot.frames[frame].link) for one in contacts for frame in one.frames}
-        for contacts in ([one for on in jump.stances for one in on.contacts], own, [one for one in own if one.radius])
-    )
-    found = {"ground": np.inf, "feet": np.inf, "lifted": 0.0}
+    feet = links_of(robot, [contact for each in jump.stances for contact in each.contacts])
+    stands, rolls = links_of(robot, own), links_of(robot, [each for each in own if each.radius])
+    yield from (("ground", np.inf), ("feet", np.inf), ("lifted", 0.0))
     for link, hull in robot.link_hulls.items():
-        bodies = np.array([each.body for each in hull for _ in range(2)])
-        ends = np.array([end for each in hull for end in (each.start, each.end)])
-        radii = np.repeat([each.radius for each in hull], 2)
-        heights = (rotations @ tree.point_weights(bodies, ends).T + com[:, None]).imag - radii - line
-        kind = "feet" if link in feet else "ground"
-        found[kind] = min(found[kind], float(heights.min()))
+        heights = undersides(robot, corners(hull), y) + com.imag[:, None] - ground
+        yield "feet" if link in feet else "ground", heights.min()
         if link in stands:
-            found["lifted"] = max(found["lifted"], float(heights.min(axis=1).max()))
+            yield "lifted", heights.min(axis=1).max()
         if link in rolls:
-            found["circle"] = max(found.get("circle", 0.0), float(np.abs(heights.min(axis=1)).max()))
-    segments = LinkShapes(tree, robot.shapes).place(com, angles)
-    links = [shape.link for shape in robot.shapes]
+            yield "circle", np.abs(heights.min(axis=1)).max()
+    segments = LinkShapes(robot.tree, robot.shapes).place(com, robot.tree.absolute_angles(y[0], y[1:].T))
+    links = np.array([shape.link for shape in robot.shapes])
     for pair in jump.problem.self_clearances:
-        first, second = (segments.of(np.flatnonzero([name == link for name in links])) for link in pair.links)
-        least = float(pair_distances(first, second).min()) - pair.margin
-        found["self_distance"] = min(found.get("self_distance", np.inf), least)
-    if jump.problem.obstacles:
-        since = state.times - jump.takeoff_time
-        distances = [least_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
-        if np.isfinite(min(distances)):
-            found["obstacles"] = float(min(distances))
-    return found
+        first, second = (segments.of(np.flatnonzero(links == link)) for link in pair.links)
+        yield "self_distance", pair_distances(first, second).min() - pair.margin
+    for obstacle in jump.problem.obstacles:
+        least = least_distances(segments, obstacle, state.times - jump.takeoff_time).min() - obstacle.margin
+        if np.isfinite(least):
+            yield "obstacles", least
 
 
-def _seams(jump: JumpMotion) -> dict[str, float]:
+def _seams(jump: JumpMotion) -> Iterator[Value]:
     """Steps of places, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
     assert jump.flight is not None
     flight, limits = jump.flight, jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
-    takes_off, lands = (flight_state(flight, np.array([time]), 0.0) for time in (0.0, flight.duration))
+    takes_off, lands = (flight_state(flight, 0.0, np.array([time])) for time in (0.0, flight.duration))
     seams = [("takeoff_seam", jump.before[-1], 1, takes_off), ("landing_seam", jump.after[0], 0, lands)]
-    for side in (jump.before, jump.after):
-        seams += [("junction", one, 1, two.at(np.array(two.span[:1]))) for one, two in itertools.pairwise(side)]
-    found = dict.fromkeys(("takeoff_seam", "landing_seam", "torque_step"), 0.0)
+    yield "gap", abs(jump.before[0].span[0])
+    yield "gap", abs(jump.takeoff_time + flight.duration - jump.after[0].span[0])
+    for one, two in itertools.chain(itertools.pairwise(jump.before), itertools.pairwise(jump.after)):
+        seams.append(("junction", one, 1, two.at(np.array(two.span[:1]))))
+        yield "gap", abs(one.span[1] - two.span[0])
     for name, stance, end, other in seams:
-        found[name] = max(found.get(name, 0.0), _step(stance.at(np.array([stance.span[end]])), other, unit))
+        yield name, _step(stance.at(np.array([stance.span[end]])), other, unit)
         around = np.clip(stance.span[end] + np.array([-0.5, 0.5]) * AROUND, 0.0, jump.duration)
         step = np.diff(jump.at(around).torques @ jump.problem.robot.transmission, axis=0) / limits
-        found["torque_step"] = max(found["torque_step"], float(np.abs(step).max()))
-    gaps = [jump.before[0].span[0], jump.takeoff_time + flight.duration - jump.after[0].span[0]]
-    gaps += [one.span[1] - two.span[0] for side in (jump.before, jump.after) for one, two in itertools.pairwise(side)]
-    found["gap"] = float(np.abs(gaps).max())
+        yield "torque_step", np.abs(step).max()
     for stance, end in ((jump.before[0], 0), (jump.after[-1], 1)):
         moves = stance.at(np.array([stance.span[end]]))
-        rest = max(float(np.abs(moves.velocities).max()) * unit, float(np.abs(moves.accelerations).max()) * unit**2)
-        found["rest"] = max(found.get("rest", 0.0), rest)
-    return found
+        yield "rest", max(np.abs(moves.velocities).max() * unit, np.abs(moves.accelerations).max() * unit**2)
 
 
 def _step(one: JumpState, other: JumpState, unit: float) -> float:
@@ -243,45 +249,11 @@ def _step(one: JumpState, other: JumpState, unit: float) -> float:
 
 def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Words], list[Words]]:
     """What is said of figures, of those that are there, each with its limit: what does not hold, and what does."""
-    margin, friction = request.margin, request.friction
-    torque, velocity = margin["torque"], margin["velocity"]
-    rules = [
-        ("residual", RESIDUAL, "forces are out of balance by {:.2g} of the weight"),
-        ("torque", torque, "torques take {:.0%} of their limits"),
-        ("torque_speed", torque, "torques and rates take {:.0%} of the motors' curves"),
-        ("held_torque", 1.0, "joints that are held take {:.0%} of their efforts"),
-        ("velocity", velocity, "rates take {:.0%} of their limits"),
-        ("friction", friction, "friction is {:.2f}"),
-        ("slip", SLIP, "horizontal forces leave the cone by {:.2g} of the weight"),
-        ("drift", DRIFT, "feet that stand drift by {:.2g} m"),
-        ("foot_speed", SPEED, "feet that stand move at {:.2g} m/s"),
-        ("derivative", DERIVATIVE, "rates and differences of places differ by {:.2g}"),
-        ("takeoff_seam", SEAM, "the takeoff's seam is {:.2g}"),
-        ("landing_seam", SEAM, "the landing's seam is {:.2g}"),
-        ("junction", SEAM, "where feet come or leave, the motion steps by {:.2g}"),
-        ("gap", SEAM, "phases are {:.2g} s apart"),
-        ("rest", SEAM, "at its ends it moves by {:.2g}"),
-        ("level", SEAM, "what stands is on grounds {:.2g} m apart"),
-        ("torque_step", np.inf, "torques change by {:.0%} of their limits within 4 ms where contacts do"),
-        ("lifted", LIFTED, "feet that stand are up to {:.2g} m above the ground"),
-        ("circle", POINT_FEET, "outlines of feet that roll are circles to {:.2g} m"),
-    ]
-    least = [
-        ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),
-        ("pull", PULL, "the least vertical force is {:.2g} of the weight"),
-        ("ground", GROUND, "everything else is at least {:.2g} m above the ground"),
-        ("feet", -POINT_FEET, "the feet's shapes are at least {:.2g} m above the ground"),
-        ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
-        ("self_distance", 0.0, "links are {:.2g} m apart beyond their margins"),
-    ]
-    held: list[Words] = []
-    broken: list[Words] = []
-    for name, limit, sentence in rules:
+    said: tuple[list[Words], list[Words]] = [], []
+    for name, figure in FIGURES.items():
         if name in figures:
-            words = sentence.format(figures[name]), f"{limit:g} at most" if np.isfinite(limit) else "without limit"
-            (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(words)
-    for name, limit, sentence in least:
-        if name in figures:
-            words = sentence.format(figures[name]), f"{limit:g} at least"
-            (held if figures[name] >= limit else broken).append(words)
-    return broken, held
+            value, most = figures[name], figure.most(request)
+            bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "without limit"
+            holds = value >= most if figure.least else value <= most * (1 + ROUNDING)
+            said[holds].append((figure.sentence.format(value), bound))
+    return said

@@ -69,9 +69,21 @@ class Contact:
 
 
 def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexArray:
-    """Places (points,) relative to the centre of mass in a posture y (n+1,), m: horizontal + i vertical."""
+    """Places (.., points) relative to the centre of mass in postures y (n+1, ..), m: horizontal + i vertical."""
     turned, _ = np.split(spot_weights(robot, spots), 2, axis=1)
-    return np.asarray(turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:])))
+    return np.asarray((turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:].T)).T).T)
+
+
+def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[float, float]:
+    """From one spot to another in a posture y (n+1,), where what rolls would be at its body's angle 0, m."""
+    angles, (one, two) = robot.tree.absolute_angles(y[0], y[1:]), spot_weights(robot, [first, second])
+    way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
+    return float(way.real), float(way.imag)
+
+
+def links_of(robot: Robot, contacts: Iterable[Contact]) -> set[str | None]:
+    """Links on which contacts stand."""
+    return {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
 
 
 def ground_below(robot: Robot, contact: Contact, y: Array) -> float:
@@ -85,7 +97,7 @@ def corners(shapes: Iterable[LinkCapsule]) -> list[Spot]:
 
 
 def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
-    """Heights (spots,) of the lowest points of circles, over the centre of mass in a posture y (n+1,), m."""
+    """Heights (.., spots) of the lowest points of circles, over the centre of mass in postures y (n+1, ..), m."""
     return np.asarray(heights_over_com(robot, spots, y).imag - [each.radius for each in spots])
 
 
@@ -241,7 +253,7 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
         if contact.suffix or thigh <= 0 or np.count_nonzero(ways) != 1:
             continue
         spots, knee = [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], int(np.flatnonzero(ways)[0])
-        hip, middle, foot = np.array([heights_over_com(robot, spots, y) for y in postures]).T
+        hip, middle, foot = heights_over_com(robot, spots, postures.T).T
         bends = np.angle((foot - middle) / (middle - hip))
         if (np.abs(np.sin(bends)) > BENT).all():
             ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends
@@ -272,7 +284,7 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
     room : kept from the ground, m, or half the height where the robot stands; of feet nothing is
     """
     feet = [spot for each in contacts for spot in each.spots]
-    feet_links = {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
+    feet_links = links_of(robot, contacts)
     circles = [(spot, each.depth + FITS) for each in contacts for spot in each.spots]
     hulls = robot.hulls(dict.fromkeys(frame for each in contacts for frame in each.frames))
     kept: dict[tuple[float, ...], list[tuple[Spot, bool]]] = {}

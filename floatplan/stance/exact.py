@@ -10,21 +10,22 @@ All this is done on a fine grid, between which quintics are as good as exact.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly
 from scipy.optimize import root
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.plans.plan import Plan
+from floatplan.stance.contacts import heights_over_com, way_between
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, hermite, refined, values
-from floatplan.stance.phases import Phase
+from floatplan.stance.motion import Grid, Stance, hermite, quintic, refined, values
+from floatplan.stance.phases import Phase, instants
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.rows import axes_of, balanced, closures, spread
+from floatplan.stance.rows import axes_of, balanced, spread
 
 REFINED = 4  # [-] steps of the grid in an interval of the program
 SUBSTEPS = 4  # [-] of the differential equation in a step of the grid
@@ -44,26 +45,20 @@ class StanceDynamics:
         own, pairs = balanced(model, phase, forces)
         moments = model.moments(phase.anchor.spots[0], spread(phase.contacts, [own, *pairs]))
         self.moment = model.function("moment", [ca.sum1(moments)], forces)
-        parts = [self._closure(contact, home) for contact in phase.others]
+        parts, anchor = list[Any](), phase.anchor.spots[0]
+        for spot, axes in ((contact.spots[0], axes_of(contact)) for contact in phase.others):
+            places, at_home = model.places(model.weights([spot], anchor)), way_between(model.robot, anchor, spot, home)
+            parts += [places[k] - at_home[k] for k in axes]
         closure = ca.vertcat(*parts) if parts else ca.SX(0, 1)
-        rate = ca.jtimes(closure, model.y, model.v)
-        self.closure = model.function("closure", [closure, ca.jacobian(closure, model.y)])
-        drift = ca.jtimes(rate, model.y, model.v)
-        self.drift = model.function("drift", [drift])
-        self.size = closures(phase)
+        drift = ca.jtimes(ca.jtimes(closure, model.y, model.v), model.y, model.v)
+        self.closure = model.function("closure", [closure, ca.jacobian(closure, model.y), drift])
+        self.size = len(parts)  # of the closure: places of contacts less where they stand, m, of a heel its height
         none = np.zeros(2 * len(phase.others))
         total, _ = balanced(model, phase, none)
         self.total = model.function("total", total)
         alone = self.moment(model.y, model.v, model.a, none)
         falls = ca.vertcat(*total, alone, ca.mtimes(ca.jacobian(closure, model.y), model.a) + drift)
         self.falls = model.function("falls", [falls, ca.jacobian(falls, model.a)])
-
-    def _closure(self, contact: Contact, home: Array) -> Any:
-        """Place of a contact less where it stands, m; of a heel its height."""
-        model, anchor = self.model, self.phase.anchor.spots[0]
-        places = model.places(model.weights(contact.spots[:1], anchor))
-        at_home = model.function("place", places)(home, 0 * home, 0 * home)
-        return casadi().vertcat(*[places[k] - at_home[k] for k in axes_of(contact)])
 
     @cached_property
     def dependent(self) -> list[int]:
@@ -87,26 +82,22 @@ class StanceDynamics:
         rest, one = (np.asarray(self.moment(y, v, each, forces)).ravel() for each in (still, unit))
         return np.asarray(-rest / (one - rest))
 
-    def close(self, y: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Return y, v, a (n+1, N) with the dependent joints as the closure demands."""
-        y, v, a = y.copy(), v.copy(), a.copy()
+    def close(self, y: Array, v: Array, a: Array) -> Array:
+        """Return y, v, a (3, n+1, N) with the dependent joints as the closure demands."""
+        motion, columns = np.stack((y, v, a)), self.dependent
         if not self.size:
-            return y, v, a
-        columns, count = self.dependent, y.shape[1]
+            return motion
         for _ in range(NEWTON):
-            value, jacobian = self._closed(y, v, a)
-            y[columns] -= np.linalg.solve(jacobian[:, :, columns], value[:, :, None])[:, :, 0].T
+            value, ways, _ = self._closed(motion)
+            motion[0, columns] -= np.linalg.solve(ways[:, :, columns], value)[:, :, 0].T
             if np.abs(value).max() < CLOSED:
                 break
-        _, jacobian = self._closed(y, v, a)
-        own = jacobian[:, :, columns]
-        v[columns] = 0.0
-        v[columns] = -np.linalg.solve(own, np.einsum("nij,jn->ni", jacobian, v)[:, :, None])[:, :, 0].T
-        drift = np.asarray(self.drift(y, v, a)).reshape(self.size, count, order="F").T
-        a[columns] = 0.0
-        rest = np.einsum("nij,jn->ni", jacobian, a) + drift
-        a[columns] = -np.linalg.solve(own, rest[:, :, None])[:, :, 0].T
-        return y, v, a
+        for order in (1, 2):
+            motion[order, columns] = 0.0
+            _, ways, drift = self._closed(motion)
+            rest = ways @ motion[order].T[:, :, None] + (drift if order == 2 else 0.0)
+            motion[order, columns] = -np.linalg.solve(ways[:, :, columns], rest)[:, :, 0].T
+        return motion
 
     def released(self, y: Array, v: Array, a: Array) -> Array:
         """Accelerations (n+1,) nearest to ``a`` with which the robot falls freely while its feet are still at rest.
@@ -123,7 +114,7 @@ class StanceDynamics:
         """
         if len(grid.ratios) != 1:
             return grid.ratios
-        ratio, motion = grid.ratios, (grid.y, grid.v, grid.a)
+        ratio, motion = grid.ratios, grid.motion
         horizontal, vertical = (np.asarray(each) for each in self.total(*motion))
         if self.phase.others[0].vertical:
             return np.asarray(horizontal / np.maximum(vertical, FALLING * self.model.robot.mass))
@@ -135,13 +126,10 @@ class StanceDynamics:
         light = other < FALLING * self.model.robot.mass
         return np.where(light, ratio, (horizontal - taken) / np.where(light, 1.0, other))
 
-    def _closed(self, y: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Closure (N, c) and its derivative (N, c, n+1)."""
-        count, size = y.shape[1], len(y)
-        value, jacobian = self.closure(y, v, a)
-        values = np.asarray(value).reshape(self.size, count, order="F").T
-        blocks = np.asarray(jacobian).reshape(self.size, count, size) if count == 1 else np.asarray(jacobian)
-        return values, blocks.reshape(self.size, count, size).transpose(1, 0, 2)
+    def _closed(self, motion: Array) -> Iterator[Array]:
+        """Closure (N, c, 1), its derivative (N, c, n+1), and (N, c, 1) its second one by time without accelerations."""
+        for each in self.closure(*motion):
+            yield np.asarray(each).reshape(self.size, motion.shape[2], -1).transpose(1, 0, 2)
 
 
 class OnePoint:
@@ -176,33 +164,22 @@ class OnePoint:
         forward = ca.Function("step", [state, joints, step], [state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
         self._steps = forward.mapaccum(SUBSTEPS * (len(times) - 1))
 
-    def follow(self, joints: Any, start: tuple[float, float]) -> tuple[Array, Array, Array]:
-        """Return y, v, a (n+1, G) at the times.
+    def follow(self, joints: Callable[[Array], Any], start: tuple[float, float]) -> Array:
+        """Return y, v, a (3, n+1, G) at the times.
 
         Parameters
         ----------
         joints : function of times (N,) that returns q, q', q'' (n, N)
         start : orientation and its rate at the first time
         """
-        times = self.times
-        fine = refined(times, SUBSTEPS)
+        fine = refined(self.times, SUBSTEPS)
         steps = np.diff(fine)
         stages = [np.concatenate(joints(each)) for each in (fine[:-1], fine[:-1] + steps / 2, fine[1:])]
         found = np.asarray(self._steps(np.array(start), np.concatenate(stages), steps[None]))
-        path = np.concatenate((np.array(start)[:, None], found[:, SUBSTEPS - 1 :: SUBSTEPS]), axis=1)
-        q, qd, qdd = joints(times)
-        y, v = np.vstack((path[0], q)), np.vstack((path[1], qd))
-        a = np.vstack((np.zeros(len(times)), qdd))
-        a[0] = self.dynamics.turned(y, v, a)
-        return y, v, a
-
-
-def blend(times: Array, near: float, far: float, changes: Array) -> tuple[Array, Array, Array]:
-    """Return a quintic and two derivatives (rows, N): ``changes`` (rows, 3) at ``near``, all zero at ``far``."""
-    order = np.argsort([near, far])
-    ends = np.zeros((2, 3, len(changes)))
-    ends[0] = changes.T
-    return values(BPoly.from_derivatives(np.array([near, far])[order], ends[order]), times)
+        motion = np.insert(np.stack(joints(self.times)), 0, 0.0, axis=1)
+        motion[:2, 0] = np.insert(found[:, SUBSTEPS - 1 :: SUBSTEPS], 0, start, axis=1)
+        motion[2, 0] = self.dynamics.turned(*motion)
+        return motion
 
 
 def released(program: JumpProgram, solution: Solution) -> Solution:
@@ -219,134 +196,100 @@ def released(program: JumpProgram, solution: Solution) -> Solution:
 
 
 def exact_stances(
-    program: JumpProgram, solution: Solution, side: str, y: Array, rate: float, com: complex
+    program: JumpProgram, solution: Solution, side: str, plan: Plan, rate: float | None = None
 ) -> tuple[Stance, ...]:
     """Return the stances of one side, in order of time, exact from the flight's end on.
 
     Parameters
     ----------
     side : "takeoff" or "landing"
-    y : (n+1,) rad, where the flight begins or ends
-    rate : of the orientation there, rad/s
-    com : place of the centre of mass there, m, horizontal + i vertical
+    plan : of the flight
+    rate : of the orientation where it begins or ends, rad/s; the plan's if left out
     """
-    phases = [phase for phase in program.phases if phase.side == side]
-    robot, anchor = program.model.robot, phases[-1 if side == "takeoff" else 0].anchor
-    spot, angles = anchor.spots[0], robot.tree.absolute_angles(y[0], y[1:])
-    place = com + complex(heights_over_com(robot, [spot], y)[0]) + robot.tree.turn * spot.radius * angles[spot.body]
-    pairs = zip(phases, exact_side(program, solution, side, (float(y[0]), rate)), strict=True)
-    return tuple(Stance(robot, program.model.gravity, phase.contacts, place, grid) for phase, grid in pairs)
-
-
-def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tuple[float, float]) -> list[Grid]:
-    """Motion of the stances of one side; ``meeting``: orientation and its rate where the flight is, rad and rad/s."""
-    indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
-    outwards = indices[::-1] if side == "takeoff" else indices
-    home = program.ends[0 if side == "takeoff" else 1]
-    grids: dict[int, Grid] = {}
-    first = _nodes(program, solution, outwards[0])
-    dynamics = StanceDynamics(program.model, program.phases[outwards[0]], home)
-    junction: tuple[Array, Array, Array] | None = None
-    if not dynamics.phase.others:
-        times = first.times[::-1] if side == "takeoff" else first.times
-        outer = program.phases[outwards[1]] if len(outwards) > 1 else None
-        beyond = None if outer is None else StanceDynamics(program.model, outer, home)
-        y, v, a = _one_point(OnePoint(dynamics, times), first, meeting, home, beyond)
-        junction = y[:, -1:], v[:, -1:], a[:, -1:]
-        order = np.argsort(times)
-        grids[outwards[0]] = Grid(times[order], y[:, order], v[:, order], a[:, order], first.ratios)
-        outwards = outwards[1:]
-    for index in outwards:
+    near, far, way = (-1, 0, -1) if side == "takeoff" else (0, -1, 1)  # ends of phases, and from where to where
+    outwards = [index for index, phase in enumerate(program.phases) if phase.side == side][::way]
+    state = plan.at(0.0 if side == "takeoff" else plan.duration)
+    y, rate = np.append(state.orientation, state.positions), float(state.orientation_rate) if rate is None else rate
+    robot, spot, gravity = program.model.robot, program.phases[outwards[0]].anchor.spots[0], program.model.gravity
+    rolled = robot.tree.turn * spot.radius * robot.tree.absolute_angles(y[0], y[1:])[spot.body]
+    place = complex(*state.com_position) + complex(heights_over_com(robot, [spot], y)[0]) + rolled
+    home, stances, junction = program.ends[far], list[Stance](), None
+    each = [StanceDynamics(program.model, program.phases[index], home) for index in outwards]
+    for index, dynamics, beyond in zip(outwards, each, [*each[1:], None], strict=True):
         nodes = _nodes(program, solution, index)
-        dynamics = StanceDynamics(program.model, program.phases[index], home)
-        y, v, a = nodes.y, nodes.v, nodes.a
-        if junction is not None:
-            near, far = (nodes.times[-1], nodes.times[0]) if side == "takeoff" else (nodes.times[0], nodes.times[-1])
-            at = -1 if side == "takeoff" else 0
-            change = np.stack([part[:, 0] - own[:, at] for part, own in zip(junction, (y, v, a), strict=True)], axis=1)
-            free = [row for row in range(program.size) if row not in dynamics.dependent]
-            parts = blend(nodes.times, float(near), float(far), change[free])
-            y, v, a = y.copy(), v.copy(), a.copy()
-            for own, part in zip((y, v, a), parts, strict=True):
-                own[free] += part
-        y, v, a = dynamics.close(y, v, a)
-        grid = Grid(nodes.times, y, v, a, nodes.ratios)
-        grids[index] = replace(grid, ratios=dynamics.shared(grid, program.node.bounds.friction))
-        inner = 0 if side == "takeoff" else -1
-        junction = y[:, [inner]], v[:, [inner]], a[:, [inner]]
-    return [grids[index] for index in indices]
+        if junction is None and not dynamics.phase.others:
+            point = OnePoint(dynamics, nodes.times[::way])
+            motion = _one_point(point, nodes, (float(y[0]), rate), home, beyond)[:, :, ::way]
+        else:
+            motion = nodes.motion
+            if junction is not None:
+                free = np.delete(np.arange(program.size), dynamics.dependent)
+                change = (junction - motion[:, :, near])[:, free]
+                motion[:, free] += quintic(nodes.times, nodes.times[[0, -1]], *(change, 0 * change)[::way])
+            motion = dynamics.close(*motion)
+        junction = motion[:, :, far]
+        grid = Grid(nodes.times, motion[0], motion[1], motion[2], nodes.ratios)
+        grid = replace(grid, ratios=dynamics.shared(grid, program.node.bounds.friction))
+        stances.append(Stance(robot, gravity, dynamics.phase.contacts, place, grid))
+    return tuple(stances[::way])
 
 
 def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:
     """A phase of the program's solution on the fine grid."""
-    phase = program.phases[index]
-    begins = np.concatenate(([0.0], np.cumsum(solution.durations)))
-    coarse = begins[index] + solution.durations[index] * phase.shares
-    columns = slice(program.starts[index], program.starts[index + 1] + 1)
-    curve = hermite(coarse, solution.y[:, columns], solution.v[:, columns], solution.a[:, columns])
+    nodes = slice(program.starts[index], program.starts[index + 1] + 1)
+    coarse = instants(program.phases, solution.durations)[nodes]
     fine = refined(coarse, REFINED)
-    forces = solution.forces[index]
-    horizontal, vertical = forces[0::2], forces[1::2]
+    horizontal, vertical = solution.forces[index][0::2], solution.forces[index][1::2]
     small = vertical < 1e-3 * program.node.weight
     ratios = np.where(small, 0.0, horizontal / np.where(small, 1.0, vertical))
     for row, lost in zip(ratios, small, strict=True):
         row[lost] = np.interp(np.flatnonzero(lost), np.flatnonzero(~lost), row[~lost]) if (~lost).any() else 0.0
-    spread_out = np.array([np.interp(fine, coarse, row) for row in ratios]).reshape(len(ratios), len(fine))
-    return Grid(fine, *values(curve, fine), spread_out)
+    between = np.array([np.interp(fine, coarse, row) for row in ratios]).reshape(len(ratios), len(fine))
+    y, v, a = values(hermite(coarse, np.stack((solution.y, solution.v, solution.a))[:, :, nodes]), fine)
+    return Grid(fine, y, v, a, between)
 
 
 def _one_point(
     stance: OnePoint, nodes: Grid, meeting: tuple[float, float], home: Array, beyond: StanceDynamics | None
-) -> tuple[Array, Array, Array]:
-    """Motion on one point from the flight's end to the next phase, whose feet stand there; or to rest.
+) -> Array:
+    """Motion (3, n+1, G) on one point from the flight's end to the next phase, whose feet stand there; or to rest.
 
     Unknowns are changes of joints: at the junction, of those that the next closure leaves no choice; or in between.
     """
-    near, far = float(stance.times[-1]), float(stance.times[0])
-    n, span = len(nodes.y) - 1, abs(far - near)
-    scale = np.array([1.0, 1 / span, 1 / span**2])
+    n, ends, way = len(nodes.y) - 1, nodes.times[[0, -1]], 1 if stance.times[0] > stance.times[-1] else -1
+    span = ends[1] - ends[0]
+    scale = np.array([[1.0], [1 / span], [1 / span**2]])
     rows = [] if beyond is None else [each - 1 for each in beyond.dependent]
 
-    def joints(unknown: Array, times: Array) -> tuple[Array, ...]:
-        parts = [part[1:].copy() for part in nodes.at(times)]
-        changes = (
-            blend(times, near, far, unknown.reshape(len(rows), 3) * scale)
-            if rows
-            else _bumps(times, near, far, unknown.reshape(n, 2))
-        )
-        for part, change in zip(parts, changes, strict=True):
-            part[rows if rows else slice(None)] += change
-        return tuple(parts)
+    def follow(unknown: Array) -> Array:
+        def joints(times: Array) -> Array:
+            found = nodes.at(times)[:, 1:]
+            if beyond is None:
+                return found + _bumps(times, ends, unknown.reshape(n, 2))
+            change = scale * unknown.reshape(3, -1)
+            found[:, rows] += quintic(times, ends, *(change, 0 * change)[::way])
+            return found
 
-    def follow(unknown: Array) -> tuple[Array, Array, Array]:
-        return stance.follow(lambda times: joints(unknown, times), meeting)
+        return stance.follow(joints, meeting)
 
     def residual(unknown: Array) -> Array:
-        y, v, a = (part[:, -1:] for part in follow(unknown))
+        last = follow(unknown)[:, :, -1:]
         if beyond is None:
-            return np.array([y[0, 0] - home[0], v[0, 0] * span])
-        wanted = beyond.close(y, v, a)
-        own = np.stack([(new - old)[1:][rows, 0] for new, old in zip(wanted, (y, v, a), strict=True)], axis=1)
-        return np.asarray((own / scale).ravel())
+            return np.array([last[0, 0, 0] - home[0], last[1, 0, 0] * span])
+        return np.asarray(((beyond.close(*last) - last)[:, beyond.dependent, 0] / scale).ravel())
 
-    if rows:
-        found = root(residual, np.zeros(3 * len(rows)), method="hybr", options={"xtol": 1e-13}).x
-    else:
-        found = _least_change(residual, np.zeros(2 * n))
-    return follow(found)
+    if beyond is None:
+        return follow(_least_change(residual, np.zeros(2 * n)))
+    start = np.zeros(3 * len(beyond.dependent))
+    return follow(root(residual, start, method="hybr", options={"xtol": 1e-13}).x)
 
 
-def _bumps(times: Array, near: float, far: float, sizes: Array) -> tuple[Array, Array, Array]:
-    """Changes (n, N) that vanish with two derivatives at both ends, and their derivatives; sizes (n, 2)."""
-    span = far - near
-    s = (times - near) / span
-    base = np.polynomial.Polynomial([0, 0, 0, 64, -192, 192, -64])
-    shapes = [base, base * np.polynomial.Polynomial([-1, 2])]
-    found = []
-    for order in range(3):
-        values = np.array([(shape.deriv(order) if order else shape)(s) for shape in shapes]) / span**order
-        found.append(sizes @ values)
-    return found[0], found[1], found[2]
+def _bumps(times: Array, span: Array, sizes: Array) -> Array:
+    """Changes (3, n, N) with two derivatives, all of which vanish at two times (2,); sizes (n, 2)."""
+    lasts, base = span[1] - span[0], np.polynomial.Polynomial([0, 0, 0, 64, -192, 192, -64])
+    s, shapes = (times - span[0]) / lasts, [base, base * np.polynomial.Polynomial([-1, 2])]
+    found = [[(each.deriv(k) if k else each)(s) / lasts**k for each in shapes] for k in range(3)]
+    return np.asarray(sizes @ np.array(found))
 
 
 def _least_change(residual: Any, start: Array) -> Array:

@@ -76,12 +76,12 @@ def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground:
     Another is as high as the ground, as long as the program's capsules are above it: so long its feet are lifted.
     """
     index, robot, shares = program.flight, problem.robot, program.phases[program.flight].shares
-    flown = solution.y[:, program.starts[index] : program.starts[index + 1] + 1].T
+    flown = solution.y[:, program.starts[index] : program.starts[index + 1] + 1]
     anchors = program.phases[index - 1].anchor, program.phases[index + 1].anchor
-    before, after = (ground_below(robot, *each) for each in zip(anchors, flown[[0, -1]], strict=True))
+    before, after = (ground_below(robot, *each) for each in zip(anchors, flown[:, [0, -1]].T, strict=True))
     time = float(solution.durations[index])
     rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
-    heights = rise + [undersides(robot, corners(robot.shapes), y).min() for y in flown]
+    heights = rise + undersides(robot, corners(robot.shapes), flown).min(axis=1)
     level = ground + min(0.0, *heights[[0, -1]]) - POINT_FEET
     lifted, found = np.flatnonzero(heights > POINT_FEET), [HalfPlane(point=(0.0, round(level, 4)))]
     if len(lifted) > 1:

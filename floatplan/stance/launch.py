@@ -7,30 +7,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from floatplan.arguments import SEED, made, one_of, optional, whole
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.planar.contact_rates import ContactEquations, rates_at
+from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.presentation import Row
-from floatplan.pool.threads import one_thread
+from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
-from floatplan.stance.check import judged, stance_figures
+from floatplan.stance.check import SHARES, judged, limit_shares, stance_figures
 from floatplan.stance.exact import StanceDynamics, exact_stances
 from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, flight_state, hermite, values
+from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE, Range
-
-End: TypeAlias = Literal["takeoff", "landing"]
 
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
@@ -162,7 +160,7 @@ def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row]
 
 def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
     """What a plan's takeoff or landing asks; its rates and accelerations where they are those of a foot at rest."""
-    full = flight_state(plan, np.array([0.0 if end == "takeoff" else plan.duration]), 0.0)
+    full = flight_state(plan, 0.0, np.array([0.0 if end == "takeoff" else plan.duration]))
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     anchor, gravity = setup.phases[-2 if end == "takeoff" else 1].anchor, float(plan.problem.flight.gravity)
     model, y = PlanarModel(plan.robot, gravity), np.append(state.orientation, state.positions)
@@ -183,15 +181,13 @@ def _answer(
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
-    com = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position)
-    stances = exact_stances(program, solution, end, solution.y[:, node], float(solution.v[0, node]), com)
+    stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
-    shares = {name: figures[name] for name in ("torque", "torque_speed", "velocity")}
-    limit = max(shares, key=lambda name: shares[name])
-    ratio, joint = shares[limit], _joint(plan, stances, limit)
+    limit = max(SHARES, key=lambda name: figures[name])
+    ratio, joint = figures[limit], _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
-    rest = {name: value for name, value in figures.items() if name not in shares}
+    rest = {name: value for name, value in figures.items() if name not in SHARES}
     broken = [", ".join(words) for words in judged(request, rest)[0]]
     named = WORDS[limit].format(joint)
     if ratio <= 1 and not broken:
@@ -252,12 +248,12 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
     a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
     rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
-    motion = _quintic((rest, flies)[::way], times)
+    motion = quintic(times, times[[0, -1]], *(rest, flies)[::way])
     for index in stances:
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
         try:
-            closed = np.stack(dynamics.close(*motion[:, :, nodes]))
+            closed = dynamics.close(*motion[:, :, nodes])
         except np.linalg.LinAlgError:  # a leg is straight
             break
         if not np.abs(closed - motion[:, :, nodes])[0].max() < FARTHEST:
@@ -266,7 +262,7 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
         if index != stances[-1]:  # from where the other feet leave, or to where they come
             rows, seam = dynamics.dependent, closed[:, :, -1 if takes_off else 0]
             beyond = slice(nodes.stop - 1, None) if takes_off else slice(0, nodes.start + 1)
-            motion[:, rows, beyond] = _quintic((seam, flies)[::way], times[beyond])[:, rows]
+            motion[:, rows, beyond] = quintic(times[beyond], times[beyond][[0, -1]], *(seam, flies)[::way])[:, rows]
         grid = Grid(times[nodes], closed[0], closed[1], closed[2], np.zeros((len(phase.others), closed.shape[2])))
         forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
         for row, contact in enumerate(phase.others):
@@ -275,22 +271,8 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     return program.join([*motion, *plain[3:]])
 
 
-def _quintic(ends: tuple[Array, ...], times: Array) -> Array:
-    """Values and two derivatives (3, n+1, N) of quintics between these (3, n+1) at the first and the last time."""
-    return np.stack(values(hermite(times[[0, -1]], *np.stack(ends, axis=2)), times))
-
-
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
     """The motor whose share of a limit is the largest at the stances' instants."""
-    problem, robot = plan.problem, plan.robot
-    states = [stance.at(stance.grid.times) for stance in stances]
-    torques = np.abs(np.concatenate([state.torques for state in states]) @ robot.transmission)
-    joints = np.concatenate([stance.grid.v[1:].T for stance in stances])
-    rates = np.abs(joints @ robot.motor_ratios.T)
-    if limit == "torque":
-        shares = torques / problem.motor_torque_limits
-    elif limit == "torque_speed":
-        shares = (torques + problem.motor_slope * rates) / problem.motor_stall
-    else:
-        return robot.joints[int((np.abs(joints) / problem.velocity_limits).max(axis=0).argmax())]
-    return robot.motors[int(shares.max(axis=0).argmax())]
+    shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
+    names = plan.robot.joints if limit == "velocity" else plan.robot.motors
+    return names[int(np.concatenate(shares).max(axis=0).argmax())]

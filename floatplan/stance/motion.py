@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import BPoly
 
-from floatplan.arrays import Array, ComplexArray, IntArray, read_only
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
@@ -40,21 +40,31 @@ class Grid:
     @cached_property
     def curve(self) -> Any:
         """Piecewise polynomial of y."""
-        return hermite(self.times, self.y, self.v, self.a)
+        return hermite(self.times, self.motion)
 
-    def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """y, y', y'' (n+1, N) at times (N,)."""
+    @property
+    def motion(self) -> Array:
+        """y, v, a (3, n+1, G)."""
+        return np.stack((self.y, self.v, self.a))
+
+    def at(self, times: Array) -> Array:
+        """y, y', y'' (3, n+1, N) at times (N,)."""
         return values(self.curve, times)
 
 
-def hermite(times: Array, y: Array, v: Array, a: Array) -> Any:
-    """Quintics through values (rows, G), first and second derivatives."""
-    return BPoly.from_derivatives(times, np.stack((y.T, v.T, a.T), axis=1))
+def hermite(times: Array, motion: Array) -> Any:
+    """Quintics through values, first and second derivatives (3, rows, G)."""
+    return BPoly.from_derivatives(times, np.transpose(motion, (2, 0, 1)))
 
 
-def values(curve: Any, times: Array) -> tuple[Array, Array, Array]:
-    """A curve and two derivatives (rows, N) at times (N,)."""
-    return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
+def values(curve: Any, times: Array) -> Array:
+    """A curve and two derivatives (3, rows, N) at times (N,)."""
+    return np.stack([(curve.derivative(order) if order else curve)(times).T for order in range(3)])
+
+
+def quintic(times: Array, span: Array, first: Array, last: Array) -> Array:
+    """Values and two derivatives (3, rows, N) of quintics between these (3, rows) at two times ``span`` (2,)."""
+    return values(hermite(span, np.stack((first, last), axis=2)), times)
 
 
 def refined(times: Array, count: int) -> Array:
@@ -84,6 +94,10 @@ class JumpState:
     torques: Array
     points: dict[str, Array]
 
+    def planned(self, robot: Robot) -> Array:
+        """Orientation and planned joints (n+1, N), rad."""
+        return np.vstack((self.positions[:, 2], np.linalg.pinv(robot.selection) @ (self.positions - robot.reference).T))
+
 
 @dataclass(frozen=True, eq=False)
 class Stance:
@@ -107,25 +121,28 @@ class Stance:
     def at(self, times: Array) -> JumpState:
         """State at times (N,) s from the jump's start."""
         robot, tree = self.robot, self.robot.tree
-        y, v, a = self.grid.at(times)
-        angles = tree.absolute_angles(y[0], y[1:].T)
+        motion = self.grid.at(times)
+        angles = tree.absolute_angles(motion[0][0], motion[0][1:].T)
         rotations = tree.rotations(angles)
-        rates, changes = (each[0][:, None] + each[1:].T @ tree.turns.T for each in (v, a))
-        weights = spot_weights(robot, [self.contacts[0].spots[0], Spot(0, 0j)])
-        turned, rolled = np.split(weights[0] - weights[1], 2)
+        rates, changes = (each[0][:, None] + each[1:].T @ tree.turns.T for each in motion[1:])
         first = 1j * tree.turn * rates * rotations
         second = (1j * tree.turn * changes - rates**2) * rotations
-        pairs = ((rotations, angles), (first, rates), (second, changes))
-        base = [-(rotation @ turned) - angle @ rolled for rotation, angle in pairs]
-        base[0] += self.place
-        full = _full(robot, zip(base, (y[0], v[0], a[0]), (y[1:].T, v[1:].T, a[1:].T), strict=True))
+        weights = spot_weights(robot, [Spot(0, 0j), self.contacts[0].spots[0]])
+        turned, rolled = np.split(weights[0] - weights[1], 2)
+        full = []
+        for part, turns, angle in zip(motion, (rotations, first, second), (angles, rates, changes), strict=True):
+            base, values = turns @ turned + angle @ rolled, part[1:].T @ robot.selection.T
+            values[:, 0], values[:, 1], values[:, 2] = base.real, base.imag, part[0]
+            full.append(values)
+        full[0] += [self.place.real, self.place.imag, 0.0, *robot.reference[BASE:]]
         touching, wrench = self.touching(full[0]), self._wrench(full)
         forces = self._forces(times, wrench, {name: each[:, :, BASE - 1] for name, (_, each) in touching.items()})
         torques = wrench.copy()
         for name, (_, jacobians) in touching.items():
             torques -= np.einsum("ni,nij->nj", forces[name], jacobians)
         points = {name: places for name, (places, _) in touching.items()}
-        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(torques), points)
+        q, v, a = map(read_only, full)
+        return JumpState(read_only(times), q, v, a, forces, read_only(torques), points)
 
     def _wrench(self, full: list[Array]) -> Array:
         """Forces (N, nv) on all coordinates that the motion takes, by RNEA, gravity's included."""
@@ -177,6 +194,11 @@ class Stance:
                 found[name][0][row], found[name][1][row] = (data.oMi[joint] * at).translation, axes @ jacobian[:3]
         return found
 
+    @property
+    def ground(self) -> float:
+        """Height of the ground on which the anchor stands, m."""
+        return self.place.imag - self.contacts[0].depth
+
     @cached_property
     def span(self) -> tuple[float, float]:
         """Begin and end, s."""
@@ -204,40 +226,11 @@ def _shared(contact: Contact, force: Array) -> dict[str, Array]:
     return dict.fromkeys(contact.names, force / len(contact.names))
 
 
-def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
+def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
     """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
-    robot = plan.robot
-    tree, state = robot.tree, plan.at(np.clip(times - takeoff, 0.0, plan.duration))
-    planned = state.positions, state.velocities, state.accelerations, state.orientation_rate
-    base = tree.point_weights(np.array([0]), np.array([0j]))[0]
-    rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
-    rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
-    turned = plan.dynamics.base_acceleration(*planned)[:, 2]
-    changes = turned[:, None] + state.accelerations @ tree.turns.T
-    first = (1j * tree.turn * rates * rotations) @ base
-    second = ((1j * tree.turn * changes - rates**2) * rotations) @ base
-    places = state.base_position[:, 0] + 1j * state.base_position[:, 1]
-    speeds = state.com_velocity[:, 0] + 1j * state.com_velocity[:, 1] + first
-    pushes = second - 1j * plan.ballistics.gravity
-    parts = (
-        (places, state.orientation, state.positions),
-        (speeds, state.orientation_rate, state.velocities),
-        (pushes, turned, state.accelerations),
-    )
-    full = _full(robot, parts)
-    torques = read_only(plan.dynamics.full_forces(*planned))
-    return JumpState(read_only(times), full[0], full[1], full[2], {}, torques, {})
-
-
-def _full(robot: Robot, parts: Iterable[tuple[ComplexArray, Array, Array]]) -> list[Array]:
-    """Positions, velocities, accelerations (N, nv) of all coordinates, from base, orientation and joints (N, n)."""
-    full = []
-    for base, orientation, joints in parts:
-        values = joints @ robot.selection.T
-        values[:, 0], values[:, 1], values[:, 2] = base.real, base.imag, orientation
-        full.append(values)
-    full[0][:, BASE:] += robot.reference[BASE:]
-    return [read_only(values) for values in full]
+    flown = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration)).coordinates
+    motion = flown.positions, flown.velocities, flown.accelerations
+    return JumpState(read_only(times), *motion, {}, flown.torques, {})
 
 
 def joined(times: Array, parts: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,16 +14,12 @@ from floatplan.arrays import Array
 from floatplan.robot import Robot
 from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
 
-FLIGHT = (2.57, 16)  # [sqrt(height / g), -] guessed duration, and intervals
-HOP = (1.2, 16)  # [sqrt(height / g), -] the same of a flight without a turn
-SHORTEST_HOP = 0.3  # [-] of that
-STANCES = {"takeoff": ((1.7, 18), (1.03, 18)), "landing": ((0.86, 18), (2.3, 18))}  # the same of each phase
-SINGLE = {"takeoff": (2.73, 28), "landing": (3.16, 28)}  # where there is but one
-WIDEST = {
-    "takeoff": (0.5, 1.6),
-    "flight": (0.8, 1.5),
-    "landing": (0.5, 1.6),
-}  # [-] of a phase's guessed duration, unless bounds are given
+# Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
+FLIGHT, HOP = (2.57, 16, 0.8, 1.5), (1.2, 16, 0.3, 1.5)  # with a turn and without
+STANCES = {  # where there is one phase, and two
+    "takeoff": [[(2.73, 28, 0.5, 1.6)], [(1.7, 18, 0.5, 1.6), (1.03, 18, 0.5, 1.6)]],
+    "landing": [[(3.16, 28, 0.5, 1.6)], [(0.86, 18, 0.5, 1.6), (2.3, 18, 0.5, 1.6)]],
+}
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
 SLOWEST = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
 GENTLE = 0.1  # [-] of a phase's duration, at its end next to the flight, in which forces may vanish gently
@@ -107,43 +102,30 @@ class Meeting:
     com: tuple[float, float] | None = None
 
 
-def phases_of(
-    takeoff: Sequence[tuple[Contact, ...]],
-    landing: Sequence[tuple[Contact, ...]],
-    height: float,
-    gravity: float,
+def side_phases(
+    side: Side,
+    groups: Sequence[tuple[Contact, ...]],
+    unit: float,
     bounds: Sequence[tuple[float, float] | None],
-    turns: int,
-) -> tuple[Phase, ...]:
-    """Return the phases of a jump, with generic durations.
+    turns: int = 0,
+) -> list[Phase]:
+    """Return the phases of a side of the flight, or the flight, with generic durations.
 
     Parameters
     ----------
-    takeoff, landing : contacts of their one or two phases, in order of time
-    height : of the centre of mass where the robot stands, m
-    gravity : m/s^2
-    bounds : of the durations of all phases, s; None for generic ones
+    side : "takeoff", "flight" or "landing"
+    groups : contacts of its one or two phases, in order of time
+    unit : sqrt(height / g) of the centre of mass where the robot stands, s
+    bounds : of their durations, s; None for generic ones
     turns : of the base in flight
     """
-    unit = math.sqrt(height / gravity)
-    sides: list[tuple[Side, Sequence[tuple[Contact, ...]]]] = [
-        ("takeoff", takeoff),
-        ("flight", [()]),
-        ("landing", landing),
-    ]
-    phases: list[Phase] = []
-    for side, groups in sides:
-        anchor = takeoff[-1][0] if side == "takeoff" else landing[0][0]
-        shares = (
-            [FLIGHT if turns else HOP] if side == "flight" else STANCES[side] if len(groups) > 1 else [SINGLE[side]]
-        )
-        for contacts, (share, intervals) in zip(groups, shares, strict=True):
-            ordered = tuple(sorted(contacts, key=lambda each: each != anchor))
-            guess, given = share * unit, bounds[len(phases)]
-            least = SHORTEST_HOP if side == "flight" and not turns else WIDEST[side][0]
-            low, high = given if given is not None else (least * guess, WIDEST[side][1] * guess)
-            phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
-    return tuple(phases)
+    usual = [FLIGHT if turns else HOP] if side == "flight" else STANCES[side][len(groups) - 1]
+    anchor, phases = groups[-1 if side == "takeoff" else 0][:1], list[Phase]()
+    for contacts, (share, intervals, least, most), given in zip(groups, usual, bounds, strict=True):
+        guess, (low, high) = share * unit, given or (least * share * unit, most * share * unit)
+        ordered = tuple(sorted(contacts, key=lambda each: (each,) != anchor))
+        phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
+    return phases
 
 
 def instants(phases: Sequence[Phase], durations: Array) -> Array:

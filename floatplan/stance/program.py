@@ -40,7 +40,6 @@ from floatplan.stance.rows import (
     Rows,
     drifting,
     hermite_step,
-    roughness,
 )
 from floatplan.stance.separation import SLIGHT, Separation
 
@@ -225,7 +224,7 @@ class JumpProgram:
                 cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
-            rough += roughness(parts, unit)
+            rough += ca.sumsqr(unit**2 * ca.diff(parts[2][1:, :], 1, 1))
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
         cost = factor + SMOOTH * total / unit + STEADY * rough if self._limits else total / unit + ROUGHNESS * rough
@@ -441,7 +440,7 @@ class JumpProgram:
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
-        curve = hermite(instants(phases, solution.durations), solution.y, solution.v, solution.a)
+        curve = hermite(instants(phases, solution.durations), np.stack((solution.y, solution.v, solution.a)))
         joined = values(curve, instants(self.phases, solution.durations))
         forces = [
             np.array([np.interp(own.shares, other.shares, row) for row in rows]).reshape(-1, len(own.shares))

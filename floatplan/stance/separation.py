@@ -133,12 +133,7 @@ class Separation:
         return found
 
     def _placed(
-        self,
-        node: NodeRows,
-        call: Callable[..., Any],
-        motion: Sequence[Any],
-        chosen: Sequence[int],
-        steps: int,
+        self, node: NodeRows, call: Callable[..., Any], motion: Sequence[Any], chosen: Sequence[int], steps: int
     ) -> Iterator[tuple[Any, Any, Any]]:
         """For each phase times since takeoff (1, N), and x, z (2 C, N) of both ends of C parts, in the flight's world.
 
@@ -187,7 +182,7 @@ class Separation:
         """Instants (M,) s since takeoff, ``INSTANTS`` in each interval, and where all parts are then."""
         y, v, a, durations = motion
         times = instants(node.phases, durations.ravel())
-        motion = [*values(hermite(times, y, v, a), refined(times, INSTANTS)), durations]
+        motion = [*values(hermite(times, np.stack((y, v, a))), refined(times, INSTANTS)), durations]
         parts = range(len(self._parts))
         phases = self._placed(node, lambda function, *given: function(*given), motion, parts, INSTANTS)
         since, x, z = (

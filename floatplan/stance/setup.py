@@ -15,7 +15,7 @@ from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.stance.check import SLIP
+from floatplan.stance.check import FIGURES, SLIP
 from floatplan.stance.contacts import (
     Contact,
     bent_ranges,
@@ -28,7 +28,7 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Meeting, Phase, not_static, phases_of, standing_posture
+from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
 from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
@@ -68,15 +68,12 @@ class Room:
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
 
-        def share(name: str, limit: float, now: float) -> float:
-            over = figures.get(name, 0.0) / limit
+        def share(name: str, now: float) -> float:
+            over = figures.get(name, 0.0) / FIGURES[name].most(request)
             return now if over <= 1 else now * STRICTER / min(over, 1.25)
 
-        most = request.margin["torque"]
-        limits = {"torque": most, "torque_speed": most, "held_torque": 1.0}
-        torque = min(share(name, limit, self.torque) for name, limit in limits.items())
-        velocity = share("velocity", request.margin["velocity"], self.velocity)
-        friction = share("friction", request.friction, self.friction)
+        torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
+        velocity, friction = share("velocity", self.velocity), share("friction", self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
         clear = self.clear + max(0.0, -figures.get("ground", 0.0))
@@ -192,22 +189,24 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
     before = _wanted(problem, problem.initial, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
-    usual = ((), ()) if all(given) else _default_groups(problem, turns, before)
-    takeoff, landing = (asked or default for asked, default in zip(given, usual, strict=True))
+    outer, inner = ((), []) if all(given) else _usual_groups(problem.robot, problem.takeoff.frame, "takeoff", before)
+    inner = inner[
+        :: 1 if turns * problem.robot.tree.turn >= 0 else -1
+    ]  # backwards from the rear feet to the front ones
+    takeoff, landing = given[0] or [outer, *inner[:1]], given[1] or [*inner[-1:], outer]
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
     after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
     ground = ground_below(problem.robot, takeoff_contacts[0][0], posture)
-    time = problem.flight.duration
-    bounds = [
-        *_bounds(request, "takeoff", len(takeoff)),
-        (time, time) if "duration" in request.fixed else None,
-        *_bounds(request, "landing", len(landing)),
-    ]
-    phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
+    unit, time = math.sqrt(-ground / float(problem.flight.gravity)), problem.flight.duration
+    phases = (
+        *side_phases("takeoff", takeoff_contacts, unit, _bounds(request, "takeoff", len(takeoff))),
+        *side_phases("flight", [()], unit, [(time, time) if "duration" in request.fixed else None], turns),
+        *side_phases("landing", landing_contacts, unit, _bounds(request, "landing", len(landing))),
+    )
     standing = np.stack((posture, _turned(rest, TURN * turns)))
-    ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
-    fixed = [Meeting(at, np.append(each.orientation, each.positions)) for key, at, each in ends if key in request.fixed]
+    met = (("start", 0, problem.initial), ("goal", -1, problem.final))
+    fixed = [Meeting(at, np.append(each.orientation, each.positions)) for key, at, each in met if key in request.fixed]
     return Setup(problem, request, phases, standing, ground, tuple(fixed), _momentum(problem, request))
 
 
@@ -221,7 +220,7 @@ def _momentum(problem: Problem, request: JumpRequest) -> float | None:
     return float(asked)
 
 
-def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
+def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Array) -> Setup:
     """Resolve one side of a jump: from standing to where a flight begins, or from where it ends to standing.
 
     Parameters
@@ -234,33 +233,27 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
     InputError
         As of :func:`jump_setup`.
     """
-    robot, gravity = problem.robot, float(problem.flight.gravity)
+    robot, takes_off = problem.robot, side == "takeoff"
     _check_stand(problem)
-    takes_off = side == "takeoff"
     frame = problem.takeoff.frame if takes_off else problem.landing.frame
     _check_stands(robot, frame, side)
     wanted = _wanted(problem, problem.initial, request.takeoff.from_)
     wanted = wanted if takes_off else _wanted(problem, problem.final, request.landing.to, wanted)
-    groups: Sequence[Sequence[str]] = (request.takeoff if takes_off else request.landing).contacts or ()
+    groups: Sequence[Sequence[str]] = getattr(request, side).contacts or ()
     if not groups:
-        feet = standing_feet(robot, frame, wanted)
-        toe = contact_at(robot, frame, wanted)[0]
-        usual = [feet, [frame]] if len(feet) > 1 else [[frame], [toe.name]] if toe.suffix else [[frame]]
-        groups = usual if takes_off else usual[::-1]
+        feet, inner = _usual_groups(robot, frame, side, wanted)
+        groups = [feet, *([(frame,)] if len(feet) > 1 else inner)][:: 1 if takes_off else -1]
     contacts, posture = _side(problem, request, side, groups, wanted)
-    ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
-    unbounded = [None] * (2 * len(contacts) + 1)
-    both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
-    generic = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
+    ground, time = ground_below(robot, contacts[0 if takes_off else -1][0], posture), problem.flight.duration
+    unit = math.sqrt(-ground / float(problem.flight.gravity))
+    generic = side_phases(side, contacts, unit, [None] * len(contacts))
     phases = [replace(each, bounds=(BRIEFEST * each.duration, each.bounds[1]), gentle=True) for each in generic]
-    time = problem.flight.duration
-    flight = Phase("flight", (), time, (time, time), 0)
+    phases.insert(len(phases) if takes_off else 0, Phase("flight", (), time, (time, time), 0))
     rest = _turned(posture, TURN * round((meeting[0] - posture[0]) / TURN))
-    ends = (rest, meeting) if takes_off else (meeting, rest)
-    return Setup(problem, request, (*phases, flight) if takes_off else (flight, *phases), np.stack(ends), ground)
+    return Setup(problem, request, tuple(phases), np.stack((rest, meeting)[:: 1 if takes_off else -1]), ground)
 
 
-def _check_stands(robot: Robot, frame: str, side: str) -> None:
+def _check_stands(robot: Robot, frame: str, side: Side) -> None:
     if frame == robot.tree.names[0]:
         reason = "the frame there is the base's own, so that nothing stands"
         raise InputError(reason, element=f"flight.{side}", advice="name a foot there")
@@ -278,7 +271,7 @@ def _check_stand(problem: Problem) -> None:
 
 
 def _side(
-    problem: Problem, request: JumpRequest, side: str, groups: Sequence[Sequence[str]], wanted: Array
+    problem: Problem, request: JumpRequest, side: Side, groups: Sequence[Sequence[str]], wanted: Array
 ) -> tuple[list[tuple[Contact, ...]], Array]:
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot, takes_off = problem.robot, side == "takeoff"
@@ -313,9 +306,9 @@ def _side(
     return contacts, found
 
 
-def _bounds(request: JumpRequest, side: str, phases: int) -> list[tuple[float, float] | None]:
+def _bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple[float, float] | None]:
     """Bounds of the durations of a side's phases, s."""
-    given = (request.takeoff if side == "takeoff" else request.landing).durations
+    given = getattr(request, side).durations
     if given is not None and len(given) != phases:
         reason = f"{len(given)} pairs for {phases} phases of contacts"
         raise InputError(reason, element=f"jump.{side}.durations", advice="give one for each phase")
@@ -334,19 +327,17 @@ def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Arra
     return np.array([level, *(given.get(*pair) for pair in zip(robot.joints, robot.resting.tolist(), strict=True))])
 
 
-def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[list[str]], list[list[str]]]:
-    """Frames of the phases where none are asked: all feet, and those on the side to which it turns."""
-    robot, frame = problem.robot, problem.takeoff.frame
-    _check_stands(robot, frame, "takeoff")
+def _usual_groups(robot: Robot, frame: str, side: Side, wanted: Array) -> tuple[tuple[str, ...], list[tuple[str]]]:
+    """Frames on which it stands where none are asked, the rearmost first, and what may stand next to the flight.
+
+    Those are each foot alone; or of the only one its toe, nothing where that is a point.
+    """
+    _check_stands(robot, frame, side)
     feet = standing_feet(robot, frame, wanted)
-    if len(feet) == 1:
-        toe = contact_at(robot, frame, wanted)[0]
-        if not toe.suffix:
-            return [[frame]], [[frame]]
-        return [[frame], [toe.name]], [[toe.name], [frame]]
-    backwards = turns * robot.tree.turn >= 0
-    first, last = (feet[0], feet[-1]) if backwards else (feet[-1], feet[0])
-    return [feet, [first]], [[last], feet]
+    if len(feet) > 1:
+        return tuple(feet), [(foot,) for foot in feet]
+    toe = contact_at(robot, frame, wanted)[0]
+    return (frame,), [(toe.name,)] if toe.suffix else []
 
 
 def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, feet: str) -> tuple[Contact, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib.util import find_spec
 
 import numpy as np
@@ -11,17 +12,21 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import printable
-from floatplan.kernel.rows import is_plain_family
+from floatplan.kernel.batch import is_plain_family
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
+from floatplan.stance.jump import Jump
 from floatplan.stance.launch import launches
+from floatplan.studio.curves import Shares, shares
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import Poses, body_poses, coordinates, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
-TRAIL = 81  # [-] points of a path
+TRAIL = 161  # [-] points of a path
+NEAR_BUDGET = 0.3  # [s] of search for the flight that is shown where no jump was found
 DURATION, MOMENTUM = "flight.duration", "flight.angular_momentum"
 COLUMNS, ROWS = 9, 7  # [-] values of h, values of T
 DURATION_STEP = 0.07  # [-] of the duration
@@ -48,18 +53,21 @@ class Failure:
 
 @dataclass(frozen=True, eq=False)
 class ShownPlan:
-    """A plan with what the page shows of it, measured where it was planned.
+    """A plan, or a jump, with what the page shows of it, measured where it was planned.
 
     Attributes
     ----------
     plan : Plan
-        With its certificate, where it was proved; where none was found, the nearest motion.
+        With its certificate, where it was proved; where none was found, the nearest motion. Of a jump its flight.
     settled : bool
-        Whether ``floatplan plan`` would answer so; else a quick search did.
+        Whether ``floatplan plan`` or ``floatplan jump`` would answer so; else a quick search did.
     poses : Poses
     paths : (N,) complex, m; of the centre of mass, and of the frames that take off and land
     utilisation, warnings : of the plan
     clearance : m, or None without obstacles
+    shares : of limits, over time
+    jump : Jump or None
+        What was found, where a jump was asked for; where that is none, the plan is that of the flight alone.
     stances : what was found of stances before takeoff and after landing
     """
 
@@ -70,35 +78,52 @@ class ShownPlan:
     utilisation: tuple[Utilisation, ...]
     warnings: tuple[PlanWarning, ...]
     clearance: float | None
+    shares: tuple[Shares, ...]
+    jump: Jump | None = None
     stances: tuple[Row, ...] = ()
 
     @classmethod
-    def of(cls, plan: fp.Plan, settled: bool) -> ShownPlan:
-        """Measure a plan."""
-        count = min(int(np.ceil(plan.duration * POSE_RATE)) + 1, MOST_POSES)
-        times = np.linspace(0.0, plan.duration, count)
-        placed = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
+    def of(cls, plan: fp.Plan, settled: bool, jump: Jump | None = None) -> ShownPlan:
+        """Measure a plan, or the jump around it."""
+        motion: Shown = plan if jump is None or jump.flight is None else jump.view
+        times = pose_times(motion.duration)
+        placed = postures(motion, np.linspace(0.0, motion.duration, TRAIL))
         return cls(
             plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,
-            poses=body_poses(plan.robot, *coordinates(plan, times)),
+            poses=body_poses(plan.robot, *coordinates(motion, times)),
             paths=(placed.com, placed.takeoff, placed.landing),
             utilisation=plan.utilisation,
             warnings=plan.warnings,
             clearance=plan.peaks.clearance,
+            shares=shares(motion),
+            jump=jump,
         )
+
+    @cached_property
+    def view(self) -> JumpView | None:
+        """The jump as pictures take it; None where there is none."""
+        return None if self.jump is None or self.jump.flight is None else self.jump.view
+
+    @property
+    def motion(self) -> Shown:
+        """What moves: the jump, or the plan."""
+        return self.view or self.plan
 
     @property
     def largest_use(self) -> float | None:
         """Largest share of a limit that a motor uses; None without limits."""
-        return largest_use(self.utilisation)
+        if self.view is None:
+            return largest_use(self.utilisation)
+        return max((each.peak for each in self.shares if each.limited), default=None)
 
 
 @dataclass(frozen=True, eq=False)
 class PlanTask:
     """Plan a problem: as ``floatplan plan`` does, with its proof, or within a ``budget``, s, the best motion so far.
 
-    A search with a budget begins from the plan ``near`` it, where there is one.
+    A search with a budget begins from the plan ``near`` it, where there is one, and is for the flight alone. Without, a
+    problem with a jump is answered as ``floatplan jump`` does.
     """
 
     problem: fp.Problem
@@ -107,10 +132,24 @@ class PlanTask:
 
     def answer(self) -> ShownPlan:
         """Plan."""
-        if self.budget is None:
+        if self.budget is not None:
+            return ShownPlan.of(self._searched(self.budget), settled=False)
+        if self.problem.jump is None:
             return ShownPlan.of(fp.plan(self.problem, prove=True), settled=True)
-        searched = planned(self.problem, SearchOptions(budget=self.budget), self.near)
-        return ShownPlan.of(searched.plan, settled=False)
+        jump = fp.jump(self.problem)
+        if jump.flight is None:
+            return ShownPlan.of(self._searched(NEAR_BUDGET), True, jump)
+        jump = jump.with_certificate(fp.certify(jump.flight))
+        assert jump.flight is not None
+        return ShownPlan.of(jump.flight, True, jump)
+
+    def _searched(self, budget: float) -> fp.Plan:
+        return planned(self.problem, SearchOptions(budget=budget), self.near).plan
+
+
+def pose_times(duration: float) -> Array:
+    """Instants (K,) of the poses of a motion, s."""
+    return np.linspace(0.0, duration, min(int(np.ceil(duration * POSE_RATE)) + 1, MOST_POSES))
 
 
 @dataclass(frozen=True, eq=False)

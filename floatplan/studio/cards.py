@@ -11,12 +11,11 @@ from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.presentation import Row, raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
+from floatplan.studio.curves import AMBER, BLUE, GREEN, RED, colour_of
 from floatplan.studio.session import Verdict, View
 from floatplan.tables import LimitRow
 
-GREEN, AMBER, RED, GREY, BLUE, BLACK = "#1a7f4b", "#b26a00", "#c0182b", "#7a7f87", "#1f5fbf", "#3a3f45"
-FULL = 1 + 1e-9  # [-] share of a limit that is still kept
-NEARLY = 0.9  # [-] share of a limit from which its bar is amber
+GREY, BLACK = "#7a7f87", "#3a3f45"
 MOST_WARNINGS = 6  # [-] listed; the others are counted
 WIDEST = 1.25  # [-] share of a limit at the end of a bar
 
@@ -26,32 +25,6 @@ BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
     "failed": (RED, "Not possible"),
 }
 COLOURS: Mapping[Tone, str] = {"good": GREEN, "open": AMBER, "bad": RED}
-
-STYLE = """<style>
-div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
-.fp{font:13px/1.4 system-ui,sans-serif;margin:0 .6em .6em;color:#1d2126;overflow-wrap:anywhere}
-.fp.status{height:14em;overflow-y:auto}@media(max-width:600px){.fp.status{height:8em}}
-.fp .band{border-left:5px solid var(--c);background:color-mix(in srgb,var(--c) 9%,white);padding:.45em .7em;
-border-radius:4px;margin-bottom:.5em}
-.fp .band b{color:var(--c);font-size:1.12em}
-.fp p{margin:.25em 0}
-.fp .refusal{--c:#c0182b}.fp .warning{--c:#b26a00}
-.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(8.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
-.fp .facts div{white-space:nowrap}.fp .facts span{display:block;color:#6b7178;font-size:.85em}
-.fp table{width:100%;border-collapse:collapse;font-variant-numeric:tabular-nums}
-.fp td,.fp th{padding:.12em .3em;text-align:right;font-weight:400}.fp th:first-child,.fp td:first-child{text-align:left}
-.fp th{color:#6b7178;font-size:.85em}
-.fp .bar{position:relative;background:#e8eaed;height:.6em;border-radius:.3em;overflow:hidden;min-width:4em}
-.fp .bar i{position:absolute;inset:0 auto 0 0;border-radius:.3em}
-.fp .bar u{position:absolute;top:0;bottom:0;width:1.5px;background:#1d2126}
-.fp .map{display:grid;gap:2px;margin:.3em 0}
-.fp .map label,.fp .map span{height:1.7em;border-radius:3px;display:block;font-size:.72em;line-height:1.7em;
-text-align:center;color:#fff}
-.fp .map label{cursor:pointer}.fp .map label:hover{outline:2px solid #1d2126}
-.fp .map .axis{color:#6b7178;font-size:.78em;text-align:center;height:auto;white-space:nowrap}
-.fp .map .here{box-shadow:inset 0 0 0 2px #1d2126}
-.fp .key i{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin:0 .25em 0 .7em;vertical-align:-.05em}
-</style>"""
 
 
 def is_news(drawn: View | None, view: View) -> bool:
@@ -66,7 +39,7 @@ def status_card(view: View) -> str:
     answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
     colour, headline = known or BEFORE_THE_END["waiting"]
     if known is None and answer is not None:
-        words, tone = verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
+        words, tone = _verdict(answer)
         colour, headline = COLOURS[tone], words.capitalize()
     parts = []
     if view.refusal:
@@ -77,14 +50,27 @@ def status_card(view: View) -> str:
     if view.answer is not None:
         facts = "".join(f"<div><span>{name}</span>{value}</div>" for name, value in _facts(view.answer))
         parts.append(f'<div class="facts">{facts}</div>')
-        if view.is_current:
-            parts += [_stance(row) for row in view.answer.stances]
-        if view.answer.plan.ok and view.answer.warnings:
-            warnings = [warning.message for warning in view.answer.warnings]
-            more = [f"and {len(warnings) - MOST_WARNINGS} more"] if len(warnings) > MOST_WARNINGS else []
-            listed = _paragraphs(*warnings[:MOST_WARNINGS], *more)
-            parts.append(f'<div class="band warning"><b>Beside the verdict</b>{listed}</div>')
-    return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
+    return f'<div class="fp status" id="floatplan-status" role="status">{"".join(parts)}</div>'
+
+
+def warning_card(view: View) -> str:
+    """What is said beside the verdict: of stances before and after the flight, and what the plan does unasked."""
+    answer, parts = view.answer, list[str]()
+    if answer is not None and view.is_current:
+        parts += map(_stance, answer.stances)
+    if answer is not None and answer.plan.ok and answer.warnings:
+        warnings = [warning.message for warning in answer.warnings]
+        more = [f"and {len(warnings) - MOST_WARNINGS} more"] if len(warnings) > MOST_WARNINGS else []
+        listed = _paragraphs(*warnings[:MOST_WARNINGS], *more)
+        parts.append(f'<div class="band warning"><b>Beside the verdict</b>{listed}</div>')
+    return f'<div class="fp beside" id="floatplan-beside" role="status">{"".join(parts)}</div>'
+
+
+def _verdict(answer: ShownPlan) -> tuple[str, Tone]:
+    """The verdict in a few words, and its tone."""
+    if answer.jump is not None:
+        return answer.jump.verdict, "bad" if answer.view is None else answer.view.tone
+    return verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
 
 
 def _stance(row: Row) -> str:
@@ -95,10 +81,12 @@ def _words(view: View) -> list[str]:
     answer = view.answer
     if view.fault or answer is None or not view.is_current:
         return [view.fault] if view.fault else []
+    if answer.jump is not None:
+        return [answer.jump.explanation, *([] if answer.view else ["Shown is a flight alone."])]
     if view.verdict == "not found":
         return [answer.plan.explanation, "Shown is the nearest motion found."]
     if view.verdict == "waiting":
-        return ["Shown is the nearest motion so far."]
+        return [f"Shown is {'the nearest motion so far' if view.problem.jump is None else 'a flight alone'}."]
     if answer.plan.certificate is None:
         return []
     if view.verdict == "proved":
@@ -112,27 +100,37 @@ def _paragraphs(*words: str) -> str:
 
 
 def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
-    plan, use = answer.plan, answer.largest_use
+    plan, use, jump = answer.plan, answer.largest_use, answer.view
+    height = [] if jump is None else [("height", f"{jump.height:.3g} m"), ("of it in flight", f"{plan.duration:.4g} s")]
     facts = [
-        ("duration", f"{plan.duration:.4g} s"),
+        ("duration", f"{answer.motion.duration:.4g} s"),
+        *reversed(height),
         ("angular momentum", f"{short(plan.angular_momentum, 3)} kg m²/s"),
     ]
     if use is not None:
-        facts.append(("most used limit", f'<b style="color:{use_colour(use)}">{use:.0%}</b>'))
-    if answer.clearance is not None:
+        facts.append(("most used limit", f'<b style="color:{colour_of(use)}">{use:.0%}</b>'))
+    if answer.clearance is not None and jump is None:
         facts.append(("least clearance", f"{1e3 * answer.clearance:.4g} mm"))
     return facts
 
 
 def limits_card(answer: ShownPlan | None) -> str:
-    """A row for each motor: what it reaches, and how much of its limits that is."""
+    """A row for each motor: what it reaches, and how much of its limits that is; of a jump, over all of it."""
     if answer is None:
         return ""
+    if answer.view is not None:
+        peaks = [
+            (f"{escape(name)}, {each.title}", float(most), each.limited)
+            for each in answer.shares
+            for name, most in zip(each.names, each.values.max(axis=1), strict=True)
+        ]
+        rows = "".join(f"<tr><td>{name}<td>{use:.0%}<td>{_bar(use)}</tr>" for name, use, limited in peaks if limited)
+        return f'<div class="fp"><table><tr><th>of limits<th>most<th></tr>{rows}</table></div>'
     limits, motors = limits_shown(answer.utilisation), answer.plan.robot.motors
     titles = "".join(f"<th>{limit.title.lower()}, {raised(limit.unit)}<th>" for limit in limits)
     ordered = sorted(answer.utilisation, key=lambda row: motors.index(row.joint))
     rows = "".join(_motor(row, limits) for row in ordered)
-    return f'{STYLE}<div class="fp"><table><tr><th>motor{titles}</tr>{rows}</table></div>'
+    return f'<div class="fp"><table><tr><th>motor{titles}</tr>{rows}</table></div>'
 
 
 def _motor(row: Utilisation, limits: Iterable[LimitRow]) -> str:
@@ -148,20 +146,15 @@ def _bar(use: float | None) -> str:
         return ""
     return (
         f'<div class="bar" title="{use:.0%}">'
-        f'<i style="width:{100 * min(use / WIDEST, 1.0):.1f}%;background:{use_colour(use)}"></i>'
+        f'<i style="width:{100 * min(use / WIDEST, 1.0):.1f}%;background:{colour_of(use)}"></i>'
         f'<u style="left:{100 / WIDEST:.1f}%"></u></div>'
     )
-
-
-def use_colour(use: float) -> str:
-    """Of a share of a limit."""
-    return GREEN if use < NEARLY else AMBER if use <= FULL else RED
 
 
 def map_card(chart: Map | None, buttons: Mapping[tuple[int, ...], str], wanted: bool) -> str:
     """The map; each point is a label of the hidden button, by its id, that jumps there."""
     hidden = ",".join(f'div:has(>[id="{each}"])' for each in buttons.values())
-    style = f"{STYLE}<style>{hidden}{{display:none}}</style>"
+    style = f"<style>{hidden}{{display:none}}</style>"
     if chart is None:
         words = "Drawn when the plan is proved." if wanted else "Switched off."
         return f'{style}<div class="fp"><p>{words}</p></div>'
@@ -200,7 +193,7 @@ def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:
     if use is None:
         return (BLACK if point.status == "impossible" else GREY), ""
     if chart.relative:
-        return use_colour(use), f"{use:.0%}".rstrip("%")
+        return colour_of(use), f"{use:.0%}".rstrip("%")
     logs = [math.log(each.use) for each in chart.points.values() if each.use is not None and 0 < each.use < math.inf]
     width = max(logs, default=0.0) - min(logs, default=0.0)
     share = (math.log(use) - min(logs)) / width if width > 0 and 0 < use < math.inf else 0.0
@@ -211,13 +204,13 @@ def comparison_card(answer: ShownPlan | None, kept: ShownPlan | None) -> str:
     """Two plans side by side."""
     if kept is None or answer is None:
         words = "Keep the present plan, change something, and both fly side by side."
-        return f'{STYLE}<div class="fp"><p>{words}</p></div>'
+        return f'<div class="fp"><p>{words}</p></div>'
     rows = "".join(
         f"<tr><td>{name}<td>{_compared(get(kept), unit)}<td>{_compared(get(answer), unit)}</tr>"
         for name, unit, get in COMPARED
     )
     head = "<tr><th><th>kept (violet)<th>present</tr>"
-    return f'{STYLE}<div class="fp" id="floatplan-comparison"><table>{head}{rows}</table></div>'
+    return f'<div class="fp" id="floatplan-comparison"><table>{head}{rows}</table></div>'
 
 
 def _compared(value: str | float | None, unit: str) -> str:
@@ -225,8 +218,8 @@ def _compared(value: str | float | None, unit: str) -> str:
 
 
 COMPARED = (
-    ("plan", "", lambda each: "found" if each.plan.ok else "not found"),
-    ("duration", " s", lambda each: each.plan.duration),
+    ("plan", "", lambda each: "found" if (each.jump or each.plan).ok else "not found"),
+    ("duration", " s", lambda each: each.motion.duration),
     ("angular momentum", " kg m²/s", lambda each: each.plan.angular_momentum),
     ("objective", "", lambda each: each.plan.objective_value),
     ("most used limit", "%", lambda each: None if each.largest_use is None else 100 * each.largest_use),
@@ -238,4 +231,4 @@ COMPARED = (
 
 def saved_card(lines: Iterable[str]) -> str:
     """What was saved, or why not."""
-    return f'{STYLE}<div class="fp" id="floatplan-saved">{_paragraphs(*lines)}</div>'
+    return f'<div class="fp" id="floatplan-saved">{_paragraphs(*lines)}</div>'

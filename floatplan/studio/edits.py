@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
@@ -42,14 +42,45 @@ def number_at(problem: fp.Problem, path: str) -> float:
     for key in keys:
         if isinstance(value, np.ndarray):
             value = value[problem.robot.joints.index(key)]
+        elif isinstance(value, Mapping):
+            value = value[key]
         else:
             value = value[int(key)] if key.isdecimal() else getattr(value, key)
     return math.nan if isinstance(value, str) else float(value)
 
 
-def change(part: Literal["flight", "motion"], **changes: Any) -> Edit:
-    """Change fields of the flight or the motion, such as ``angular_momentum="free"``."""
+def change(part: Literal["flight", "motion", "jump"], **changes: Any) -> Edit:
+    """Change fields of the flight, the motion or the jump, such as ``angular_momentum="free"``."""
     return lambda problem: replace(problem, **{part: replace(getattr(problem, part), **changes)})
+
+
+def phases(ends: Sequence[float] | None, flight: int = 0) -> Edit:
+    """Fix how long the phases of a jump last, the flight being one of them, by their ends, s; or leave it open."""
+
+    def edit(problem: fp.Problem) -> fp.Problem:
+        asked = problem.jump or fp.JumpRequest()
+        lasts = np.diff(ends or (), prepend=0.0).tolist()
+        pairs = [(each, each) for each in lasts]
+        before, after = (pairs[:flight], pairs[flight + 1 :]) if pairs else (None, None)
+        fixed = [each for each in asked.fixed if pairs or each != "duration"]
+        if "duration" not in fixed and pairs:
+            fixed.append("duration")
+        takeoff, landing = replace(asked.takeoff, durations=before), replace(asked.landing, durations=after)
+        lasting = replace(problem.flight, duration=lasts[flight]) if pairs else problem.flight
+        jump = replace(asked, takeoff=takeoff, landing=landing, fixed=fixed)
+        return replace(problem, flight=lasting, jump=jump)
+
+    return edit
+
+
+def phase_ends(problem: fp.Problem) -> tuple[float, ...] | None:
+    """When the phases of a jump end, s, where all that they last is fixed."""
+    jump = problem.jump
+    if jump is None or not jump.takeoff.durations or not jump.landing.durations or "duration" not in jump.fixed:
+        return None
+    lasting = (problem.flight.duration, problem.flight.duration)
+    pairs = np.array([*jump.takeoff.durations, lasting, *jump.landing.durations])
+    return tuple(np.cumsum(pairs[:, 0]).tolist()) if (pairs[:, 0] == pairs[:, 1]).all() else None
 
 
 def ground(wanted: bool) -> Edit:

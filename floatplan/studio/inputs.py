@@ -97,7 +97,7 @@ class Inputs:
         least = min(round(math.ceil(low / unit / step) * step, digits), value)
         most = max(round(math.floor(high / unit / step) * step, digits), value)
         slider = self._gui.add_slider(label, min=least, max=most, step=step, initial_value=value, hint=hint)
-        self._add(slider, shown, path, set_to)
+        self.add(slider, shown, path, set_to)
         self.sliders[path] = slider
         return slider
 
@@ -113,14 +113,15 @@ class Inputs:
         present = get(self._session.view.problem)
         offered = tuple(dict.fromkeys((*words, present)))
         dropdown = self._gui.add_dropdown(label, offered, initial_value=present, hint=hint)
-        self._add(dropdown, get, label, lambda word: self._session.edit(edit(word)))
+        self.add(dropdown, get, label, lambda word: self._session.edit(edit(word)))
 
     def tick(self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[bool], Edit]) -> None:
         """Add a tick."""
         tick = self._gui.add_checkbox(label, get(self._session.view.problem))
-        self._add(tick, get, label, lambda wanted: self._session.edit(edit(wanted)))
+        self.add(tick, get, label, lambda wanted: self._session.edit(edit(wanted)))
 
-    def _add(self, handle: Any, get: Callable[[fp.Problem], Any], about: str, act: Callable[[Any], object]) -> None:
+    def add(self, handle: Any, get: Callable[[fp.Problem], Any], about: str, act: Callable[[Any], object]) -> None:
+        """Add an input: how to read from a problem what it shows, and what is done where the user sets it."""
         shown = Input(handle, get)
 
         def touch(event: Any) -> None:

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from http import HTTPStatus
+from importlib.resources import files
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -18,7 +19,7 @@ from floatplan.studio.panel import Controls
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
 from floatplan.studio.stage import Player, Stage
-from floatplan.view.scene.scene import silence
+from floatplan.view.scene.scene import headed, silence
 
 HOST = "127.0.0.1"  # of this machine alone
 THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
@@ -52,7 +53,7 @@ class Studio:
         first = self.session.view.answer
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
-        with silence(), own_page_alone():
+        with silence(), own_page_alone(f"floatplan: {self.session.view.problem.name}"):
             self.server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
@@ -118,9 +119,19 @@ def is_own_page(origin: str | None, host: str | None) -> bool:
         return False
 
 
+def titled(response: Any, title: str) -> Any:
+    """Give viser's page a title and the studio's style; return any other response as it is."""
+    if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
+        style = files("floatplan.studio").joinpath("page.css").read_text("utf-8")
+        response.body = headed(response.body.decode(), title, style).encode()
+        del response.headers["Content-Length"]
+        response.headers["Content-Length"] = str(len(response.body))
+    return response
+
+
 @contextmanager
-def own_page_alone() -> Iterator[None]:
-    """Let a viser server that is started meanwhile refuse the websockets of other pages.
+def own_page_alone(title: str) -> Iterator[None]:
+    """Let a viser server that is started meanwhile refuse the websockets of other pages, and give its own a title.
 
     viser does not ask where a page comes from, and any web page can open a websocket to this machine. It hands over a
     function that answers requests, ``process_request``, when it calls ``websockets.asyncio.server.serve``: the question
@@ -140,7 +151,11 @@ def own_page_alone() -> Iterator[None]:
             headers = request.headers
             if "Upgrade" in headers and not is_own_page(headers.get("Origin"), headers.get("Host")):
                 return connection.respond(HTTPStatus.FORBIDDEN, "Only the studio's own page may connect.\n")
-            return None if process_request is None else process_request(connection, request)
+            if process_request is None:
+                return None
+            if "Upgrade" not in headers:
+                del headers["Accept-Encoding"]  # what follows is text
+            return titled(process_request(connection, request), title)
 
         calls.append(options)
         return serve(*arguments, process_request=process, **options)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 import floatplan as fp
+from floatplan.problem.jump import MARGIN
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
+from floatplan.studio.curves import bar_style, curves_card, instant_mark, phase_colours
 from floatplan.studio.inputs import Inputs, by_user, in_turn, on
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Part, Session, View
@@ -26,6 +28,9 @@ REACH = 2.0  # [m] that a place's slider reaches, to both sides
 LEAST = 0.01  # [-] of a limit slider's end
 WIDE = 3.0  # [-] of what the first motion needs, where the URDF has no limit: a slider's end
 SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
+FRICTION = 0.1, 1.5  # [-] ends of its slider
+LEAST_MARGIN, HIGHEST = 0.3, 0.1  # [-], [m] of clearance: the same
+LONGER, SHORTEST = 1.25, 0.02  # [-] of a jump: end of the bar of its phases; [s] of a phase
 A_NUMBER = "a number"
 MOMENTA = ("midpoint", "free", A_NUMBER)
 DEGREES = ("auto", "7", "9", "11", "13")
@@ -46,6 +51,10 @@ class Controls:
         self._status = self._gui.add_html(cards.status_card(session.view))
         self._flying()
         tabs = self._gui.add_tab_group()
+        self._jump = None
+        if session.view.problem.jump is not None:
+            with tabs.add_tab("Jump"):
+                self._jump = JumpTab(self._gui, session, self.inputs)
         with tabs.add_tab("Goal"):
             self._posture("goal")
         with tabs.add_tab("Start"):
@@ -56,12 +65,15 @@ class Controls:
             self._limits = LimitsTab(self._gui, session, self.inputs)
         with tabs.add_tab("Obstacles") as tab:
             self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_place())
-        with tabs.add_tab("Map"):
-            self._map()
+        self._map_html = None
+        if self._jump is None:
+            with tabs.add_tab("Map"):
+                self._map()
         with tabs.add_tab("Compare"):
             self._compare()
         with tabs.add_tab("Save"):
             self._save(folder)
+        self._beside, self._curves, self._now = (self._gui.add_html("") for _ in range(3))
 
     def draw(self, view: View) -> bool:
         """Say and show what has changed; return whether it has to be drawn again soon.
@@ -74,18 +86,27 @@ class Controls:
         else:
             self._drawn = view
             self._status.content = cards.status_card(view)
-        self._map_html.content = cards.map_card(view.map, self._points, self._map_wanted.value)
+            self._beside.content = cards.warning_card(view)
+            if view.answer is not None:
+                self._curves.content = curves_card(view.answer.motion, view.answer.shares)
+        if self._map_html is not None:
+            self._map_html.content = cards.map_card(view.map, self._points, self._map_wanted.value)
+        if self._jump is not None:
+            self._jump.draw(view)
         self._comparison.content = cards.comparison_card(view.answer, view.kept)
         self._limits.draw(view)
         self._obstacles.draw(view)
         self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
-        self.time.max = max(shown.plan.duration for shown in (view.answer, view.kept) if shown is not None)
+        longest = max(shown.motion.duration for shown in (view.answer, view.kept) if shown is not None)
+        self.time.max = math.ceil(1e3 * longest) / 1e3
         return in_turn(self._server, lambda: self.inputs.follow(view.problem)) or begun
 
     def at(self, instant: float) -> None:
         """Show the flight's time, s."""
         value = round(float(np.clip(instant, 0.0, self.time.max)), 3)
         in_turn(self._server, lambda: setattr(self.time, "value", value))
+        answer = self._session.view.answer
+        self._now.content = "" if answer is None else instant_mark(instant / answer.motion.duration)
 
     def _button(self, label: str, about: str, act: Callable[[], object], **look: Any) -> Any:
         button = self._gui.add_button(label, **look)
@@ -129,8 +150,9 @@ class Controls:
         self.inputs.slider("base, °", (path,), turn - TURNS, turn + TURNS, DEGREE, hint)
         for joint, (low, high) in zip(problem.robot.joints, problem.position_limits.tolist(), strict=True):
             self.inputs.slider(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, DEGREE)
-        shown = self._gui.add_checkbox(f"show the {end}", initial_value=True, hint="Drag its links to change it.")
-        on(shown.on_update, lambda _: setattr(self._stage.ghosts[end].root, "visible", shown.value))
+        root, hint = self._stage.ghosts[end].root, "Drag its links to change it."
+        shown = self._gui.add_checkbox(f"show the {end}", initial_value=root.visible, hint=hint)
+        on(shown.on_update, lambda _: setattr(root, "visible", shown.value))
 
     def _flight(self) -> None:
         answer, problem = self._session.view.answer, self._session.view.problem
@@ -205,6 +227,66 @@ def _degree_word(problem: fp.Problem) -> str:
 
 def _degree_edit(word: str) -> edits.Edit:
     return edits.change("motion", degree=int(word) if word.isdecimal() else word)
+
+
+class JumpTab:
+    """What a whole jump is asked: its phases as a bar, friction, margins."""
+
+    def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
+        self._gui, self._session, self._inputs = gui, session, inputs
+        self._folder = gui.add_folder("Phases")
+        self._bar: Any = None
+        self._flight = 0  # which phase it is
+        with self._folder:
+            self._look = gui.add_html("")
+            inputs.tick("fixed", lambda each: edits.phase_ends(each) is not None, self._kept)
+        inputs.slider("friction", ("jump.friction",), *FRICTION, hint="Coefficient of the ground.")
+        hint = "Of the limits, what stances may use."
+        for name in MARGIN:
+            inputs.slider(f"{name}, %", (f"jump.margin.{name}",), LEAST_MARGIN, 1.0, 0.01, hint)
+        hint = "Height that what does not stand keeps above the ground."
+        inputs.slider("clearance, mm", ("jump.clearance",), 0.0, HIGHEST, 1e-3, hint)
+        for key, words in (("objective", ("torque", "limits")), ("feet", ("point", "rolling"))):
+            inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
+
+    def draw(self, view: View) -> None:
+        """Show the phases as they are planned; the bar comes with the first jump."""
+        shown = None if view.answer is None else view.answer.view
+        if shown is None:
+            return
+        if self._bar is None:
+            ends = self._ends(view.problem)
+            self._flight = [phase.kind for phase in shown.jump.phases].index("flight")
+            with self._folder:
+                hint = "Ends of the phases, s. Dragging one fixes how long all of them last."
+                self._bar = self._gui.add_multi_slider(
+                    "ends, s", 0.0, round(LONGER * ends[-1], 2), 0.001, ends, min_range=SHORTEST, hint=hint
+                )
+            self._inputs.add(self._bar, self._ends, "phases", self._drag)
+        self._bar.max = max(self._bar.max, *self._ends(view.problem))
+        shares = [each / self._bar.max for each in self._bar.value]
+        self._look.content = bar_style(phase_colours(shown), shares)
+
+    def _ends(self, problem: fp.Problem) -> tuple[float, ...]:
+        """When the phases end: as is asked, else as they were found."""
+        answer, asked = self._session.view.answer, edits.phase_ends(problem)
+        found = () if answer is None or answer.jump is None else tuple(phase.end for phase in answer.jump.phases)
+        return tuple(round(each, 3) for each in asked or found or self._bar.value)
+
+    def _drag(self, ends: Sequence[float]) -> None:
+        self._session.edit(edits.phases(ends, self._flight), "phases")
+
+    def _kept(self, wanted: bool) -> edits.Edit:
+        present = self._session.view.problem
+        return edits.phases(self._ends(present) if wanted and self._bar else None, self._flight)
+
+
+def _of_jump(key: str, problem: fp.Problem) -> str:
+    return str(getattr(problem.jump, key))
+
+
+def _jump_edit(key: str, word: str) -> edits.Edit:
+    return edits.change("jump", **{key: word})
 
 
 class LimitsTab:

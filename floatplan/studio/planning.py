@@ -23,13 +23,12 @@ from floatplan.studio.answers import Failure, LaunchTask, Map, MapTask, PlanTask
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
 QUIET = 0.2  # [s] without another question, before the whole search and the proof begin
-MAP_BUDGET = 30.0  # [s] of planning for a map
 LAST = 10  # [-] niceness of proofs and maps: the page is drawn first
 LOST = "the planner ended unexpectedly; change something to try again"
 ROBOT = "robot"
 LOG = logging.getLogger(__name__)
 LOADED = (  # before a process begins
-    *("floatplan.certificate.certificate", "floatplan.kernel.library", "floatplan.planning.many"),
+    *("floatplan.certificate.certificate", "floatplan.kernel.layout", "floatplan.planning.many"),
     *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
 )
 
@@ -219,12 +218,14 @@ class Planning:
         return self._newest is question and not self._closed
 
     def _plan(self, question: Question) -> None:
-        try:
-            answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
-        except StoppedError:
-            answer = Failure(LOST)
+        if question.problem.jump is None or self._near is None:  # else the last jump is shown until there is another
+            try:
+                answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
+            except StoppedError:
+                answer = Failure(LOST)
+            if not self._closed:
+                self._tell(question, answer)
         if not self._closed:
-            self._tell(question, answer)
             self._proofs.do("proof", lambda: self._settle(question))
 
     def _settle(self, question: Question) -> None:
@@ -236,7 +237,7 @@ class Planning:
             answer = self._thorough.ask(PlanTask(question.problem))
             if self._is_newest(question):
                 self._tell(question, answer)
-                if isinstance(answer, ShownPlan):
+                if isinstance(answer, ShownPlan) and question.problem.jump is None:
                     launched = self._thorough.ask(LaunchTask(answer))
                     if self._is_newest(question) and isinstance(launched, ShownPlan) and launched.stances:
                         self._tell(question, launched)
@@ -249,9 +250,9 @@ class Planning:
             self._settling = False
 
     def _draw_map(self, question: Question, present: ShownPlan) -> None:
-        chart, until = Map.centred_at(present), time.monotonic() + MAP_BUDGET
+        chart = Map.centred_at(present)
         for places, task in chart.questions(question.problem):
-            if not self._is_newest(question) or time.monotonic() > until:
+            if not self._is_newest(question):
                 return
             points = self._thorough.ask(task)
             if isinstance(points, Failure) or not self._is_newest(question):

@@ -20,6 +20,7 @@ State = TypeVar("State")
 Verdict: TypeAlias = Literal["waiting", "planned", "proved", "undecided", "refuted", "not found", "failed"]
 Part: TypeAlias = Literal["problem", "plan", "report"]
 FILE_NAMES: dict[Part, str] = {"problem": "problem.toml", "plan": "plan.json", "report": "report.html"}
+JUMP = "jump.json"  # in the place of a plan
 MOST = 200  # [-] states of a history
 ONE_GESTURE = 1.0  # [s] between changes of one gesture that count as one
 
@@ -64,6 +65,8 @@ class View:
             return "failed"
         if self.answer is None or not self.is_current or not (self.answer.settled or self.answer.plan.ok):
             return "waiting"
+        if self.problem.jump is not None and not (self.answer.jump and self.answer.jump.ok):
+            return "not found" if self.answer.jump else "waiting"
         if self.answer.settled and self.answer.plan.certificate is not None:
             return self.answer.plan.certificate.verdict
         return "planned" if self.answer.plan.ok else "not found"
@@ -198,7 +201,8 @@ class Session:
         What this session has not written, or others have changed since, is not overwritten.
         """
         try:
-            wanted = Path(folder).expanduser() / FILE_NAMES[part]
+            name = JUMP if part == "plan" and self.view.problem.jump is not None else FILE_NAMES[part]
+            wanted = Path(folder).expanduser() / name
             numbered = (wanted.with_stem(f"{wanted.stem}-{number}") for number in count(2))
             path = next(each for each in chain((wanted,), numbered) if not os.path.lexists(each) or self._is_own(each))
             _write(self.view, part, path)
@@ -246,10 +250,11 @@ def _write(view: View, part: Part, path: Path) -> None:
         return
     if view.answer is None or not view.is_current or not view.answer.settled:
         raise fp.InputError("the plan is not settled yet", advice="wait a moment")
+    found = view.answer.jump or view.answer.plan
     if part == "plan":
-        view.answer.plan.save(path)
+        found.save(path)
     else:
-        view.answer.plan.show(path, browse=False)
+        found.show(path, browse=False)
 
 
 def _version(path: Path) -> tuple[int, int]:

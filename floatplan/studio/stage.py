@@ -15,7 +15,7 @@ import numpy as np
 import floatplan as fp
 from floatplan.motion.flight import ballistics
 from floatplan.problem.parts import Obstacle
-from floatplan.studio.answers import ShownPlan
+from floatplan.studio.answers import ShownPlan, pose_times
 from floatplan.studio.edits import end_state, moved, put_obstacle
 from floatplan.studio.inputs import on
 from floatplan.studio.planning import Actions
@@ -28,7 +28,7 @@ from floatplan.view.style import TRAILS, rgb_bytes
 LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses: the flight loops, they are sent as often as the page draws them
 REST = 0.5  # [s] at landing, before it begins again
-Show = tuple[scene.RobotNodes, ShownPlan]
+Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
 BEND = 0.05  # [rad] of a path, after which it has another point
@@ -66,6 +66,7 @@ class Stage:
         self._plan = plan
         self._shapes = outlines.posture_at(plan, plan.problem.initial, 0.0)
         self._drawn: View | None = None
+        self._forces: tuple[scene.ForceNodes, ...] = ()
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
         scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(placed))
@@ -91,19 +92,22 @@ class Stage:
                 self._draw_problem(view.problem)
             if view.answer is not None and (before is None or before.answer is not view.answer):
                 self._draw_paths(view.answer)
+                self._draw_forces(view.answer)
             if before is None or before.kept is not view.kept:
                 self.kept.root.visible = view.kept is not None
             self._drawn = view
 
     def shows(self, view: View) -> list[Show]:
         """What flies."""
-        pairs = ((self.flier, view.answer), (self.kept, view.kept))
-        return [(bodies, shown) for bodies, shown in pairs if shown is not None]
+        flying = ((self.flier, self._forces, view.answer), (self.kept, (), view.kept))
+        return [(bodies, forces, shown) for bodies, forces, shown in flying if shown is not None]
 
     def at(self, instant: float) -> None:
-        """Move obstacles that move to where they are at an instant of the flight, s."""
+        """Move obstacles that move to where they are at an instant of the motion, s."""
         with self._lock:
             obstacles = self._drawn.problem.obstacles if self._drawn else ()
+            jump = self._drawn.answer.view if self._drawn and self._drawn.answer else None
+            instant -= jump.flown[0] if jump else 0.0  # their clock begins with the flight
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
                 scene.move_obstacle(node, self._plane, obstacle, instant)
 
@@ -111,19 +115,9 @@ class Stage:
         scene.look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
         self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
 
-        def narrow(client: Any) -> None:
-            """On a phone the panel is the lower half: the flight is drawn in the upper one."""
-            if client.camera.aspect < 1.0:
-                low, high = self._box
-                across, up = np.cross(self._plane.horizontal, self._plane.vertical), self._plane.vertical
-                size, middle = abs(high - low), scene.in_space(self._plane, (low + high) / 2)
-                client.camera.position = middle + size * (1.4 * across + 0.1 * up)
-                client.camera.look_at = middle - 0.52 * size * up
-
-        on(self._server.on_client_connect, narrow)
-
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
-        ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
+        ghost, jump = scene.RobotNodes(self._server, f"/{end}", self._robot), self._session.view.problem.jump
+        ghost.root.visible = jump is None or end in jump.fixed  # else a guess
         parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *grips.items()]:
@@ -212,6 +206,13 @@ class Stage:
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 
+    def _draw_forces(self, shown: ShownPlan) -> None:
+        """Arrows of the forces on the feet of a jump, in the place of those of the one before."""
+        if self._forces:
+            self._server.scene.remove_by_name("/forces")
+        view = shown.view
+        self._forces = () if view is None else (scene.ForceNodes(self._server, view, pose_times(view.duration)),)
+
     def free_place(self) -> tuple[complex, float]:
         """A place beside the flight for something new, and the robot's size, m."""
         low, high = self._box
@@ -258,7 +259,7 @@ class Player:
                 if self.playing:
                     self._time += (now - last) * self.speed
                 shows, instant, moving = self._shows, self._time, self.playing or self._dirty
-                longest = max((shown.plan.duration for _, shown in shows), default=0.0)
+                longest = max((shown.motion.duration for *_, shown in shows), default=0.0)
                 if self.playing and instant > longest + REST * self.speed:
                     self._time = 0.0
                 self._dirty = False
@@ -271,9 +272,11 @@ class Player:
 
     def _send(self, shows: list[Show], instant: float) -> None:
         with self._server.atomic():
-            for bodies, shown in shows:
+            for bodies, forces, shown in shows:
                 count = len(shown.poses.places)
-                share = min(instant / shown.plan.duration, 1.0)
-                bodies.put(shown.poses, round(share * (count - 1)))
+                index = round(min(instant / shown.motion.duration, 1.0) * (count - 1))
+                bodies.put(shown.poses, index)
+                for each in forces:
+                    each.put(index)
         self.frames += 1
         self._on_time(instant)

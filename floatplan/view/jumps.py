@@ -104,9 +104,7 @@ class JumpView:
     @property
     def efforts(self) -> dict[str, float]:
         """What the locked joints can hold, N m; infinite where the file does not say."""
-        model = self.robot.model
-        efforts = {name: float(model.effortLimit[model.idx_vs[model.getJointId(name)]]) for name in self.robot.locked}
-        return {name: effort if effort > 0 else np.inf for name, effort in efforts.items()}
+        return {name: self.robot.layout.tree.joint[name].effort for name in self.robot.locked}
 
     @property
     def ground(self) -> float:
@@ -153,7 +151,7 @@ class JumpView:
         """State (N,) at times (N,), s, as a plan has it."""
         state, robot, tree = self.jump.at(times), self.robot, self.robot.tree
         planned, base = np.linalg.pinv(robot.selection).T, tree.point_weights(np.array([0]), np.array([0j]))[0]
-        joints, rates = (state.positions - robot.reference) @ planned, state.velocities @ planned
+        joints, rates = state.planned(robot)[1:].T, state.velocities @ planned
         orientation, turned = state.positions[:, 2], state.velocities[:, 2]
         rotations = tree.rotations(tree.absolute_angles(orientation, joints))
         spun = 1j * tree.turn * (turned[:, None] + rates @ tree.turns.T) * rotations
@@ -195,8 +193,7 @@ class JumpView:
         """
         jump, problem, robot = self.jump.at(times), self.problem, self.robot
         state, forces, feet = self.at(times), self.forces(times), self.feet(times)
-        motors, speeds = state.motor_torques, np.abs(state.velocities @ robot.motor_ratios.T)
-        of_curve = (np.abs(motors) + problem.motor_slope * speeds) / problem.motor_stall
+        torque_use, rate_use = limit_shares(problem, state)
         light = LIGHT * robot.mass * problem.flight.gravity
         cones = self.jump.request.friction * np.where(forces.imag > light, forces.imag, np.nan)
         rows = [robot.model.idx_vs[robot.model.getJointId(name)] for name in robot.locked]
@@ -207,8 +204,8 @@ class JumpView:
             "force_x": forces.real,
             "force_z": forces.imag,
             "friction": np.abs(forces.real) / cones,
-            "torque_use": np.sign(motors) * np.maximum(np.abs(motors) / problem.motor_torque_limits, of_curve),
-            "rate_use": state.velocities / problem.velocity_limits,
+            "torque_use": torque_use,
+            "rate_use": rate_use,
             "held_use": jump.torques[:, rows] / [*self.efforts.values()],
         }
         found = {f"{name}.{index}": each for name, all_of in columns.items() for index, each in enumerate(all_of.T)}
@@ -216,6 +213,17 @@ class JumpView:
 
 
 Shown: TypeAlias = Plan | JumpView
+
+
+def limit_shares(problem: Problem, state: FlightState) -> tuple[Array, Array]:
+    """Shares (N, motors) of limits on torque, or of torque-speed curves if these are nearer, and (N, joints) on rate.
+
+    Signed as torques and rates are; 0 where nothing limits.
+    """
+    motors, speeds = state.motor_torques, np.abs(state.velocities @ problem.robot.motor_ratios.T)
+    of_curve = (np.abs(motors) + problem.motor_slope * speeds) / problem.motor_stall
+    shares = np.sign(motors) * np.maximum(np.abs(motors) / problem.motor_torque_limits, of_curve)
+    return shares, state.velocities / problem.velocity_limits
 
 
 def _later(obstacle: Obstacle, delay: float) -> Obstacle:

@@ -16,7 +16,7 @@ from floatplan.certificate.certificate import shapes_of
 from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.robot.urdf.tree import urdf_path
 
 GROUND = {"kind": "half-plane", "point": [0.0, 0.0], "normal": [0.0, 2.0], "margin": 0.0}
 CIRCLE = {"kind": "circle", "center": [1.485, 3.342], "radius": 0.2, "margin": 0.0}

@@ -16,15 +16,9 @@ from floatplan.errors import InputError
 from floatplan.plans.plan import load_plan
 from floatplan.plans.reading import load_record
 from floatplan.robot import Robot
-from floatplan.robot.shapes.links import cache_folder
 
 MESH = "package://meshes/part.stl"
 SPHERE = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
 def write_mesh(folder, size=0.2):
@@ -115,20 +109,6 @@ def test_hashes_that_are_none_are_refused(tmp_path, meshes):
     with pytest.raises(InputError) as caught:
         fp.certify(path)
     assert caught.value.element.startswith("robot.meshes")
-
-
-def test_a_forged_cache_entry_proves_nothing(tmp_path):
-    """A circle of half a metre through the box, and a cache that says that the box is a point far away."""
-    path = clear_plan(tmp_path)
-    content = json.loads(path.read_text())
-    content["problem"]["obstacles"][0] |= {"center": [0.0, 0.0]}
-    path.write_text(json.dumps(content))
-    assert fp.certify(path).verdict == "refuted"
-    entries = list(cache_folder().iterdir())
-    assert entries
-    for entry in entries:
-        entry.write_text("[9, 9, 9, 9, 0.0]")
-    assert fp.certify(path).verdict == "refuted"
 
 
 def test_a_mesh_that_changes_between_two_looks_is_noticed(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from robot_samples import GYMNAST, PAIR, inertial, robot_text
 
 import floatplan as fp
-from floatplan.robot.urdf import example_robots
+from floatplan.robot.urdf import tree as urdf
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf"
@@ -57,20 +57,20 @@ class TestRobots:
         assert fp.load_plan("runs/handstand/plan.json").ok
 
     def test_of_example_robot_data(self, floatplan: Command) -> None:
-        if example_robots.robots_folder() is None:
+        if urdf.robots_folder() is None:
             pytest.skip("example-robot-data is not installed")
         listed = json.loads(floatplan("robots", "--json").stdout)
         named = {facts["robot"]: facts for facts in listed["robots"]}
         go2 = named["example-robot-data:go2_description/urdf/go2.urdf"]
         assert (len(go2["joints"]), len(go2["followers"]), go2["coupled"]) == (4, 4, "mirror")
         assert all(facts["reason"] for facts in listed["unusable"])
-        known = {example_robots.PREFIX + name for name in example_robots.example_urdfs()}
+        known = {urdf.PREFIX + name for name in urdf.example_urdfs()}
         assert known <= named.keys() | {facts["robot"] for facts in listed["unusable"]}
 
     def test_where_there_are_none_it_says_how_to_get_them(
         self, floatplan: Command, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(example_robots, "robots_folder", lambda: None)
+        monkeypatch.setattr(urdf, "robots_folder", lambda: None)
         run = floatplan("robots")
         assert run.code == 0
         assert "gymnast.urdf" in run.stdout

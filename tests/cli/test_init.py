@@ -17,7 +17,7 @@ from long_cases import cases
 
 import floatplan as fp
 from floatplan.initial import flight
-from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
+from floatplan.robot.urdf.tree import PREFIX, robots_folder
 from floatplan.stance.setup import jump_setup
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 Command = Callable[..., Any]
 

@@ -201,7 +201,7 @@ def fly(model: Any, data: Any, torques: Callable[[float], np.ndarray], joints: n
 
 def test_coupled_and_locked_joints_are_all_there(tmp_path: Path) -> None:
     """A quadruped's twelve joints, of which four are planned."""
-    source = pytest.importorskip("floatplan.robot.urdf.example_robots")
+    source = pytest.importorskip("floatplan.robot.urdf.tree")
     if source.robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     plan = fp.plan(fp.load_problem(Path(__file__).parents[2] / "problems" / "gallery" / "go2.toml"), budget=0.1)

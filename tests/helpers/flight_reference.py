@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import floatplan as fp
 from floatplan.arrays import read_only
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.closed_form import ballistics
 
 
 @lru_cache(maxsize=8)

@@ -18,7 +18,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from fuzz_mutations import spoiled, spoiled_bytes
-from fuzz_sources import FLYING, FORMATS, GALLERY, PREFIX, copy_capsules, plan_of, problem_file, robot_of
+from fuzz_sources import FLYING, FORMATS, GALLERY, PREFIX, plan_of, problem_file, robot_of
 
 from floatplan.robot.shapes.collisions import find_mesh
 
@@ -32,7 +32,6 @@ def prepare_robot(rng: random.Random, folder: Path) -> list[str]:
     planned = rng.random() < 0.4
     name = rng.choice(FLYING if planned else GALLERY)
     urdf = _copied(robot_of(name), folder)
-    copy_capsules(folder)
     _spoil_robot(rng, urdf)
     if planned:
         plan = folder / "plan.json"
@@ -60,7 +59,7 @@ def prepare_robot(rng: random.Random, folder: Path) -> list[str]:
 
 def _copied(name: str, folder: Path) -> Path:
     """The URDF in a folder like the package's own, with its SRDFs, and links to the meshes that it names."""
-    from floatplan.robot.urdf.example_robots import urdf_path
+    from floatplan.robot.urdf.tree import urdf_path
 
     origin = urdf_path(PREFIX + name)
     robots = origin.parents[len(Path(name).parts) - 1]

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
-from functools import cache
 from pathlib import Path
-from unittest import mock
 
 from fuzz_mutations import ROOT
 
@@ -52,32 +49,13 @@ def plan_of(problem: str) -> Path:
 
     path = _made() / f"{problem}.json"
     if not path.is_file():
-        with mock.patch.dict(os.environ, XDG_CACHE_HOME=str(_made() / "cache")):
-            fp.plan(fp.load_problem(problem_file(problem)), prove=True).save(path)
+        fp.plan(fp.load_problem(problem_file(problem)), prove=True).save(path)
     return path
-
-
-def copy_capsules(folder: Path) -> None:
-    """Give a case the capsules around the gallery's meshes, fitted once: only spoiled ones are to be fitted again."""
-    _fit_capsules()
-    shutil.copytree(_made() / "cache", folder / "cache", dirs_exist_ok=True)
-
-
-@cache
-def _fit_capsules() -> None:
-    from floatplan import Robot
-
-    fitted = _made() / "fitted"
-    if not fitted.is_file():
-        with mock.patch.dict(os.environ, XDG_CACHE_HOME=str(_made() / "cache")):
-            for name in GALLERY:
-                _ = Robot.from_urdf(f"{PREFIX}{robot_of(name)}").shapes
-        fitted.touch()
 
 
 def has_gallery() -> bool:
     """Whether the package of the gallery's robots is installed."""
-    from floatplan.robot.urdf.example_robots import robots_folder
+    from floatplan.robot.urdf.tree import robots_folder
 
     return robots_folder() is not None
 
@@ -86,5 +64,3 @@ def prepare() -> None:
     """Make what cases begin with."""
     for problem in (*PROBLEMS, *(FLYING if has_gallery() else ())):
         plan_of(problem)
-    if has_gallery():
-        _fit_capsules()

@@ -9,7 +9,7 @@ import numpy as np
 from once import made_once
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.stance.jump import Jump
 from floatplan.stance.planner import jump
 

@@ -10,7 +10,7 @@ from floatplan.certificate.planar.clearance import LinkShape
 from floatplan.plans.reading import checked
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Certificate
-from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.robot.urdf.tree import urdf_path
 
 
 def certify_record(

@@ -13,7 +13,7 @@ from flown_plans import Drifting, forward_plan
 
 import floatplan as fp
 from floatplan.inflight.estimate import Measurement, Recovery
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 NAMES = ("t", "orientation", "orientation_rate", "positions", "velocities", "now", "com_position", "com_velocity")

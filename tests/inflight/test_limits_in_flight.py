@@ -11,8 +11,8 @@ import pytest
 from flown_plans import Drifting
 
 import floatplan as fp
-from floatplan.inflight.correction import REACHED
 from floatplan.inflight.estimate import adapted
+from floatplan.inflight.replanner import REACHED
 from floatplan.motion.planar.clearance import obstacle_distances
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"

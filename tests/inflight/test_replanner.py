@@ -15,7 +15,7 @@ from flown_plans import Drifting, forward_plan
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.inflight.update import MEMORY
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))

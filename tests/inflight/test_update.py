@@ -15,9 +15,9 @@ from update_reference import Present, Reference, filtered, step
 
 import floatplan as fp
 from floatplan.inflight import prediction, update
-from floatplan.inflight.correction import REACHED, Correction
+from floatplan.inflight.replanner import REACHED, Correction
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))

@@ -10,7 +10,7 @@ import pytest
 from flown_plans import Drifting
 
 import floatplan as fp
-from floatplan.inflight.correction import EARLY
+from floatplan.inflight.replanner import EARLY
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 

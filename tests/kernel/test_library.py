@@ -16,10 +16,9 @@ from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.kernel import build, library
-from floatplan.kernel.batch import Search
+from floatplan.kernel import build, layout
+from floatplan.kernel.batch import Numbers, Search, solver
 from floatplan.kernel.bodies import Bodies
-from floatplan.kernel.rows import Numbers, solver
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
@@ -30,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def kernel():
-    return library.kernel()
+    return layout.kernel()
 
 
 def planned_by(problem, **search):

@@ -9,10 +9,10 @@ import pytest
 from plain_problems import problem_of, random_robot
 
 import floatplan as fp
-from floatplan.kernel import peaks
+from floatplan.kernel import batch
+from floatplan.kernel.batch import many_peaks
 from floatplan.kernel.bodies import Bodies
-from floatplan.kernel.library import kernel
-from floatplan.kernel.peaks import many_peaks
+from floatplan.kernel.layout import kernel
 from floatplan.plans.plans import Answer
 
 DENSE = 4001  # instants
@@ -78,8 +78,8 @@ def test_rates_are_measured_only_where_they_are_asked_for(groups):
 def test_all_three_numbers_of_nodes_are_needed(groups, monkeypatch):
     """Else the table above would not try them: with fewer of them peaks are missed."""
     full = [many_peaks(*group).motor_torque for group in groups]
-    for fewer in (peaks.NODES[:1], peaks.NODES[:2]):
-        monkeypatch.setattr(peaks, "NODES", fewer)
+    for fewer in (batch.NODES[:1], batch.NODES[:2]):
+        monkeypatch.setattr(batch, "NODES", fewer)
         missed = [1 - many_peaks(*group).motor_torque / most for group, most in zip(groups, full, strict=True)]
         assert max(each.max() for each in missed) > 1e-9
 

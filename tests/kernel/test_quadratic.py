@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from floatplan.kernel.quadratic import step_by_active_rows
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
-from floatplan.optimization.quadratic_program import ROW_TOLERANCE
+from floatplan.optimization.programs import ROW_TOLERANCE, Derivatives, Evaluation
 
 
 def drawn(rng: np.random.Generator) -> tuple[Evaluation[None], np.ndarray, np.ndarray]:

@@ -9,12 +9,11 @@ import pytest
 from general_path import take_general_path
 
 import floatplan as fp
-from floatplan.kernel import library
+from floatplan.kernel import layout
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import Limit
 from floatplan.planning.transcription.exchange import local_minima
-from floatplan.planning.transcription.objectives import objective
-from floatplan.planning.transcription.program import FlightProgram, watching
+from floatplan.planning.transcription.program import FlightProgram, objective, watching
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
 LEVEL = 4  # of grids
@@ -29,7 +28,7 @@ AROUND = (
 
 @pytest.fixture
 def kernel():
-    return library.kernel()
+    return layout.kernel()
 
 
 @pytest.fixture(params=[*PROBLEMS, "everything", "free", "following"])

@@ -8,7 +8,7 @@ import pytest
 from robot_samples import URDF_FOLDER
 
 import floatplan as fp
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.closed_form import ballistics
 
 TIMES = np.linspace(0, 1.3, 7)
 

@@ -13,7 +13,7 @@ from rich.console import Console
 
 import floatplan as fp
 from floatplan.cli.summary import plan_summary
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 
 def shown(summary):

@@ -20,7 +20,7 @@ from floatplan.motion.planar.contact_rates import (
     least_rates,
     rate_limits,
 )
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 POSTURES = 30  # of each of eight robots
 

@@ -15,9 +15,9 @@ from straight_axes import axes_turned_in_file
 
 import floatplan as fp
 from floatplan.arrays import read_only
-from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics
-from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
+from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 DURATION, GRAVITY = 1.3, 3.7
 TURNING = -3.0  # rad/s, with the joints at zero

@@ -7,7 +7,7 @@ from general_flight import GeneralDynamics
 import floatplan as fp
 from floatplan.motion.planar.closed_form import Dynamics, TurningBodies
 from floatplan.motion.planar.full_model import PinocchioDynamics
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 
 def test_change_of_the_base_rate_is_its_derivative(any_robot):

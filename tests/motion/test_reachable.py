@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.motion.planar.contact_rates import at_end, equations_at, rate_limits, rates_at
-from floatplan.motion.planar.reachable import reachable
+from floatplan.motion.planar.contact_rates import at_end, equations_at, rate_limits, rates_at, reachable
 
 START, GOAL = [0.5, -0.9, -1.4], [0.9, -0.4, -2.0]
 

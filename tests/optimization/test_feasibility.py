@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from floatplan.optimization import feasibility
-from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.optimization import sqp
+from floatplan.optimization.programs import Derivatives, Evaluation
+from floatplan.optimization.sqp import reduce_violations
 
 
 class Program:
@@ -60,8 +60,8 @@ def test_ends_near_what_cannot_be_met():
 def test_damping_never_vanishes(monkeypatch):
     """However many good steps make it smaller: rows that leave a direction free would give a singular system."""
     seen = []
-    step = feasibility._damped_step
-    monkeypatch.setattr(feasibility, "_damped_step", lambda at, damping: (seen.append(damping), step(at, damping))[1])
+    step = sqp._damped_step
+    monkeypatch.setattr(sqp, "_damped_step", lambda at, damping: (seen.append(damping), step(at, damping))[1])
     flat = Program(
         lambda a, b: (a + b - 1) ** 9,
         lambda a, b: (9 * (a + b - 1) ** 8, 9 * (a + b - 1) ** 8),

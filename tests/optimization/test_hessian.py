@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.optimization.sqp import DirectHessian, InverseHessian, hessian_approximation
 
 NO_ROWS = np.empty(0, dtype=np.int64)

@@ -7,9 +7,8 @@ import pytest
 
 from floatplan.kernel import quadratic
 from floatplan.kernel.quadratic import step_by_active_rows
-from floatplan.optimization import quadratic_program
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
-from floatplan.optimization.quadratic_program import Step, solve_qp, solved
+from floatplan.optimization import programs
+from floatplan.optimization.programs import Derivatives, Evaluation, Step, solve_qp, solved
 
 SIZE, EQUALITIES, INEQUALITIES = 7, 2, 60
 NO_ROWS = np.empty(0, dtype=np.int64)
@@ -51,7 +50,7 @@ def is_solution(step: Step, program: Evaluation[None], hessian: np.ndarray) -> b
 
 @pytest.fixture
 def without_proxqp(monkeypatch):
-    monkeypatch.setattr(quadratic_program, "_proxqp", raising)
+    monkeypatch.setattr(programs, "_proxqp", raising)
 
 
 class TestQP:
@@ -69,7 +68,7 @@ class TestQP:
         program, hessian = drawn(seed)
         active = np.flatnonzero(solve_qp(program, hessian, NO_ROWS, 1e3).multipliers.inequality > 1e-6)
         monkeypatch.setattr(quadratic, "CHANGES", 1)
-        monkeypatch.setattr(quadratic_program, "_proxqp", raising)
+        monkeypatch.setattr(programs, "_proxqp", raising)
         assert is_solution(solve_qp(program, hessian, active, 1e3, step_by_active_rows), program, hessian)
 
     def test_rows_that_say_the_same_twice_are_no_obstacle(self):

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from floatplan.optimization import quadratic_program
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation, Settings
+from floatplan.optimization import programs
+from floatplan.optimization.programs import Derivatives, Evaluation, Settings
 from floatplan.optimization.sqp import hessian_approximation, minimise
 
 
@@ -275,7 +275,7 @@ class TestSteps:
 
 class TestBadLuck:
     def test_qp_that_fails_ends_the_search_where_it_is(self, monkeypatch):
-        monkeypatch.setattr(quadratic_program, "_proxqp", lambda *arguments: None)
+        monkeypatch.setattr(programs, "_proxqp", lambda *arguments: None)
         found = HS71.solve()
         assert found.status == "infeasible"
         assert np.isfinite(found.x).all()

@@ -14,8 +14,8 @@ from starts_problems import starts_problems
 
 import floatplan as fp
 from floatplan.kernel.quadratic import step_by_active_rows
-from floatplan.optimization import quadratic_program
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.optimization import programs
+from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning import repair, search
 from floatplan.planning.attempt import best
 from floatplan.planning.planned import SearchedPlan, planned
@@ -123,7 +123,7 @@ def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
         hessian, gradient, rows, values, inequality_rows = (np.array(part) for part in data)
         derivatives = Derivatives(gradient, rows, inequality_rows)
         program = Evaluation(0.0, -values, -bounds, lambda found=derivatives: found, None)
-        solution = quadratic_program._proxqp(program, hessian, np.arange(24))
+        solution = programs._proxqp(program, hessian, np.arange(24))
         derivatives = Derivatives(gradient, rows, np.empty((0, 9)))
         program = Evaluation(0.0, -values, np.empty(0), lambda found=derivatives: found, None)
         step = step_by_active_rows(program, hessian, np.empty(0, dtype=np.int64))

@@ -1,6 +1,6 @@
 """Every constraint and objective: derivatives against differences, values against what they say they are.
 
-A class with derivatives that is added to ``constraints.py`` or ``objectives.py`` of ``planning/transcription`` without
+A class with derivatives that is added to ``constraints.py`` or ``program.py`` of ``planning/transcription`` without
 a case here fails the first test.
 """
 
@@ -22,7 +22,7 @@ from floatplan.arrays import read_only
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.sine_polynomial import Form
 from floatplan.planning.transcription import constraints as constraints_module
-from floatplan.planning.transcription import objectives as objectives_module
+from floatplan.planning.transcription import program as program_module
 from floatplan.planning.transcription.constraints import (
     Clearance,
     Limit,
@@ -32,13 +32,14 @@ from floatplan.planning.transcription.constraints import (
     obstacle_clearance,
     window_ends,
 )
-from floatplan.planning.transcription.objectives import (
+from floatplan.planning.transcription.program import (
     CoefficientNorm,
+    FlightProgram,
     FollowingCoefficientNorm,
     IntegralOfSquares,
     objective,
+    watching,
 )
-from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.planning.transcription.trajectory import (
     FlightModel,
     flight_model,
@@ -112,7 +113,7 @@ def test_every_row_of_the_tables_has_a_case():
 
 @pytest.mark.parametrize(
     ("module", "cases"),
-    [(constraints_module, CONSTRAINTS), (objectives_module, OBJECTIVES | FOLLOWING)],
+    [(constraints_module, CONSTRAINTS), (program_module, OBJECTIVES | FOLLOWING)],
     ids=["constraints", "objectives"],
 )
 class TestEveryBlockHasACase:

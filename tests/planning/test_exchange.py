@@ -10,12 +10,12 @@ from flight_reference import integrate_orientation
 
 import floatplan as fp
 from floatplan.kernel.batch import QUADRATURE_ERROR
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.exchange import local_minima, solve
-from floatplan.planning.transcription.objectives import objective
+from floatplan.planning.transcription.program import objective
 from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
 
 DENSE = 1024

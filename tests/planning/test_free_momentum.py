@@ -10,9 +10,8 @@ import pytest
 from free_problems import free_problem
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.impossibility import impossibilities
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
+from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"

@@ -18,10 +18,8 @@ from independent import Look, violations_seen
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.motion.planar.ballistics import ballistics
-from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.impossibility import impossibilities
+from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
+from floatplan.motion.planar.closed_form import Dynamics, ballistics
 from floatplan.planning.search import DEFAULT_WORK
 from floatplan.planning.transcription.trajectory import EVALUATION
 from floatplan.problem.file import save_problem

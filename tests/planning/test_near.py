@@ -12,7 +12,7 @@ from needed import skip_or_fail
 import floatplan as fp
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
 PATIENCE = 60.0  # s of budget that no search here uses up

@@ -14,7 +14,7 @@ from forward_problems import GRADES, forward_problem
 from independent import Look, clearance, violations_seen
 
 import floatplan as fp
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.closed_form import ballistics
 
 PROBLEMS = sorted((Path(__file__).resolve().parents[2] / "problems").glob("*.toml"))
 NAMES = [path.stem for path in PROBLEMS]

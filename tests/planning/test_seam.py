@@ -19,8 +19,7 @@ from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.sine_polynomial import Form, SinePolynomials, boundary_arguments
 from floatplan.planning.starts import starts_among
 from floatplan.planning.transcription.exchange import solve
-from floatplan.planning.transcription.objectives import CoefficientNorm
-from floatplan.planning.transcription.program import FlightProgram, scaled
+from floatplan.planning.transcription.program import CoefficientNorm, FlightProgram, scaled
 from floatplan.planning.transcription.trajectory import FlightModel, trajectories, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables, whitened_variables
 

@@ -15,7 +15,7 @@ from true_heights import lowest_by_link
 import floatplan as fp
 from floatplan.motion.planar.end_rates import motion_into_ground
 from floatplan.robot.shapes.capsules import OUTSIDE, Outline, with_fewer_corners
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 KEYS = {"kind", "subject", "value", "limit", "unit", "instant", "message"}

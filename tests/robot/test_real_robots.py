@@ -22,8 +22,8 @@ from floatplan.robot.leak import (
     leak_along,
     out_of_plane_leak,
 )
-from floatplan.robot.urdf import example_robots
-from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs, robots_folder, urdf_path
+from floatplan.robot.urdf import tree as urdf
+from floatplan.robot.urdf.tree import PREFIX, example_urdfs, robots_folder, urdf_path
 
 installed = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
@@ -95,10 +95,10 @@ def test_package_is_found_through_its_metadata(monkeypatch):
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "files", missing)
-    example_robots._of_distribution.cache_clear()
-    assert example_robots._of_distribution() is None
+    urdf._of_distribution.cache_clear()
+    assert urdf._of_distribution() is None
     monkeypatch.undo()
-    example_robots._of_distribution.cache_clear()
+    urdf._of_distribution.cache_clear()
 
 
 @installed
@@ -109,7 +109,7 @@ def test_unknown_robots_are_refused_with_advice():
 
 
 def test_without_the_package_the_error_names_the_command(monkeypatch):
-    monkeypatch.setattr(example_robots, "_candidates", lambda: iter(()))
+    monkeypatch.setattr(urdf, "_candidates", lambda: iter(()))
     with pytest.raises(InputError, match="example-robot-data is not installed") as caught:
         Robot.from_urdf(PREFIX + "go2_description/urdf/go2.urdf")
     assert "[robots]'" in caught.value.advice
@@ -117,9 +117,9 @@ def test_without_the_package_the_error_names_the_command(monkeypatch):
 
 
 def test_environment_variable_and_share_folders_come_into_question(tmp_path, monkeypatch):
-    monkeypatch.setattr(example_robots, "_of_distribution", lambda: None)
-    monkeypatch.setattr(example_robots.sys, "prefix", str(tmp_path / "nowhere"))
-    monkeypatch.setattr(example_robots, "INSTALL_PREFIXES", ())
+    monkeypatch.setattr(urdf, "_of_distribution", lambda: None)
+    monkeypatch.setattr(urdf.sys, "prefix", str(tmp_path / "nowhere"))
+    monkeypatch.setattr(urdf, "INSTALL_PREFIXES", ())
     assert robots_folder() is None
     ros = tmp_path / "ros" / "share" / "example-robot-data" / "robots"
     own = tmp_path / "own"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -14,23 +13,14 @@ from robot_samples import RandomTree, inertial, joint
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot import Robot
-from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import (
     Outline,
     PlaneCapsule,
     _halves,
-    capsules_of,
     convex_hull,
     fit,
     fit_capsule,
-    is_fit,
 )
-from floatplan.robot.shapes.links import cache_folder
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
 def cloud(seed, count=60):
@@ -87,13 +77,13 @@ def test_bent_shapes_are_split_and_straight_ones_are_not():
     elbow = np.concatenate([arm, 1j * arm])
     near = abs(elbow[:, None] - elbow[None, :]) < 0.06
     edges = np.argwhere(np.triu(near, 1))
-    capsules = capsules_of(fit(Outline(elbow, edges)))
+    capsules = fit(Outline(elbow, edges))
     assert 2 <= len(capsules) <= 4
     assert sum(capsule.area for capsule in capsules) < 0.6 * fit_capsule(elbow).area
     middles = (elbow[edges[:, 0]] + elbow[edges[:, 1]]) / 2
     for points in (elbow, middles):
         assert np.max([capsule.depth(points) for capsule in capsules], axis=0).min() > -1e-12
-    assert len(capsules_of(fit(Outline.convex(arm)))) == 1
+    assert len(fit(Outline.convex(arm))) == 1
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -106,7 +96,7 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
     corners[0, 1] = corners[1, 0] + 0.5
     numbers = np.arange(36).reshape(12, 3)
     edges = np.concatenate([numbers[:, [0, 1]], numbers[:, [1, 2]], numbers[:, [2, 0]]])
-    capsules = capsules_of(fit(Outline(corners.ravel(), edges, 0.02)))
+    capsules = fit(Outline(corners.ravel(), edges, 0.02))
     inside = np.einsum("kj,ij->ik", generator.dirichlet((0.5, 0.5, 0.5), 400), corners).ravel()
     assert np.max([capsule.depth(inside) for capsule in capsules], axis=0).min() > 0.02 - 1e-12
 
@@ -292,83 +282,6 @@ def test_wrong_geometry_is_refused(tmp_path, name):
     assert caught.value.element == element
     assert reason in caught.value.reason
     assert caught.value.source.endswith((".urdf", ".stl"))
-
-
-def test_mesh_capsules_come_from_the_cache_the_second_time(tmp_path, monkeypatch):
-    geometry = GEOMETRIES["mesh"]
-    first = robot_with(tmp_path, geometry)[0].shapes
-    assert list(cache_folder().iterdir())
-    monkeypatch.setattr(links, "fit", lambda _: pytest.fail("the capsules were fitted again"))
-    assert robot_with(tmp_path, geometry)[0].shapes == first
-
-
-def changed_leaf(content, change):
-    """A cache entry with a change to each of its capsules."""
-    if len(content) == 5:
-        return change(content)
-    return [content[0], *(changed_leaf(part, change) for part in content[1:])]
-
-
-FORGED = {
-    "nothing": lambda text: "",
-    "half": lambda text: text[: len(text) // 2],
-    "not UTF-8": lambda text: "\udcff",
-    "null": lambda text: "null",
-    "empty": lambda text: "[]",
-    "a table": lambda text: '{"line":[1,0,0],"a":[0,0,0,0,9],"b":[0,0,0,0,9]}',
-    "four splits": lambda text: "[[1,0,0]," * 4 + "[0,0,0,0,9]" + ",[0,0,0,0,9]]" * 4,
-    "deep": lambda text: "[" * 5_000,
-    "long": lambda text: "[" + "0," * 10**6 + "0]",
-    "lines without end": lambda text: "[[1,0,0]," * 4 + "[0,0,0,0,9]" + "]" * 4,
-    "a line of no direction": lambda text: "[[0,0,0],[0,0,0,0,9],[0,0,0,0,9]]",
-    "one part": lambda text: "[[1,0,0],[0,0,0,0,9]]",
-    "no part": lambda text: "[[1,0,0]]",
-    "a line beside the mesh": lambda text: "[[1,0,900],[0,0,0,0,9],[0,0,0,0,9]]",
-    "not a number": lambda text: "[NaN,0,0,0,1]",
-    "beyond all numbers": lambda text: "[1e308,1e308,-1e308,-1e308,1e308]",
-    "a point": lambda text: "[0,0,0,0,0]",
-    "negative": lambda text: "[0,0,0,0,-1]",
-    "large": lambda text: "[0,0,0,0,100]",
-    "thinner": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [*leaf[:4], leaf[4] * 0.999])),
-    "thicker": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [*leaf[:4], leaf[4] * 1.001])),
-    "aside": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [leaf[0] + 1e-3, *leaf[1:]])),
-    "one of the parts for the whole": lambda text: text[text.rindex("[", 0, text.rindex(",")) :].rstrip("]") + "]",
-}
-
-
-@pytest.mark.parametrize("name", FORGED)
-def test_what_is_kept_of_a_mesh_is_used_only_where_it_holds_the_mesh(tmp_path, name):
-    geometry = GEOMETRIES["mesh"]
-    first = robot_with(tmp_path, geometry)[0].shapes
-    for entry in cache_folder().iterdir():
-        entry.write_text(FORGED[name](entry.read_text()), errors="surrogateescape")
-    assert robot_with(tmp_path, geometry)[0].shapes == first
-
-
-def test_a_folder_in_place_of_a_cache_entry_is_no_error(tmp_path):
-    first = robot_with(tmp_path, GEOMETRIES["mesh"])[0].shapes
-    for entry in cache_folder().iterdir():
-        entry.unlink()
-        entry.mkdir()
-    assert robot_with(tmp_path, GEOMETRIES["mesh"])[0].shapes == first
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_parts_beside_a_line_that_was_moved_are_seen(seed):
-    """Capsules that hold all corners, but not what lies between those on both sides of another line."""
-    generator = np.random.default_rng(seed)
-    corners = np.array([0j, 4 + 0j, 4 + 1j]) * np.exp(1j * generator.uniform(0, 6))
-    outline = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
-    direction = complex(corners[1] / abs(corners[1]))
-    apart = [fit(Outline.convex(points), 0) for points in (corners[:1], corners[1:])]
-    assert not is_fit([[direction.real, direction.imag, float(generator.uniform(0.1, 3.9))], *apart], outline)
-    assert is_fit(fit(outline), outline)
-
-
-def test_an_unwritable_cache_is_no_error(tmp_path, monkeypatch):
-    (tmp_path / "blocked").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "blocked"))
-    assert robot_with(tmp_path, GEOMETRIES["mesh"])[0].shapes
 
 
 def test_mesh_files_are_found_where_ros_would_look(tmp_path, monkeypatch):

@@ -15,9 +15,9 @@ from needed import skip_or_fail
 import floatplan as fp
 from floatplan.robot import Robot
 from floatplan.stance.contacts import contact_at, heights_over_com, rolling, standing_feet
-from floatplan.stance.exact import StanceDynamics, blend
+from floatplan.stance.exact import StanceDynamics
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.motion import Grid, Stance, hermite
+from floatplan.stance.motion import Grid, Stance, hermite, quintic
 from floatplan.stance.phases import Phase, not_static, standing_posture
 from floatplan.stance.planner import jump
 
@@ -71,19 +71,18 @@ def test_where_nothing_stands_there_is_no_posture_and_a_reason() -> None:
 
 def test_quintics_pass_through_what_they_are_given() -> None:
     times = np.array([0.0, 0.3, 0.5])
-    y, v, a = np.random.default_rng(0).normal(size=(3, 2, 3))
-    curve = hermite(times, y, v, a)
-    for order, values in enumerate((y, v, a)):
+    motion = np.random.default_rng(0).normal(size=(3, 2, 3))
+    curve = hermite(times, motion)
+    for order, values in enumerate(motion):
         found = (curve.derivative(order) if order else curve)(times)
         np.testing.assert_allclose(found.T, values, atol=1e-9)
 
 
-@pytest.mark.parametrize(("near", "far"), [(0.2, 0.7), (0.7, 0.2)])
-def test_a_blend_dies_out_at_its_other_end(near: float, far: float) -> None:
-    values = np.array([[0.3, -1.0, 4.0]])
-    found = blend(np.array([near, far]), near, far, values)
-    for order, part in enumerate(found):
-        np.testing.assert_allclose(part[0], [values[0, order], 0.0], atol=1e-9)
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_quintic_dies_out_at_its_other_end(way: int) -> None:
+    change, span = np.array([[0.3], [-1.0], [4.0]]), np.array([0.2, 0.7])
+    found = quintic(span, span, *(change, 0 * change)[::way])
+    np.testing.assert_allclose(found[:, 0, ::way], np.hstack((change, 0 * change)), atol=1e-9)
 
 
 @pytest.mark.parametrize("feet", ["point", "rolling"])

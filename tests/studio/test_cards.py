@@ -17,6 +17,7 @@ from floatplan.plans.measures import PlanWarning, limits_shown
 from floatplan.plans.presentation import Row, plan_verdict
 from floatplan.studio import answers, cards
 from floatplan.studio.answers import COLUMNS, ROWS, LaunchTask, Map, MapPoint, ShownPlan
+from floatplan.studio.curves import curves_card
 from floatplan.studio.session import View
 
 ROOT = Path(__file__).parents[2]
@@ -55,10 +56,10 @@ def test_stances_are_told_of_the_present_answer_alone(present: ShownPlan, monkey
     limited = replace(present.plan.problem, limits=fp.Limits(torque=1e3))
     answer = LaunchTask(replace(present, plan=replace(present.plan, problem=limited))).answer()
     view = View(limited, answer=answer)
-    card = cards.status_card(view)
+    card = cards.warning_card(view)
     assert [tone in card for tone in ('data-stance="good"', 'data-stance="open"', "Landing: none.")] == [True] * 3
     assert HOSTILE not in card
-    assert "data-stance" not in cards.status_card(replace(view, number=1))
+    assert "data-stance" not in cards.warning_card(replace(view, number=1))
 
 
 def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) -> None:
@@ -104,6 +105,7 @@ def test_names_are_text(present: ShownPlan) -> None:
         cards.status_card(replace(view, fault=HOSTILE)),
         cards.saved_card([HOSTILE]),
         cards._motor(row, limits_shown([row])),
+        curves_card(present.plan, [replace(each, names=(HOSTILE,) * len(each.names)) for each in present.shares]),
     ):
         assert HOSTILE not in card
         assert "<img" not in card
@@ -114,7 +116,7 @@ def test_names_are_text(present: ShownPlan) -> None:
     ("use", "colour"), [(0.0, cards.GREEN), (0.95, cards.AMBER), (1.0, cards.AMBER), (1.01, cards.RED)]
 )
 def test_bars_turn_red_beyond_a_limit(use: float, colour: str) -> None:
-    assert cards.use_colour(use) == colour
+    assert cards.colour_of(use) == colour
     assert colour in cards._bar(use)
 
 

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,9 @@ from studio_page import grip_places
 
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.studio import edits
-from floatplan.studio.page import Studio, is_own_page
+from floatplan.studio.page import Studio, is_own_page, titled
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
@@ -101,6 +102,20 @@ def test_only_its_own_page_may_connect(studio: Studio) -> None:
     ):
         with pytest.raises(InvalidStatus, match="403"):
             asked(host, origin)
+
+
+def test_it_has_a_title_and_names_what_is_on_it(studio: Studio) -> None:
+    from urllib.request import urlopen
+
+    with urlopen(studio.address) as answer:
+        page = answer.read().decode()
+        assert int(answer.headers["Content-Length"]) == len(page.encode())
+    assert f"<title>floatplan: {studio.session.view.problem.name}</title>" in page
+    assert "aria-label" in page.partition("</script>")[0]
+    assert ".fp.curves" in page
+    assert titled(None, "x") is None
+    given = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "0"}, body=b"<title>Viser</title>")
+    assert b"<title>&lt;/title&gt;</title>" in titled(given, "</title>").body
 
 
 @pytest.mark.parametrize("origin", ["http://[::1", "http://:80", "localhost:80", "", "http://localhost:80/", "\0"])

@@ -16,7 +16,7 @@ from studio_insides import logged_errors
 from studio_page import Page
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.studio.page import Studio
 
 ROOT = Path(__file__).parents[2]

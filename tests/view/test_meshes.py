@@ -14,7 +14,7 @@ from trimesh.visual.material import PBRMaterial
 
 import floatplan as fp
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.view.scene.meshes import bends, coarser, fewer, joined, plain_colour, seen_capsules
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from browser import Browser
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 from floatplan.view.style import palette

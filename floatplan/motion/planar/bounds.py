@@ -2,23 +2,34 @@
 
 Every D_i is a trigonometric polynomial of the planned positions; its extremes are enclosed by branch and bound, never
 by sampling.
+
+They are among the necessary conditions: reasons, each provable in a line or two, why a problem has no plan. These are
+checked before the search, which is cut short where one is violated.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple, get_args
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.motion.planar.closed_form import TurningBodies
+from floatplan.motion.planar.clearance import point_distances
+from floatplan.motion.planar.closed_form import TurningBodies, ballistics
+from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rates_at
+from floatplan.problem.parts import Bar, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.tables import ORIENTATION, RELATIVE
 
 RELATIVE_GAP = 1e-9  # of the sum of amplitudes: where an enclosure counts as exact
 MOST_WORK = 50_000  # cosines per extreme, after which the enclosure reached is taken; it is safe at any time
 BOXES_AT_ONCE = 256
+PATH_INSTANTS = 2001  # [-] of the flight
+POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +56,8 @@ class TrigonometricPolynomial:
         argument = centres @ self.frequency.T + self.phase
         reach = half_widths @ np.abs(self.frequency).T
         value = self.constant + np.cos(argument) @ self.amplitude
-        termwise = self.constant + _cosine_minimum(argument, reach) @ self.amplitude
+        to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
+        termwise = self.constant - np.cos(np.maximum(to_pi - reach, 0)) @ self.amplitude  # each cosine's own minimum
         gradient = (np.sin(argument) * self.amplitude) @ self.frequency
         taylor = value - (np.abs(gradient) * half_widths).sum(axis=1) - reach**2 @ (self.amplitude / 2)
         return np.maximum(termwise, taylor), value
@@ -84,12 +96,6 @@ class TrigonometricPolynomial:
         halves[count + rows, axis] += half_width
         halves[rows, n + axis] = halves[count + rows, n + axis] = half_width
         return halves
-
-
-def _cosine_minimum(argument: Array, reach: Array) -> Array:
-    """Minimum of the cosine over [argument - reach, argument + reach]."""
-    distance_to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
-    return np.asarray(-np.cos(np.maximum(distance_to_pi - reach, 0)))
 
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
@@ -178,3 +184,156 @@ def monotonic_midpoints(extremes: tuple[Array, Array], changes: Array, durations
     low, high = extremes
     ends = changes * low, changes * high
     return np.asarray((np.minimum(*ends).sum(axis=1) + np.maximum(*ends).sum(axis=1)) / (2 * durations))
+
+
+def impossibilities(problem: Problem) -> list[str]:
+    """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
+    sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
+    if problem.obstacles:
+        point, times = central_point(problem), np.linspace(0, problem.flight.duration, PATH_INSTANTS)
+        com = ballistics(problem).positions(times) @ [1, 1j]
+        for index, obstacle in enumerate(problem.obstacles):
+            path = com - complex(*obstacle.velocity) * times  # as seen from it
+            sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
+    return sentences
+
+
+def difficulties(problem: Problem) -> list[str]:
+    """Return sentences about a given angular momentum outside (9)."""
+    low, high = angular_momentum_interval(problem)
+    given = problem.flight.angular_momentum
+    if isinstance(given, str) or low <= given <= high:
+        return []
+    return [
+        f"The angular momentum {given:.6g} kg m^2/s lies outside the interval for monotonic joints,"
+        f" [{low:.6g}, {high:.6g}]: that takes a joint, or the base, that turns back on its way;"
+        f" the interval's midpoint is {(low + high) / 2:.6g}."
+    ]
+
+
+class CentralPoint(NamedTuple):
+    """The point of the robot's shapes that is never further than ``reach`` m, the least, from the centre of mass.
+
+    ``start, goal`` : its places relative to the centre of mass at takeoff and landing, m.
+    """
+
+    reach: float
+    start: complex
+    goal: complex
+
+
+def central_point(problem: Problem) -> CentralPoint:
+    """A point's place from the centre of mass is a sum of rotated vectors; the sum of their lengths is its reach."""
+    tree, weights = problem.robot.tree, _central_weights(problem.robot)
+    states = (problem.initial, problem.final)
+    angles = (tree.absolute_angles(np.array(state.orientation), state.positions) for state in states)
+    return CentralPoint(float(np.abs(weights).sum()), *(complex(tree.rotations(each) @ weights) for each in angles))
+
+
+@lru_cache(maxsize=16)
+def _central_weights(robot: Robot) -> ComplexArray:
+    """Weights (m,) of that point."""
+    shapes, count = robot.shapes, POINTS_PER_SHAPE
+    bodies = np.repeat([shape.body for shape in shapes], count)
+    fraction = np.tile(np.linspace(0, 1, count), len(shapes))
+    starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
+    weights = robot.tree.point_weights(bodies, (1 - fraction) * starts + fraction * ends)
+    return np.asarray(weights[np.argmin(np.abs(weights).sum(axis=1))], dtype=np.complex128)
+
+
+def _mean_rates(problem: Problem) -> Iterator[str]:
+    """Somewhere in the flight a rate is at least as large as its mean."""
+    duration = problem.flight.duration
+    for name, start, goal, limit in zip(
+        problem.robot.joints, problem.initial.positions, problem.final.positions, problem.velocity_limits, strict=True
+    ):
+        mean = abs(goal - start) / duration
+        if mean > limit * (1 + RELATIVE):
+            yield (
+                f"Joint {name} moves by {goal - start:+.4g} rad in {duration:.4g} s: that needs {mean:.4g} rad/s on"
+                f" average, more than its velocity limit of {limit:.4g} rad/s."
+            )
+    rate, turn = problem.limits.orientation_rate, problem.final.orientation - problem.initial.orientation
+    if rate is not None and abs(turn) / duration > rate * (1 + RELATIVE):
+        yield (
+            f"The orientation changes by {turn:+.4g} rad in {duration:.4g} s: that needs {abs(turn) / duration:.4g}"
+            f" rad/s on average, more than the orientation rate limit of {rate:.4g} rad/s."
+        )
+
+
+def _frames_at_rest(problem: Problem) -> Iterator[str]:
+    """A frame leaves or meets the ground at rest with rates within the limits, or not at all."""
+    if not np.isfinite(problem.velocity_limits).any():
+        return
+    momentum = None if problem.flight.angular_momentum == "free" else _given_momentum(problem)
+    takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
+    for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
+        if state.frame_rests:
+            equations = equations_at(problem.robot, *at_end(problem, end))
+            found = rates_at(problem.robot, equations, problem.velocity_limits, momentum)
+            if found.exist and found.ratio is not None and found.ratio > 1 + RELATIVE:
+                whatever = ", whatever the angular momentum," if momentum is None else ""
+                yield (
+                    f"At {end} frame {frame!r} is at rest only{whatever} with rates of {found.ratio:.4g} times the"
+                    f" velocity limits or more."
+                )
+
+
+def _turning(problem: Problem) -> Iterator[str]:
+    """By (4) the base turns with ``(h - sum_i D_i q_i') / D_0``, which bounds on D, q' and h enclose."""
+    if problem.flight.angular_momentum == "free" or not np.isfinite(problem.velocity_limits).all():
+        return
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
+    momentum = _given_momentum(problem)
+    duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
+    least, most = momentum - swing, momentum + swing
+    slowest = duration * least / (high[0] if least > 0 else low[0])
+    fastest = duration * most / (low[0] if most > 0 else high[0])
+    if not slowest - ORIENTATION <= turn <= fastest + ORIENTATION:
+        yield (
+            f"Under the velocity limits the orientation changes by {slowest:+.4g} to {fastest:+.4g} rad in"
+            f" {duration:.4g} s whatever the joints do; the goal needs {turn:+.4g} rad."
+        )
+
+
+def _given_momentum(problem: Problem) -> float:
+    given = problem.flight.angular_momentum
+    return sum(angular_momentum_interval(problem)) / 2 if isinstance(given, str) else float(given)
+
+
+def _impassable(index: int, obstacle: Obstacle, times: Array, path: ComplexArray, point: CentralPoint) -> Iterator[str]:
+    """Deep inside an obstacle the centre of mass takes its central point with it."""
+    low, high = obstacle.window or (-np.inf, np.inf)
+    exists = (times >= low) & (times <= high)
+    depth = np.where(exists, obstacle.margin - point_distances(obstacle, path), -np.inf)
+    deepest = int(np.argmax(depth))
+    if depth[deepest] > point.reach:
+        yield (
+            f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture:"
+            f" at t = {times[deepest]:.3f} s the centre of mass is {depth[deepest]:.3g} m inside it and its"
+            f" margin, and some point of the robot is never further than {point.reach:.3g} m from the centre of mass."
+        )
+
+
+def _barred(index: int, obstacle: Obstacle, path: ComplexArray, point: CentralPoint) -> Iterator[str]:
+    """A long bar: the central point must cross its line, and wherever it can, the bar is in the way."""
+    if not isinstance(obstacle, Bar) or obstacle.window is not None or obstacle.start == obstacle.end:
+        return
+    if obstacle.radius + obstacle.margin == 0:
+        return
+    along = complex(*obstacle.end) - complex(*obstacle.start)
+    upright = along.conjugate() / abs(along)  # turns the bar's line into the real axis, its start into 0
+    place = (path - complex(*obstacle.start)) * upright
+    sides = (place[0] + point.start * upright).imag, (place[-1] + point.goal * upright).imag
+    step = float(np.abs(np.diff(place)).max(initial=0))  # the path between two instants is nearer than that to one
+    crossing = place[np.abs(place.imag) <= point.reach + step]
+    if sides[0] * sides[1] >= 0 or not crossing.size:
+        return
+    low, high = crossing.real.min() - point.reach - step, crossing.real.max() + point.reach + step
+    if low >= 0 and high <= abs(along):
+        yield (
+            f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture: it is {abs(along):.3g} m long,"
+            f" the flight ends on its other side, and the point of the robot that is never further than"
+            f" {point.reach:.3g} m from the centre of mass would have to pass through it."
+        )

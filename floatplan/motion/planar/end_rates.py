@@ -10,8 +10,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
-from floatplan.motion.planar.ballistics import ballistics
-from floatplan.motion.planar.closed_form import tree_dynamics
+from floatplan.motion.planar.closed_form import ballistics, tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem

@@ -16,10 +16,9 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import FlightGrid, MomentumSet
 from floatplan.motion.planar import clearance
-from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import LinkShapes, Segments
-from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
+from floatplan.motion.planar.closed_form import Ballistics, Dynamics, ballistics, tree_dynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Ground, Obstacle

@@ -21,16 +21,19 @@ robot all this holds to the order of that angle, for the file's axes are the oth
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
+from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 
@@ -128,9 +131,75 @@ class PinocchioDynamics:
         return self.full_positions(positions), full_velocities
 
 
+class Coordinates(Protocol):
+    """All coordinates of ``robot.model`` at N instants: the base's horizontal, vertical, orientation, then all joints.
+
+    All arrays are (N, nv).
+    """
+
+    @property
+    def positions(self) -> Array:
+        """Positions, m and rad."""
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities, m/s and rad/s."""
+
+    @property
+    def accelerations(self) -> Array:
+        """Accelerations, m/s^2 and rad/s^2."""
+
+    @property
+    def torques(self) -> Array:
+        """Torques, N m; on the base what no motor makes."""
+
+
+class FlightCoordinates(Coordinates):
+    """All coordinates of ``robot.model`` in a flight, at the N instants of a state; each array computed when asked for.
+
+    ``gravity`` in m/s^2. Arrays are those of :class:`Coordinates`.
+    """
+
+    def __init__(self, dynamics: PinocchioDynamics, state: FlightState, gravity: float) -> None:
+        self.dynamics, self.state, self.gravity = dynamics, state, gravity
+        self._planned = state.positions, state.velocities, state.accelerations, state.orientation_rate
+
+    @cached_property
+    def positions(self) -> Array:
+        """Positions (N, nv), m and rad."""
+        values = self.dynamics.full_positions(self.state.positions)
+        values[:, :2], values[:, 2] = self.state.base_position, self.state.orientation
+        return read_only(values)
+
+    @cached_property
+    def velocities(self) -> Array:
+        """Velocities (N, nv), m/s and rad/s."""
+        state, tree = self.state, self.dynamics.robot.tree
+        rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
+        rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
+        swing = (1j * tree.turn * rates * rotations) @ tree.point_weights(np.array([0]), np.array([0j]))[0]
+        values = state.velocities @ self.dynamics.robot.selection.T
+        values[:, :2], values[:, 2] = state.com_velocity, state.orientation_rate
+        values[:, :2] += np.stack((swing.real, swing.imag), axis=1)
+        return read_only(values)
+
+    @cached_property
+    def accelerations(self) -> Array:
+        """Accelerations (N, nv), m/s^2 and rad/s^2, gravity's included."""
+        values = self.dynamics.full_accelerations(*self._planned)
+        pushed = (values[:, 0] + 1j * values[:, 1]) * self.dynamics.robot.tree.rotations(self.state.orientation)
+        values[:, 0], values[:, 1] = pushed.real, pushed.imag - self.gravity
+        return read_only(values)
+
+    @cached_property
+    def torques(self) -> Array:
+        """Torques (N, nv), N m, of all joints; forces on the base vanish up to rounding."""
+        return read_only(self.dynamics.full_forces(*self._planned))
+
+
 @dataclass(frozen=True, eq=False)
 class FullMotion:
-    """All J joints that can move, and the base, at the N instants of a state; each array computed when asked for.
+    """All J joints that can move, and the base, at the N instants of a motion; each array computed when asked for.
 
     The world's axes are the root link's at orientation 0; its origin is the problem's, where the takeoff frame leaves
     the ground unless the problem puts that elsewhere. Joints are in the order of ``robot.model``, which is Pinocchio's;
@@ -138,39 +207,37 @@ class FullMotion:
 
     Attributes
     ----------
-    dynamics : PinocchioDynamics
-    state : FlightState
-    gravity : m/s^2
+    robot : Robot
+    coordinates : Coordinates
     """
 
-    dynamics: PinocchioDynamics
-    state: FlightState
-    gravity: float
+    robot: Robot
+    coordinates: Coordinates
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the J joints."""
-        return tuple(self.dynamics.robot.model.names)[BASE + 1 :]
+        return tuple(self.robot.model.names)[BASE + 1 :]
 
     @cached_property
     def positions(self) -> Array:
         """Positions (N, J) of the joints, rad."""
-        return read_only(self.dynamics.full_positions(self.state.positions)[:, BASE:])
+        return read_only(self.coordinates.positions[:, BASE:])
 
     @cached_property
     def velocities(self) -> Array:
         """Velocities (N, J) of the joints, rad/s."""
-        return read_only(self.state.velocities @ self.dynamics.robot.selection[BASE:].T)
+        return read_only(self.coordinates.velocities[:, BASE:])
 
     @cached_property
     def accelerations(self) -> Array:
         """Accelerations (N, J) of the joints, rad/s^2."""
-        return read_only(self._full_accelerations[:, BASE:])
+        return read_only(self.coordinates.accelerations[:, BASE:])
 
     @cached_property
     def torques(self) -> Array:
         """Torques (N, J), N m: each joint's own, also where several are coupled; a locked joint's holds it."""
-        return read_only(self.dynamics.full_forces(*self._planned)[:, BASE:])
+        return read_only(self.coordinates.torques[:, BASE:])
 
     @cached_property
     def motor_torques(self) -> Array:
@@ -178,84 +245,108 @@ class FullMotion:
 
         Those have none themselves; a locked joint's holds it.
         """
-        robot, torques = self.dynamics.robot, self.torques.copy()
-        driven = robot.transmission[BASE:].any(axis=1)
-        torques[:, driven] = 0.0
-        torques[:, [self.joints.index(name) for name in robot.motors]] = self.state.motor_torques
+        robot, torques = self.robot, self.torques.copy()
+        torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
+        motors = [self.joints.index(name) for name in robot.motors]
+        torques[:, motors] = self.coordinates.torques @ robot.transmission
         return read_only(torques)
 
     @cached_property
     def base_position(self) -> Array:
         """Place (N, 3) of the root link's origin in the world, m."""
-        return read_only(self.state.base_position @ self._axes)
+        return read_only(self._in_space(self._planar(self.coordinates.positions)))
 
     @cached_property
     def base_quaternion(self) -> Array:
         """Orientation (N, 4) of the root link, x, y, z, w: continuous in time, so of opposite sign after one turn."""
-        half = self.state.orientation[:, None] / 2
-        return read_only(np.concatenate((np.sin(half) * self._normal, np.cos(half)), axis=1))
+        half = self.coordinates.positions[:, BASE - 1, None] / 2
+        return read_only(np.concatenate((np.sin(half) * self.robot.plane.normal, np.cos(half)), axis=1))
 
     @cached_property
     def base_velocity(self) -> Array:
         """Velocity (N, 3) of the root link's origin in the world, m/s."""
-        return read_only(self._in_space(self._velocity))
+        return read_only(self._in_space(self._planar(self.coordinates.velocities)))
 
     @cached_property
     def base_angular_velocity(self) -> Array:
         """Angular velocity (N, 3), rad/s, in the root link's axes or the world's: it is along the plane's normal."""
-        return read_only(self.state.orientation_rate[:, None] * self._normal)
+        return read_only(self.coordinates.velocities[:, BASE - 1, None] * self.robot.plane.normal)
 
     @cached_property
     def base_twist(self) -> Array:
         """Spatial velocity (N, 6) of the base in its own axes: of its origin, m/s, then angular, rad/s."""
-        linear = self._in_space(self._velocity * self._back)
+        linear = self._in_space(self._planar(self.coordinates.velocities) * self._back)
         return read_only(np.concatenate((linear, self.base_angular_velocity), axis=1))
 
     @cached_property
     def base_twist_rate(self) -> Array:
         """Derivative (N, 6) of :attr:`base_twist`, m/s^2 and rad/s^2: Pinocchio's acceleration of a free flyer."""
-        turn, state = self.dynamics.robot.tree.turn, self.state
-        pushed = self._full_accelerations[:, 0] + 1j * self._full_accelerations[:, 1]
-        carried = 1j * turn * state.orientation_rate * self._velocity
-        linear = pushed - (1j * self.gravity + carried) * self._back
-        angular = self._full_accelerations[:, BASE - 1, None] * self._normal
-        return read_only(np.concatenate((self._in_space(linear), angular), axis=1))
-
-    @cached_property
-    def _full_accelerations(self) -> Array:
-        return self.dynamics.full_accelerations(*self._planned)
+        velocities, accelerations = self.coordinates.velocities, self.coordinates.accelerations
+        carried = 1j * self.robot.tree.turn * velocities[:, BASE - 1] * self._planar(velocities)
+        linear = self._in_space((self._planar(accelerations) - carried) * self._back)
+        angular = accelerations[:, BASE - 1, None] * self.robot.plane.normal
+        return read_only(np.concatenate((linear, angular), axis=1))
 
     @property
-    def _planned(self) -> tuple[Array, Array, Array, Array]:
-        state = self.state
-        return state.positions, state.velocities, state.accelerations, state.orientation_rate
-
-    @cached_property
-    def _velocity(self) -> ComplexArray:
-        """Velocity (N,) of the root link's origin, horizontal + i vertical."""
-        tree, state = self.dynamics.robot.tree, self.state
-        rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
-        rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
-        swing = (1j * tree.turn * rates * rotations) @ tree.point_weights(np.array([0]), np.array([0j]))[0]
-        return np.asarray(state.com_velocity[:, 0] + 1j * state.com_velocity[:, 1] + swing)
-
-    @cached_property
     def _back(self) -> ComplexArray:
         """Rotation (N,) of a vector of the plane from the world's axes into the root link's."""
-        return self.dynamics.robot.tree.rotations(-self.state.orientation)
+        return self.robot.tree.rotations(-self.coordinates.positions[:, BASE - 1])
+
+    def _planar(self, values: Array) -> ComplexArray:
+        """The base's place (N,), horizontal + i vertical, or a derivative, of all coordinates (N, nv)."""
+        return np.asarray(values[:, 0] + 1j * values[:, 1])
 
     def _in_space(self, vectors: ComplexArray) -> Array:
         """Vectors (N, 3) from those of the plane, horizontal + i vertical."""
-        return np.stack((vectors.real, vectors.imag), axis=1) @ self._axes
+        plane = self.robot.plane
+        return np.stack((vectors.real, vectors.imag), axis=1) @ np.stack((plane.horizontal, plane.vertical))
 
-    @property
-    def _axes(self) -> Array:
-        plane = self.dynamics.robot.plane
-        return np.stack((plane.horizontal, plane.vertical))
 
-    @property
-    def _normal(self) -> Array:
-        return self.dynamics.robot.plane.normal
+class MotionInFile:
+    """A motion in the coordinates of ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``.
+
+    Those are the place of the root link, its quaternion x y z w, and all joints (``continuous`` ones as cos, sin); this
+    module says what the world's axes are, what that model makes of q, v, a and tau, and of joints that floatplan had to
+    turn into the plane.
+    """
+
+    def full_motion(self, times: npt.ArrayLike) -> FullMotion:
+        """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
+        raise NotImplementedError
+
+    def q(self, times: npt.ArrayLike) -> Array:
+        """Configuration (..., nq), m and rad, in the order of the free-flyer model of the file itself.
+
+        Parameters
+        ----------
+        times : number or array
+            s, within the motion; the configuration's shape begins with theirs.
+
+        Raises
+        ------
+        InputError
+            As of :meth:`at`; or a joint is called ``root_joint``, as Pinocchio calls the free flyer.
+        """
+        return self._in_file(times, FreeFlyer.configurations)
+
+    def v(self, times: npt.ArrayLike) -> Array:
+        """Velocity (..., nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
+        return self._in_file(times, FreeFlyer.velocities)
+
+    def a(self, times: npt.ArrayLike) -> Array:
+        """Acceleration (..., nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
+        return self._in_file(times, FreeFlyer.accelerations)
+
+    def tau(self, times: npt.ArrayLike) -> Array:
+        """Torques (..., nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
+        return self._in_file(times, FreeFlyer.torques)
+
+    @one_thread
+    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[FreeFlyer, FullMotion], Array]) -> Array:
+        """A quantity (N, size) at times of any shape, in that shape."""
+        motion = self.full_motion(times)
+        values = quantity(free_flyer(motion.robot), motion)
+        return values.reshape(*np.shape(times), values.shape[1])
 
 
 class FreeFlyer:
@@ -286,7 +377,7 @@ class FreeFlyer:
 
     def configurations(self, motion: FullMotion) -> Array:
         """Configurations (N, nq): place, quaternion x y z w, joints; m and rad."""
-        q = np.empty((len(motion.state.times), self.nq))
+        q = np.empty((len(motion.positions), self.nq))
         q[:, :3], q[:, 3:7] = motion.base_position, motion.base_quaternion
         q[:, self.in_q] = motion.positions
         angles, first = motion.positions[:, self.continuous], self.in_q[self.continuous]
@@ -303,7 +394,7 @@ class FreeFlyer:
 
     def torques(self, motion: FullMotion) -> Array:
         """Torques (N, nv): nothing on the base, and each joint's own, N m."""
-        return self._spread(np.zeros((len(motion.state.times), FREE_FLYER)), motion.torques)
+        return self._spread(np.zeros((len(motion.torques), FREE_FLYER)), motion.torques)
 
     def _spread(self, base: Array, joints: Array) -> Array:
         values = np.empty((len(base), self.nv))

@@ -16,14 +16,13 @@ from floatplan.kernel import batch
 from floatplan.kernel.constraints import Look, minima
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.nonlinear_program import Evaluation, Settings
-from floatplan.optimization.sqp import Solution, hessian_approximation, minimise
+from floatplan.optimization.programs import Evaluation, Settings
+from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
-from floatplan.planning.transcription.objectives import Objective
 from floatplan.planning.transcription.program import (
     BACK_OFF,
     FlightProgram,
+    Objective,
     instants_beside_nodes,
     scaled,
     steerable,

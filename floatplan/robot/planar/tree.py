@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array, ComplexArray, IntArray, read_only
-from floatplan.robot.planar.choice import Choice
-from floatplan.robot.planar.plane import Plane
+from floatplan.robot.planar.choice import Choice, Plane
 from floatplan.robot.urdf.tree import UrdfTree
 
 _Number = TypeVar("_Number", bound=np.generic)

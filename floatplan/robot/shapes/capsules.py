@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,16 +14,9 @@ SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this 
 CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
 SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
 FLATTEST = 1e-9  # [-] sine of the angle between sides that are prolonged until they meet
-SAME = 1e-11  # [-] of the largest coordinate: how closely capsules that were kept have to fit
+EXTREMES = (8, 32, 96)  # [-] points of a polygon, inside which nothing is a corner of the hull
 MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 OUTSIDE = 1e-3  # [m] by which a polygon of fewer corners may reach beyond a convex hull
-LARGEST_NUMBER = 1e4  # [m] coordinate, level or radius
-UNIT = 1e-14  # [-] by which the length of a direction may be off one
-
-# Capsules that hold an outline together, as plain numbers: [start x, start y, end x, end y, radius] of one capsule, or
-# [[x, y, level], fit, fit] of the outline's parts on both sides of the line of points whose component along the unit
-# vector (x, y) is the level.
-Fit: TypeAlias = list[Any]
 
 
 @dataclass(frozen=True)
@@ -66,54 +57,20 @@ class Outline:
         return cls(hull, np.stack([count, np.roll(count, -1)], axis=1), radius)
 
 
-def capsules_of(fitted: Fit) -> list[PlaneCapsule]:
-    """Return the capsules of a fit."""
-    if len(fitted) == 3:
-        return [capsule for part in fitted[1:] for capsule in capsules_of(part)]
-    return [PlaneCapsule(complex(*fitted[:2]), complex(*fitted[2:4]), fitted[4])]
-
-
-def is_fit(content: Any, outline: Outline, splits: int = MOST_SPLITS) -> bool:
-    """Whether something read from a file is a fit of the outline, of so many splits at most.
-
-    Each capsule has to hold all corners of its part, and to touch one, to within :data:`SAME` of the largest
-    coordinate; the parts hold the outline whatever the lines are, see :func:`_halves`. Content of another shape is
-    none, or raises TypeError, ValueError or KeyError.
-    """
-    is_split = len(content) == 3
-    numbers = content[0] if is_split else content
-    if len(numbers) != (3 if is_split else 5) or not all(abs(number) <= LARGEST_NUMBER for number in numbers):
-        return False
-    if is_split:
-        x, y, level = numbers
-        if splits == 0 or abs(math.hypot(x, y) - 1.0) > UNIT:
-            return False
-        halves = zip(content[1:], _halves(outline, complex(x, y), level), strict=True)
-        return all(is_fit(part, half, splits - 1) for part, half in halves)
-    if numbers[4] < 0.0 or not len(outline.points):
-        return False
-    depth, slack = capsules_of(content)[0].depth(outline.points).min(), SAME * np.abs(outline.points).max()
-    return bool(abs(depth - outline.radius) <= slack)
-
-
-def fit(outline: Outline, splits: int = MOST_SPLITS) -> Fit:
+def fit(outline: Outline, splits: int = MOST_SPLITS) -> list[PlaneCapsule]:
     """Return capsules that hold the outline together: one, or more where that is much tighter."""
     whole = fit_capsule(outline.points, outline.radius)
-    plain = [whole.start.real, whole.start.imag, whole.end.real, whole.end.imag, whole.radius]
     if splits == 0 or whole.start == whole.end:
-        return plain
+        return [whole]
     direction = (whole.end - whole.start) / abs(whole.end - whole.start)
     along = (outline.points * np.conj(direction)).real
-    least, best, halves = SPLIT_GAIN * whole.area, None, []
+    least, best = SPLIT_GAIN * whole.area, []
     for cut in CUTS:
-        level = float(along.min() + cut * np.ptp(along))
-        parts = _halves(outline, direction, level)
-        area = sum(fit_capsule(part.points, part.radius).area for part in parts)
+        halves = _halves(outline, direction, float(along.min() + cut * np.ptp(along)))
+        area = sum(fit_capsule(half.points, half.radius).area for half in halves)
         if area < least:
-            least, best, halves = area, level, parts
-    if best is None:
-        return plain
-    return [[direction.real, direction.imag, best], *(fit(half, splits - 1) for half in halves)]
+            least, best = area, halves
+    return [capsule for half in best for capsule in fit(half, splits - 1)] or [whole]
 
 
 def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
@@ -201,14 +158,16 @@ def _meeting(corners: ComplexArray, sides: ComplexArray, side: int, other: int) 
 
 def _outer(points: ComplexArray) -> ComplexArray:
     """Points less those strictly inside the polygon of a few extreme ones: a mesh has thousands of these."""
-    if len(points) < 200:
-        return points
-    around = np.exp(2j * np.pi * np.arange(32) / 32)
-    corners = points[np.unique((points[None, :] * np.conj(around)[:, None]).real.argmax(axis=1))]
-    corners = corners[np.argsort(np.angle(corners - corners.mean()))]
-    sides = np.roll(corners, -1) - corners
-    inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
-    return np.asarray(points[~inside], dtype=np.complex128)
+    for count in EXTREMES:
+        if len(points) < 2 * count:
+            break
+        around = np.exp(2j * np.pi * np.arange(count) / count)
+        corners = points[np.unique((points[None, :] * np.conj(around)[:, None]).real.argmax(axis=1))]
+        corners = corners[np.argsort(np.angle(corners - corners.mean()))]
+        sides = np.roll(corners, -1) - corners
+        inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
+        points = points[~inside]
+    return points
 
 
 def _halves(outline: Outline, direction: complex, level: float) -> list[Outline]:

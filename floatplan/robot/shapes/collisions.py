@@ -6,7 +6,7 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
 FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
 KINDS = ("sphere", "box", "capsule", "cylinder", "mesh")
+UNMOVED = complex(-0.0, -0.0)  # [m] added, it changes nothing, not even the sign of zero
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 
 
@@ -193,19 +194,12 @@ class Projection:
         return Projection(self.row @ placement.rotation, complex(placement.translation @ self.row + self.shift))
 
 
-@dataclass(frozen=True, eq=False)
-class MeshUse:
-    """A mesh file in a collision element: its name there, path, scale (3,), and projection to the plane."""
+def read_collision(
+    link: str, collision: Element, projection: Projection, folder: Path, meshes: Mapping[str, str]
+) -> tuple[Outline, complex] | None:
+    """Return the outline of a collision element in the plane, and what it is shifted by, m; None where there is none.
 
-    filename: str
-    path: Path
-    scale: Array
-    projection: Projection
-    element: str
-
-
-def read_collision(link: str, collision: Element, projection: Projection, folder: Path) -> Outline | MeshUse | None:
-    """Return the outline of a collision element in the plane, or for a mesh, its use; None where there is neither.
+    That of a mesh is about the origin of its file, so that its capsules do not depend on where it is.
 
     Parameters
     ----------
@@ -215,11 +209,13 @@ def read_collision(link: str, collision: Element, projection: Projection, folder
         From the link's frame to the plane.
     folder : path
         Of the URDF, from which mesh files are searched.
+    meshes : mapping
+        SHA-256 of the mesh files by their names.
 
     Raises
     ------
     InputError
-        If a number in it is not one, or a length is negative.
+        If a number in it is not one, a length is negative, or a mesh file is none, or not the one that it was.
     """
     place = f'link "{link}": collision'
     geometry = only(place, collision, "geometry")
@@ -234,20 +230,27 @@ def read_collision(link: str, collision: Element, projection: Projection, folder
         if not scale.all():
             reason = "has a zero, which leaves nothing of the mesh"
             raise InputError(reason, element=f"{where}: scale", advice="give three numbers")
-        return None if path is None else MeshUse(filename, path, scale, placed, where)
+        if path is None:
+            return None
+        mesh = load_mesh(path, scale, where)
+        if mesh.sha256 != meshes.get(filename):
+            reason, advice = "has changed since the robot was read", "read the robot again"
+            raise InputError(reason, source=path, element=where, advice=advice)
+        return Outline(mesh.corners @ placed.row, mesh.edges), placed.shift
     if shape.tag == "box":
         size = triple(f"{where}: size", shape, "size", (0.0, 0.0, 0.0))
         if size.min() < 0.0:
             raise InputError("is negative", element=f"{where}: size")
         corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        return Outline.convex(placed(corners * size))
+        return Outline.convex(placed(corners * size)), UNMOVED
     if shape.tag not in KINDS:
         return None
     radius = _length(where, shape, "radius")
     if shape.tag == "sphere":
-        return Outline.convex(placed(np.zeros((1, 3))), radius)
+        return Outline.convex(placed(np.zeros((1, 3))), radius), UNMOVED
     ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * _length(where, shape, "length")
-    return Outline.convex(placed(ends), radius) if shape.tag == "capsule" else _cylinder(radius, ends, placed)
+    round_ends = shape.tag == "capsule"
+    return Outline.convex(placed(ends), radius) if round_ends else _cylinder(radius, ends, placed), UNMOVED
 
 
 def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:

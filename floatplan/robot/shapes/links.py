@@ -10,35 +10,20 @@ convex hull, whose corners are kept beside the capsules; hulls of what moves as 
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
-import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
-from floatplan.files import read_text, write_atomically
 from floatplan.robot.planar.tree import SAME, PlanarTree, TreeLayout
-from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, capsules_of, fit, is_fit, with_fewer_corners
-from floatplan.robot.shapes.collisions import (
-    KINDS,
-    Mesh,
-    MeshUse,
-    Projection,
-    find_mesh,
-    load_mesh,
-    mesh_digest,
-    read_collision,
-)
+from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, with_fewer_corners
+from floatplan.robot.shapes.collisions import KINDS, Projection, find_mesh, mesh_digest, read_collision
 from floatplan.robot.urdf.tree import UrdfTree
 
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
-CACHE_VERSION = 4  # [-] of the fit: raised with a change of its results, so that older entries are not used
-LARGEST_ENTRY = 10_000  # [bytes] of a file of the cache
 
 
 @dataclass(frozen=True)
@@ -82,9 +67,9 @@ def link_shapes(
     for link in layout.tree.links:
         fitted: list[PlaneCapsule] = []
         points: dict[float, list[ComplexArray]] = {}
-        for outline, use, mesh in _collisions(layout, link, folder, meshes):
-            fitted += capsules_of(fit(outline)) if use is None or mesh is None else _mesh_capsules(use, mesh)
-            points.setdefault(outline.radius, []).append(outline.points)
+        for outline, shift in _collisions(layout, link, folder, meshes):
+            fitted += [PlaneCapsule(each.start + shift, each.end + shift, each.radius) for each in fit(outline)]
+            points.setdefault(outline.radius, []).append(outline.points + shift)
         body = layout.body_of[link]
         capsules = [LinkCapsule(link, body, each.start, each.end, each.radius) for each in _outermost(fitted)]
         capsules = capsules or _segments(layout, link)
@@ -102,9 +87,9 @@ def link_outlines(layout: TreeLayout, folder: Path, meshes: Mapping[str, str]) -
     Parameters and errors are those of :func:`link_shapes`.
     """
     return [
-        (layout.body_of[link], outline)
+        (layout.body_of[link], replace(outline, points=outline.points + shift))
         for link in layout.tree.links
-        for outline, *_ in _collisions(layout, link, folder, meshes)
+        for outline, shift in _collisions(layout, link, folder, meshes)
     ]
 
 
@@ -181,48 +166,15 @@ def _meshes(tree: UrdfTree, folder: Path) -> Iterator[tuple[str, str, Path | Non
 
 def _collisions(
     layout: TreeLayout, link: str, folder: Path, meshes: Mapping[str, str]
-) -> Iterator[tuple[Outline, MeshUse | None, Mesh | None]]:
-    """A link's collision geometry in the plane; with it the mesh, where it is one."""
+) -> Iterator[tuple[Outline, complex]]:
+    """A link's collision geometry in the plane, each with what it is shifted by, m."""
     body, placement = layout.body_of[link], layout.placements[link]
     row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * layout.back(body)
     projection = Projection(row, layout.local(body, placement.translation))
     for collision in layout.tree.links[link].collisions:
-        shape = read_collision(link, collision, projection, folder)
-        if isinstance(shape, Outline):
-            yield shape, None, None
-        elif shape is not None:
-            mesh = load_mesh(shape.path, shape.scale, shape.element)
-            if mesh.sha256 != meshes.get(shape.filename):
-                reason, advice = "has changed since the robot was read", "read the robot again"
-                raise InputError(reason, source=shape.path, element=shape.element, advice=advice)
-            yield Outline(shape.projection(mesh.corners), mesh.edges), shape, mesh
-
-
-def _mesh_capsules(use: MeshUse, mesh: Mesh) -> list[PlaneCapsule]:
-    """The capsules around a mesh in the plane, from the cache: fitting them takes longer than checking that they fit.
-
-    Entries are not trusted: one is used only where its capsules hold the mesh as it is now. Its name is a digest of all
-    that the capsules depend on; the shift is left out, as they move with it.
-    """
-    outline, shift = Outline(mesh.corners @ use.projection.row, mesh.edges), use.projection.shift
-    digest = hashlib.sha256(f"{CACHE_VERSION} {mesh.sha256} {use.path.suffix.lower()}".encode())
-    digest.update(np.ascontiguousarray(use.scale).tobytes())
-    digest.update((np.round(use.projection.row, 12) + 0.0).tobytes())
-    entry, fitted = cache_folder() / f"{digest.hexdigest()}.json", None
-    with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError):  # missing, damaged or forged
-        content = json.loads(read_text(entry, LARGEST_ENTRY, "a cache entry"))
-        fitted = content if is_fit(content, outline) else None
-    if fitted is None:
-        fitted = fit(outline)
-        with contextlib.suppress(OSError, InputError):  # where it cannot be written, fitting is repeated the next time
-            write_atomically(entry, json.dumps(fitted))
-    return [PlaneCapsule(each.start + shift, each.end + shift, each.radius) for each in capsules_of(fitted)]
-
-
-def cache_folder() -> Path:
-    """Folder of the capsules around meshes: below ``XDG_CACHE_HOME``, or ``.cache`` in the home folder."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "floatplan" / "capsules"
+        shape = read_collision(link, collision, projection, folder, meshes)
+        if shape is not None:
+            yield shape
 
 
 def _pairs(corners: ComplexArray) -> list[tuple[complex, complex]]:

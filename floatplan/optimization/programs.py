@@ -1,6 +1,9 @@
-"""The QP subproblem of SQP: from the rows active last time, by ProxQP where these are far off, else elastic.
+"""What a nonlinear program is, and when a search for its solution ends; it knows no robot.
 
-minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`floatplan.optimization.sqp`.
+minimise f(x) subject to c(x) = 0 and g(x) >= 0.
+
+The QP subproblem of SQP, ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``, is solved from the rows active
+last time, by ProxQP where these are far off, else elastic; see :mod:`floatplan.optimization.sqp`.
 """
 
 from __future__ import annotations
@@ -8,14 +11,16 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optimization.nonlinear_program import AnyEvaluation, total_violation
 
+Detail = TypeVar("Detail")
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
@@ -25,6 +30,101 @@ ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 ACTIVE_PER_VARIABLE = 4  # [-] inequalities of the last QP that the next begins with; at a vertex there is 1
 GENERATIONS = 12  # times that rows are added before the QP counts as infeasible
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row left out of a QP may be violated by its solution
+
+
+class Derivatives(NamedTuple):
+    """Of a program at a point: ``gradient`` (m,), ``equality_jacobian`` (e, m), ``inequality_jacobian`` (k, m)."""
+
+    gradient: Array
+    equality_jacobian: Array
+    inequality_jacobian: Array
+
+
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
+class Evaluation(Generic[Detail]):
+    """A program at a point of m variables; the derivatives are computed when asked for.
+
+    ``equality`` (e,), ``inequality`` (k,) with >= 0 wanted. ``detail`` is what the program remembers of the point.
+    """
+
+    objective: float
+    equality: Array
+    inequality: Array
+    differentiate: Callable[[], Derivatives]
+    detail: Detail
+
+    @cached_property
+    def _derivatives(self) -> Derivatives:
+        return self.differentiate()
+
+    @property
+    def gradient(self) -> Array:
+        """Gradient (m,) of the objective."""
+        return self._derivatives.gradient
+
+    @property
+    def equality_jacobian(self) -> Array:
+        """Derivatives (e, m) of the equalities."""
+        return self._derivatives.equality_jacobian
+
+    @property
+    def inequality_jacobian(self) -> Array:
+        """Derivatives (k, m) of the inequalities."""
+        return self._derivatives.inequality_jacobian
+
+    @cached_property
+    def violation(self) -> float:
+        """Sum of what the constraints lack."""
+        return total_violation(self.equality, self.inequality)
+
+    @cached_property
+    def worst_violation(self) -> float:
+        """Largest amount by which one constraint fails."""
+        worst = max(map(abs, self.equality.tolist()), default=0.0)
+        return max(worst, -float(self.inequality.min())) if self.inequality.size else worst
+
+
+def total_violation(equality: Array, inequality: Array) -> float:
+    """Sum of what equalities (e,) and inequalities (k,) lack."""
+    violation: float = sum(map(abs, equality.tolist()))
+    return violation - float(np.minimum(inequality, 0).sum()) if inequality.size else violation
+
+
+AnyEvaluation: TypeAlias = Evaluation[Any]  # whose detail does not matter
+
+
+class Program(Protocol[Detail]):
+    """What :func:`floatplan.optimization.sqp.minimise` solves.
+
+    ``metric`` (m, m) says how far a step goes: 1 is a long one, ``|metric @ step|`` its length.
+    """
+
+    @property
+    def metric(self) -> Array:
+        """Measure of steps (m, m), invertible."""
+
+    def evaluate(self, x: Array) -> Evaluation[Detail]:
+        """Values and derivatives at x (m,)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When to stop, and how far to trust a step.
+
+    Parameters
+    ----------
+    feasibility : largest violation of a constraint at a solution
+    optimality : relative change of the Lagrangian that a full step still promises at a solution
+    iterations : most QPs
+    longest_step : of ``|metric @ step|``
+    polish : whether to end with steps on to the equalities alone
+    """
+
+    feasibility: float = 1e-9
+    optimality: float = 1e-9
+    iterations: int = 100
+    longest_step: float = 0.5
+    polish: bool = True
 
 
 def _reproducible_proxqp() -> Any:
@@ -109,7 +209,7 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
     inequality = current.inequality
     rows = _most_violated(inequality, np.inf)
     if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
-        rows = _union(len(inequality), active, rows)
+        rows = np.union1d(active, rows)
     for _ in range(GENERATIONS):
         solution = _proxqp(current, hessian, rows)
         if solution is None:
@@ -122,15 +222,8 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
             inequality_multipliers = np.zeros(len(inequality))
             inequality_multipliers[rows] = np.maximum(row_multipliers, 0)
             return Step(direction, Multipliers(equality_multipliers, inequality_multipliers))
-        rows = _union(len(inequality), rows, violated)
+        rows = np.union1d(rows, violated)
     return None
-
-
-def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
-    """Indices below ``count`` that are in either, rising: sooner than NumPy's, which sorts."""
-    chosen = np.zeros(count, dtype=bool)
-    chosen[first] = chosen[second] = True
-    return np.flatnonzero(chosen)
 
 
 def _most_violated(values: Array, threshold: float) -> IntArray:

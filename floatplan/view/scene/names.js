@@ -1,0 +1,32 @@
+// Names for screen readers, which viser gives to few of its elements; and how wide the scene is.
+const named = (element, name) => name && element.getAttribute("aria-label") !== name
+  && element.setAttribute("aria-label", name);
+const words = element => element.textContent.trim();
+function nameAll() {
+  const canvas = document.querySelector("canvas");
+  if (canvas) {
+    canvas.setAttribute("role", "img");
+    named(canvas, "The robot in motion. What dragging it changes, the panel's sliders change too.");
+    document.documentElement.style.setProperty("--fp-scene", canvas.clientWidth + "px");
+  }
+  for (const label of document.querySelectorAll("label[for]")) {
+    const input = document.getElementById(label.htmlFor);
+    if (!input) continue;
+    for (const each of input.matches("input") ? [input] : input.querySelectorAll("[role=slider]"))
+      named(each, words(label));
+    for (const each of (input.closest("div:has(> .mantine-NumberInput-root)") || input).querySelectorAll("input"))
+      named(each, words(label));
+    if (input.matches(".multi-slider")) { input.setAttribute("role", "group"); named(input, words(label)); }
+  }
+  for (const button of document.querySelectorAll("button, [role=button]")) {
+    const icon = button.querySelector("svg[class*=tabler-icon-]")?.getAttribute("class");
+    if (icon && !words(button)) named(button, icon.match(/tabler-icon-([a-z-]+)/)[1].replaceAll("-", " "));
+  }
+}
+let asked = false;
+const soon = () => {
+  if (!asked) { asked = true; setTimeout(() => { asked = false; nameAll(); }, 200); }
+};
+addEventListener("resize", soon);
+addEventListener("DOMContentLoaded", () =>
+  new MutationObserver(soon).observe(document.body, {childList: true, subtree: true}));

@@ -1,0 +1,120 @@
+"""A jump in the studio: what is said of it, its phases, and the page around it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jumps import INSTALLED, backflip, go2_problem
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.stance.jump import Jump
+from floatplan.studio import cards, edits
+from floatplan.studio.answers import ShownPlan
+from floatplan.studio.curves import curves_card, phase_colours
+from floatplan.studio.planning import packed, unpacked
+from floatplan.studio.session import Session, View
+from floatplan.view.charts import SampledPlan
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+PATIENCE = 240.0  # s for what takes ten
+HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
+
+
+@pytest.fixture(scope="module")
+def shown() -> ShownPlan:
+    flight = backflip().flight
+    assert flight is not None
+    jump = backflip().with_certificate(fp.certify(flight))
+    assert jump.flight is not None
+    return ShownPlan.of(jump.flight, True, jump)
+
+
+@pytest.fixture(scope="module")
+def problem() -> fp.Problem:
+    return replace(go2_problem(), jump=fp.JumpRequest())
+
+
+def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Problem) -> None:
+    """Whatever it went through on its way from the process that planned it."""
+    robot = shown.plan.robot
+    found = unpacked(packed(shown, robot), robot)
+    view = View(problem, answer=found)
+    assert view.verdict == "proved"
+    assert replace(view, answer=replace(found, jump=None)).verdict == "waiting", "the flight alone is no answer"
+    assert f"<b>{found.jump.verdict.capitalize()}</b>" in cards.status_card(view)
+    assert found.motion.duration == found.jump.duration > found.plan.duration
+    columns = SampledPlan.of(found.view, np.linspace(0.0, found.jump.duration, 401)).columns
+    for of_all, key in zip(found.shares, ("torque_use", "rate_use"), strict=True):
+        most = max(np.abs(values).max() for name, values in columns.items() if name.startswith(key))
+        assert of_all.limited
+        assert of_all.peak == pytest.approx(most)
+        assert f"{most:.0%} at most" in curves_card(found.motion, found.shares)
+    assert found.largest_use == max(each.peak for each in found.shares)
+    assert len(phase_colours(found.view)) == len(found.jump.phases) == 5
+
+
+def test_where_there_is_no_jump_it_says_why(shown: ShownPlan, problem: fp.Problem) -> None:
+    assert problem.jump is not None
+    none = Jump(problem, problem.jump, explanation=HOSTILE)
+    view = View(problem, answer=replace(shown, jump=none))
+    assert (view.verdict, view.answer and view.answer.motion) == ("not found", shown.plan)
+    card = cards.status_card(view)
+    assert "<b>No jump found</b>" in card
+    assert "&lt;img" in card
+    assert "<img" not in card
+
+
+def test_phases_last_as_the_bar_has_them(shown: ShownPlan, problem: fp.Problem, tmp_path: Path) -> None:
+    assert shown.jump is not None
+    ends = tuple(round(phase.end, 3) for phase in shown.jump.phases)
+    kept = edits.phases(ends, 2)(problem)
+    assert edits.phase_ends(kept) == pytest.approx(ends)
+    assert kept.flight.duration == pytest.approx(ends[2] - ends[1])
+    again = fp.load_problem(fp.save_problem(kept, tmp_path / "kept.toml"))
+    assert edits.phase_ends(again) == pytest.approx(ends)
+    assert edits.phases(ends, 2)(kept).jump == kept.jump
+    free = edits.phases(None)(kept)
+    assert edits.phase_ends(free) is None
+    assert free.jump == problem.jump
+    for wrong in ((*ends[:3], ends[2] - 0.1, ends[4]), (*ends[:4], float("nan"))):
+        with pytest.raises(fp.InputError):
+            edits.phases(wrong, 2)(problem)
+
+
+def test_friction_and_margins_are_numbers_of_the_problem(problem: fp.Problem) -> None:
+    for path, value in (("jump.friction", 0.45), ("jump.margin.torque", 0.7), ("jump.clearance", 0.02)):
+        assert edits.number_at(edits.numbers({path: value})(problem), path) == value
+    with pytest.raises(fp.InputError):
+        edits.numbers({"jump.margin.torque": 1.5})(problem)
+
+
+@pytest.mark.long
+def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
+    problem = fp.load_problem(Path(__file__).parents[2] / "problems" / "jumps" / "go2.toml")
+    session = Session(problem)
+    try:
+        assert session.wait(lambda view: view.answer is not None, PATIENCE)
+        assert session.view.verdict == "waiting"
+        assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view.fault
+        answer = session.view.answer
+        assert answer is not None
+        assert answer.jump is not None
+        expected = fp.jump(problem).flight
+        assert expected is not None
+        assert np.array_equal(answer.plan.coefficients, expected.coefficients)
+        ends = [phase.end for phase in answer.jump.phases]
+        ends[1] -= 0.02
+        assert session.edit(edits.phases(ends, 2))
+        assert session.view.answer is answer, "the last jump stays until there is another"
+        assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view
+        assert session.save("plan", str(tmp_path)).endswith("jump.json is saved.")
+        saved = fp.load_jump(tmp_path / "jump.json")
+        assert [phase.end for phase in saved.phases] == pytest.approx(ends, abs=1e-6)
+    finally:
+        session.close()
