@@ -15,8 +15,7 @@ from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, printable
-from floatplan.kernel.batch import many_peaks
-from floatplan.kernel.rows import is_plain_family
+from floatplan.kernel.batch import is_plain_family, many_peaks
 from floatplan.planning.many import plan_many
 from floatplan.plans.measures import largest_use
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans

@@ -19,7 +19,7 @@ from floatplan.arguments import flag, function, optional, outline, text, whole
 from floatplan.arguments import path as as_path
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
-from floatplan.kernel.rows import is_plain_family
+from floatplan.kernel.batch import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
