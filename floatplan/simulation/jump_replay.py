@@ -20,14 +20,7 @@ from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.mujoco_model import import_mujoco
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
-<<<<<<< HEAD
-from floatplan.stance.jump import Jump
-from floatplan.stance.jump_file import load_jump
-=======
 from floatplan.stance.jump import Jump, load_jump
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import BASE
->>>>>>> main
 from floatplan.tables import Range
 
 MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 2.0), (0.7, 1.0), (2.0, 2.0), (0.5, 0.5), (3.0, 3.0))
