@@ -52,10 +52,8 @@ SMOOTH, STEADY = 0.1, 1e-3  # [-] of squared torques, and of such steps, beside 
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
-ONE_SIDE = {  # of IPOPT, where the flight is known
-    "max_hessian_perturbation": 1e6,  # more takes seconds an iteration
-    "adaptive_mu_globalization": "never-monotone-mode",  # so that a guess that nearly holds is soon a solution
-}
+# of IPOPT, where the flight is known: more takes seconds an iteration; and a guess that nearly holds is soon a solution
+ONE_SIDE = {"max_hessian_perturbation": 1e6, "adaptive_mu_globalization": "never-monotone-mode"}
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400

@@ -187,9 +187,8 @@ class NodeRows:
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
         spots = [*watched.spots, *(contact.spots[0] for contact in self.feet)]
-        self.least = np.append(
-            watched.least, [contact.depth - (POINT_FEET / 2 if known else 0.0) for contact in self.feet]
-        )  # [m]
+        dips = POINT_FEET / 2 if known else 0.0
+        self.least = np.append(watched.least, [contact.depth - dips for contact in self.feet])  # [m] heights of those
         for contact, y in known:
             heights = heights_over_com(model.robot, [contact.spots[0], *spots], y).imag
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
