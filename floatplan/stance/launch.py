@@ -243,9 +243,8 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     plain[-3][stances, 0] *= shares
     times = instants(program.phases, plain[-3].ravel())
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
-    a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
-    rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
-    motion = quintic(times, times[[0, -1]], *(rest, flies)[::way])
+    flies = np.stack((met.y, v, inner.released(met.y, v, 0 * v if met.a is None else met.a)))
+    motion = quintic(times, times[[0, -1]], *(np.stack((home, 0 * home, 0 * home)), flies)[::way])
     for index in stances:
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
