@@ -157,7 +157,7 @@ class Study:
             The row's problem is wrong.
         """
         _, family, seed = self._row(index)
-        return jump(family[0], seed=seed, starts=self._file.plan.starts)
+        return jump(family[0], seed=seed, starts=self._file.plan.starts, helps=False)
 
     def _row(self, index: int) -> tuple[int, Family, int]:
         """A row's index from 0, the family of it alone, and the seed of its own search."""
