@@ -10,10 +10,9 @@ import flint
 import numpy as np
 
 from floatplan.arrays import IntArray
-from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
+from floatplan.certificate.branch_and_bound import Goal, Minimum, at_least, smallest
 from floatplan.certificate.cells import ORDER, Vectors, recentred
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
-from floatplan.certificate.findings import at_least
 from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, place_shapes
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
