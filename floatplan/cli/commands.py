@@ -13,6 +13,7 @@ import typer
 
 import floatplan as fp
 from floatplan.cli import common, motions, robots
+from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
 from floatplan.errors import InputError, naming
@@ -70,21 +71,19 @@ def plan(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     figures: Annotated[
-        bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
+        bool | None, flag("Draw pictures; the default unless --json is given.", "--figures/--no-figures")
     ] = None,
-    report: Annotated[
-        bool, typer.Option("--report", help="Write report.html too: a page that plays the plan.")
-    ] = False,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Rows per second of trajectory.csv.")] = 1000.0,
+    report: Annotated[bool, flag("Write report.html too: a page that plays the plan.", "--report")] = False,
+    rate: Annotated[float, option("HZ", "Rows per second of trajectory.csv.")] = 1000.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
     starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is kept.")] = 1,
-    budget: Annotated[float | None, typer.Option(metavar="S", help="Time after which no new search begins, s.")] = None,
+    budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     certify: Annotated[
-        bool, typer.Option("--certify/--no-certify", help="Prove the plan, and put the certificate into its file.")
+        bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
     ] = True,
     launch: Annotated[
-        bool, typer.Option("--launch", help="Look for stances that reach the takeoff, and follow the landing.")
+        bool, flag("Look for stances that reach the takeoff, and follow the landing.", "--launch")
     ] = False,
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
@@ -143,7 +142,7 @@ def jump(
     seed: Seed = 0,
     starts: Starts = 4,
     report: Annotated[
-        bool | None, typer.Option("--report/--no-report", help="Write the page; the default unless --json is given.")
+        bool | None, flag("Write the page; the default unless --json is given.", "--report/--no-report")
     ] = None,
     json_output: common.Json = False,
     quiet: common.Quiet = False,
@@ -174,10 +173,7 @@ def jump(
     common.finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
 
 
-def takeoff(
-    problem_file: common.ProblemFile,
-    json_output: common.Json = False,
-) -> None:
+def takeoff(problem_file: common.ProblemFile, json_output: common.Json = False) -> None:
     """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
 
     Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
@@ -197,10 +193,8 @@ def takeoff(
 def launch(
     plan_file: common.PlanFile,
     urdf: common.Urdf = None,
-    landing: Annotated[bool, typer.Option("--landing", help="From the plan's landing to rest, instead.")] = False,
-    friction: Annotated[
-        float | None, typer.Option(metavar="MU", help="Of the ground; the problem's, or 0.6, if left out.")
-    ] = None,
+    landing: Annotated[bool, flag("From the plan's landing to rest, instead.", "--landing")] = False,
+    friction: Annotated[float | None, option("MU", "Of the ground; the problem's, or 0.6, if left out.")] = None,
     seed: Seed = 0,
     starts: Starts = 3,
     json_output: common.Json = False,

@@ -61,21 +61,27 @@ def argument(metavar: str, text: str) -> typer.models.ArgumentInfo:
     return info
 
 
+def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
+    """An option of a command that takes a value; it is called as its parameter where it has no names."""
+    return typer.Option(*names, metavar=metavar, help=text, **more)
+
+
+def flag(text: str, *names: str) -> Any:
+    """An option of a command that takes none."""
+    return typer.Option(*names, help=text)
+
+
 RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.")]
-Urdf = Annotated[
-    str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
-]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
-]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
-Save = Annotated[bool, typer.Option("--save", help="Keep the result in the plan file.")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log on stderr what the search does.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No summary, no progress: errors only.")]
+Urdf = Annotated[str | None, option("ROBOT.urdf", "The robot, where it is no longer where the plan says.")]
+Output = Annotated[Path | None, option("DIR", "Where results go; runs/<name> if left out.", "--output", "-o")]
+OpenPage = Annotated[bool, flag("Open the page in the browser.", "--open")]
+Save = Annotated[bool, flag("Keep the result in the plan file.", "--save")]
+Json = Annotated[bool, flag("One JSON object on stdout, and nothing else there.", "--json")]
+Verbose = Annotated[bool, flag("Log on stderr what the search does.", "--verbose", "-v")]
+Quiet = Annotated[bool, flag("No summary, no progress: errors only.", "--quiet", "-q")]
 
 
 class KeyOption(NamedTuple):
@@ -113,9 +119,7 @@ ROBOT_OPTIONS = {
 }
 Options = Annotated[Mapping[str, Any], OPTIONS]  # those that were given, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
-Degrees = Annotated[
-    bool, typer.Option("--degrees/--radians", help="Unit of all angles and rates on this command line.")
-]
+Degrees = Annotated[bool, flag("Unit of all angles and rates on this command line.", "--degrees/--radians")]
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -128,7 +132,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
         if parameter.name not in tables:
             parameters.append(parameter.replace(annotation=hints[parameter.name]))
         for name, row in tables.get(parameter.name, {}).items():
-            hint = Annotated[row.kind | None, typer.Option(metavar=row.metavar, help=row.help)]  # type: ignore[name-defined]
+            hint = Annotated[row.kind | None, option(row.metavar, row.help)]  # type: ignore[name-defined]
             parameters.append(Parameter(name, parameter.kind, default=None, annotation=hint))
 
     @functools.wraps(command)

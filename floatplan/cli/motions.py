@@ -10,24 +10,12 @@ import typer
 from typer.core import TyperCommand
 
 import floatplan as fp
-from floatplan.cli.common import (
-    Json,
-    MotionFile,
-    OpenPage,
-    PlanFile,
-    Quiet,
-    Save,
-    Urdf,
-    finish,
-    print_path,
-    read_motion,
-)
+from floatplan.cli import common
+from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
 
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
-]
+Output = Annotated[Path | None, option("DIR", "Where files go; beside the plan if left out.", "--output", "-o")]
 STIFFNESS = (
     "Stiffness of the joints, N m/rad, of all or by name; of a jump that of a bandwidth of 100 rad/s if left out."
 )
@@ -35,13 +23,13 @@ DAMPING = "Their damping, N m s/rad; the critical one if left out."
 
 
 def certify(
-    plan_file: PlanFile,
-    urdf: Urdf = None,
+    plan_file: common.PlanFile,
+    urdf: common.Urdf = None,
     budget: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Most intervals of time to examine; fewer may decide less.")
+        int | None, option("N", "Most intervals of time to examine; fewer may decide less.", min=1)
     ] = None,
-    save: Save = False,
-    json_output: Json = False,
+    save: common.Save = False,
+    json_output: common.Json = False,
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     with progress("proving"):
@@ -51,66 +39,55 @@ def certify(
         from floatplan.plans.reading import load_record
 
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
-    finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
+    common.finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
 
 
 def replay(
-    motion_file: MotionFile,
-    urdf: Urdf = None,
+    motion_file: common.MotionFile,
+    urdf: common.Urdf = None,
     engine: Annotated[
-        str | None, typer.Option(metavar="NAME", help="'pinocchio', the default, or 'mujoco'; of jumps always this.")
+        str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
     ] = None,
     perturb: Annotated[
         str,
-        typer.Option(
-            metavar="h=1%,..",
-            help="Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of "
+        option(
+            "h=1%,..",
+            "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of "
             "h, inertia, torque, rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
             "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
         ),
     ] = "",
     feedback: Annotated[
-        float | None,
-        typer.Option(metavar="RAD/S", help="Bandwidth of joint feedback; left out, open loop, 100 with --replan."),
+        float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
     ] = None,
-    step: Annotated[
-        float | None, typer.Option(metavar="S", help="Longest step of MuJoCo, s; 5e-4 if left out.")
-    ] = None,
+    step: Annotated[float | None, option("S", "Longest step of MuJoCo, s; 5e-4 if left out.")] = None,
     replan: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", help="Correct in flight, so often a second: many flights, with and without."),
+        float | None, option("HZ", "Correct in flight, so often a second: many flights, with and without.")
     ] = None,
     flights: Annotated[
-        int | None,
-        typer.Option(
-            "--flights", "--runs", min=1, metavar="N", help="Number of flights: 20 with --replan, 1 of a jump."
-        ),
+        int | None, option("N", "Number of flights: 20 with --replan, 1 of a jump.", "--flights", "--runs", min=1)
     ] = None,
-    budget: Annotated[
-        float, typer.Option(metavar="S", help="Time after which no more is flown, with --replan or of a jump, s.")
-    ] = 60.0,
+    budget: Annotated[float, option("S", "Time after which no more is flown, with --replan or of a jump, s.")] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
     friction: Annotated[
-        float | None, typer.Option(metavar="MU", help="Of the ground under a jump; that of its problem if left out.")
+        float | None, option("MU", "Of the ground under a jump; that of its problem if left out.")
     ] = None,
-    kp: Annotated[
-        str | None, typer.Option(metavar="K|J=K,..", help="Stiffness of a jump's joints, N m/rad, of all or by name.")
-    ] = None,
-    kd: Annotated[str | None, typer.Option(metavar="K|J=K,..", help="Their damping, N m s/rad.")] = None,
+    kp: Annotated[str | None, option("K|J=K,..", "Stiffness of a jump's joints, N m/rad, of all or by name.")] = None,
+    kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
     authority: Annotated[
-        bool, typer.Option("--authority", help="Tell from which errors corrections still land, and until when.")
+        bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
+        option(
+            "DIR",
+            "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
             "--output",
             "-o",
-            metavar="DIR",
-            help="Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
         ),
     ] = None,
-    save: Save = False,
-    json_output: Json = False,
+    save: common.Save = False,
+    json_output: common.Json = False,
 ) -> None:
     """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed.
 
@@ -122,7 +99,7 @@ def replay(
     from floatplan.simulation.replay import STEP
 
     checked = check_engine(engine or "pinocchio")
-    plan = read_motion(motion_file, urdf)
+    plan = common.read_motion(motion_file, urdf)
     of_jumps = {"friction": friction, "kp": kp, "kd": kd}
     of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
     beside, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
@@ -147,7 +124,7 @@ def replay(
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(motion_file)
-    finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
+    common.finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
 
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
@@ -164,7 +141,7 @@ def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: 
         with progress("drawing") as bar:
             files = write_jump_pages(flown, output, bar.reach)
     ok = flown.landed or flown.perturbation.any
-    finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
+    common.finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
 
 
 def _fly_many(
@@ -188,31 +165,27 @@ def _fly_many(
         page = write_flights_page(plan, output / "flights.html", flown, found)
     facts: dict[str, Any] = {} if flown is None else flown.to_dict()
     facts |= {} if found is None else {"authority": found.to_dict()}
-    finish(facts, json_output, lambda summary: summary.flights_summary(flown, found, page))
+    common.finish(facts, json_output, lambda summary: summary.flights_summary(flown, found, page))
 
 
 def show(
-    motion_file: MotionFile,
-    scene: Annotated[
-        bool, typer.Option("--scene", help="The motion in 3-D with the robot's meshes, one page.")
-    ] = False,
-    png: Annotated[bool, typer.Option("--png", help="The figures as PNG: curves, kinogram or moments.")] = False,
-    svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.")] = False,
-    gif: Annotated[bool, typer.Option("--gif", help="A film, GIF.")] = False,
-    mp4: Annotated[bool, typer.Option("--mp4", help="A film, MP4; needs ffmpeg.")] = False,
-    compare: Annotated[
-        str | None, typer.Option(metavar="PLAN.json", help="A second plan for the figures, drawn dashed.")
-    ] = None,
-    speed: Annotated[float, typer.Option(metavar="X", help="Of films: 0.5 is slow motion.")] = 0.5,
+    motion_file: common.MotionFile,
+    scene: Annotated[bool, flag("The motion in 3-D with the robot's meshes, one page.", "--scene")] = False,
+    png: Annotated[bool, flag("The figures as PNG: curves, kinogram or moments.", "--png")] = False,
+    svg: Annotated[bool, flag("The same as SVG.", "--svg")] = False,
+    gif: Annotated[bool, flag("A film, GIF.", "--gif")] = False,
+    mp4: Annotated[bool, flag("A film, MP4; needs ffmpeg.", "--mp4")] = False,
+    compare: Annotated[str | None, option("PLAN.json", "A second plan for the figures, drawn dashed.")] = None,
+    speed: Annotated[float, option("X", "Of films: 0.5 is slow motion.")] = 0.5,
     output: Output = None,
-    urdf: Urdf = None,
-    open_page: OpenPage = False,
-    quiet: Quiet = False,
+    urdf: common.Urdf = None,
+    open_page: common.OpenPage = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
 
-    motion = read_motion(motion_file, urdf)
+    motion = common.read_motion(motion_file, urdf)
     with naming(motion_file):
         plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
@@ -237,7 +210,7 @@ def show(
             files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
-            print_path(path)
+            common.print_path(path)
     if open_page:
         for path in files:
             if path.suffix == ".html":
@@ -256,18 +229,14 @@ class ExportCommand(TyperCommand):
 
 
 def export(
-    motion_file: MotionFile,
-    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those below.")],
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Instants per second; left out, what suits the format.")
-    ] = None,
-    kp: Annotated[str | None, typer.Option(metavar="K|J=K,..", help=STIFFNESS)] = None,
-    kd: Annotated[str | None, typer.Option(metavar="K|J=K,..", help=DAMPING)] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file; beside the plan if left out.")
-    ] = None,
-    urdf: Urdf = None,
-    quiet: Quiet = False,
+    motion_file: common.MotionFile,
+    form: Annotated[str, option("NAME", "One of those below.", "--format", "-f")],
+    rate: Annotated[float | None, option("HZ", "Instants per second; left out, what suits the format.")] = None,
+    kp: Annotated[str | None, option("K|J=K,..", STIFFNESS)] = None,
+    kd: Annotated[str | None, option("K|J=K,..", DAMPING)] = None,
+    output: Annotated[Path | None, option("FILE", "The file; beside the plan if left out.", "--output", "-o")] = None,
+    urdf: common.Urdf = None,
+    quiet: common.Quiet = False,
 ) -> None:
     """Hand a plan or a whole jump on, to a robot, a simulator or another program. SI units and radians.
 
@@ -278,9 +247,9 @@ def export(
 
     known = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
-    motion = read_motion(motion_file, urdf)
+    motion = common.read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
     with progress("exporting", quiet):
         path = motion.export(form, path, rate, kp=stiffness, kd=damping)
     if not quiet:
-        print_path(path)
+        common.print_path(path)
