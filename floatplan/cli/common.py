@@ -41,12 +41,6 @@ def folder() -> Path | None:
     return next((place for place in ABOVE if all((place / kind).is_dir() for kind in KINDS)), None)
 
 
-def own_urdfs() -> list[str]:
-    """The URDFs that come with floatplan, as commands take them."""
-    place = folder()
-    return [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
-
-
 def bundled(source: str) -> str:
     """The path of a file; where there is none, that of the robot or problem of this name that comes with floatplan."""
     place, path = folder(), Path(source)
@@ -276,9 +270,11 @@ def finish(
     told : whether that is printed, beside JSON on stderr; left out, where there is no JSON
     """
     if told or (told is None and not json_output):
+        from rich.console import Console
+
         from floatplan.cli import summary
 
-        summary.print_summary(readable(summary), stderr=json_output)
+        Console(stderr=json_output, highlight=False).print(readable(summary))  # in colours where somebody sees them
     if json_output:
         print_json(facts)
     raise typer.Exit(DONE if ok else FAILED)

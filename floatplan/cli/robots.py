@@ -36,7 +36,9 @@ def robots(json_output: common.Json = False) -> None:
     from floatplan.robot.urdf.tree import PREFIX, example_urdfs
 
     with progress("reading"):
-        known = [_facts(source) for source in (*common.own_urdfs(), *(PREFIX + name for name in example_urdfs()))]
+        place = common.folder()
+        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
+        known = [_facts(source) for source in (*own, *(PREFIX + name for name in example_urdfs()))]
     usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
     if json_output:
         common.print_json({"robots": usable, "unusable": unusable})
