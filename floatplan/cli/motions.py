@@ -95,6 +95,7 @@ def replay(
     corrected. A jump is flown in MuJoCo with contact, from standing to a second after its end, where it is to stand.
     """
     from floatplan.cli.asked import gain
+    from floatplan.cli.results import check_directory
     from floatplan.simulation.forward import check_engine
     from floatplan.simulation.replay import STEP
 
@@ -106,6 +107,8 @@ def replay(
     for name, value in beside.items():
         if value is not None:
             raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
+    if output is not None:
+        check_directory(output)
     if not isinstance(plan, fp.Plan):
         if engine not in (None, "mujoco"):
             raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
@@ -129,10 +132,6 @@ def replay(
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
     """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
-    from floatplan.cli.results import check_directory
-
-    if output is not None:
-        check_directory(output)
     with progress("flying"):
         flown, files = fp.replay_jump(jump, **options), list[Path]()
     if output is not None:
@@ -151,10 +150,6 @@ def _fly_many(
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
-    from floatplan.cli.results import check_directory
-
-    if output is not None:
-        check_directory(output)
     given = {name: value for name, value in options.items() if value is not None}
     flown = None if rate is None else fp.closed_loop(plan, rate, **given)
     found = fp.authority(plan) if with_authority else None

@@ -216,10 +216,8 @@ def _archive(arrays: Mapping[str, Array]) -> bytes:
 
 def _yaml(values: Array) -> str:
     """Numbers that read back bit for bit; YAML 1.1 reads 1e-05 as text, and 1.0e-05 as a number."""
-    texts = (repr(float(value)) for value in values)
-    return (
-        "[" + ", ".join(text.replace("e", ".0e") if "e" in text and "." not in text else text for text in texts) + "]"
-    )
+    texts = map(repr, values.tolist())
+    return f"[{', '.join(each.replace('e', '.0e') if 'e' in each and '.' not in each else each for each in texts)}]"
 
 
 FORMATS: dict[str, Format] = {
