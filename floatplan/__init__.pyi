@@ -46,7 +46,7 @@ from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
 from floatplan.stance.check import JumpCheck as JumpCheck
 from floatplan.stance.jump import Jump as Jump
-from floatplan.stance.jump_file import load_jump as load_jump
+from floatplan.stance.jump import load_jump as load_jump
 from floatplan.stance.jump_motion import JumpPhase as JumpPhase
 from floatplan.stance.launch import Launch as Launch
 from floatplan.stance.launch import launch as launch

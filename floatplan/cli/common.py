@@ -172,11 +172,12 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
 def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
     """The same error; one about an option of the command names it as it is typed, with its dashes."""
     option, options = f"--{error.element}", set[str]()
+    name_of = option.partition(":")[0]  # that of one of its parts: "perturb: mass"
     for name, hint in get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
             if isinstance(info, typer.models.OptionInfo):
-                options |= {*(info.param_decls or (f"--{name.replace('_', '-')}",))}
-    known = error.source is None and option in options
+                options |= {str(info.default), *(info.param_decls or (f"--{name.replace('_', '-')}",))}
+    known = error.source is None and name_of in options
     return InputError(error.reason, element=option, advice=error.advice) if known else error
 
 

@@ -1,7 +1,7 @@
 """A robot on a free base in MuJoCo, with the ground: its links' hulls as prisms, its feet as spheres.
 
-Every joint of the file moves, those that plans lock too, and has its armature, damping and friction. Links touch the
-ground alone, not one another.
+Every joint of the file moves, those that plans lock too, between its stops, and has its armature, damping and friction.
+Links touch the ground alone, not one another.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WIDTH = 0.02  # [m] of the links' prisms
 THIN = 1e-4  # [m] a hull that is thinner is no shape
 SMALLEST = 5e-3  # [m] radius of a foot's sphere
 STEP = 5e-4  # [s] of the simulation
-STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts
+STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
 SLIPLESS = 10.0  # [-] stiffness of friction over that of the normal force
 
 
@@ -133,9 +133,13 @@ def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> Any:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, SLIPLESS
+    spec.compiler.degree = False
     names = {f"joint{joint}": robot.model.names[joint] for joint in range(BASE + 1, robot.model.njoints)}
-    for own, name in names.items():
+    stops = np.stack((robot.model.lowerPositionLimit, robot.model.upperPositionLimit), axis=1)[BASE:]
+    for (own, name), stop in zip(names.items(), stops, strict=True):
         joint = spec.joint(own)
+        if np.isfinite(stop).all():
+            joint.range, joint.solref_limit = stop, STIFF
         joint.armature = robot.armature.get(name, 0.0) + drawn.armature
         joint.damping[0], joint.frictionloss = robot.damping.get(name, 0.0), robot.friction.get(name, 0.0)
     carriers = {joint: spec.joint(own).parent for joint, own in enumerate(names, BASE + 1)}

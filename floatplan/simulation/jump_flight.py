@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
@@ -49,6 +50,7 @@ class JumpControl:
         self.times = np.arange(int((jump.duration + AFTER) / PERIOD) + 1) * PERIOD
         self.wanted = jump.at(np.minimum(self.times, jump.duration))
         self.ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
+        self.data, self.axes = robot.model.createData(), np.stack((robot.plane.horizontal, robot.plane.vertical))
         self.joints = tuple(robot.model.names)[BASE + 1 :]
         self.motors = [self.joints.index(name) for name in robot.motors]
         effort = robot.model.effortLimit[BASE:]
@@ -63,6 +65,7 @@ class JumpControl:
         self.motor_torques = self.wanted.torques @ robot.transmission
         self.to_planned = np.linalg.pinv(robot.selection[BASE:])
         self.flown = jump.takeoff_time, jump.takeoff_time + jump.flight.duration
+        self.goal = jump.flight.problem.final.orientation
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
         self.every = 1 if rate is None else max(1, round(1 / (rate * PERIOD)))
 
@@ -77,9 +80,9 @@ class JumpControl:
         pitch, slid, rows = np.nan, 0.0, []
         for tick, now in enumerate(self.times.tolist()):
             state = robot.state()
-            if np.isnan(pitch) and now >= self.flown[1]:
-                pitch = robot.pitch - self.wanted.positions[tick, BASE - 1]
-            torques = loop.torques(tick, np.stack(state[:2])[:, BASE - 1 :])
+            if np.isnan(pitch) and now >= loop.landing:
+                pitch = robot.pitch - self.goal
+            torques = loop.torques(tick, np.stack(state[:2]))
             if not robot.move(torques, STEPS):
                 break
             slid = slid + robot.slips * PERIOD * (now < self.jump.duration)
@@ -101,8 +104,7 @@ class JumpControl:
         if not rows:
             return FlownJump(*parts)
         positions, velocities, accelerations, torques, forces, points = map(read_only, zip(*rows, strict=True))
-        axes = np.stack((self.robot.plane.horizontal, self.robot.plane.vertical))
-        of_feet = (dict(zip(feet, np.moveaxis(each, 1, 0), strict=True)) for each in (forces @ axes.T, points))
+        of_feet = (dict(zip(feet, np.moveaxis(each, 1, 0), strict=True)) for each in (forces @ self.axes.T, points))
         in_plane, places = of_feet
         times = read_only(self.times[: len(rows)])
         state = JumpState(times, positions, velocities, accelerations, in_plane, torques, places)
@@ -127,15 +129,22 @@ class _Loop:
         if replanner is not None:
             replanner.reset()
 
+    @property
+    def landing(self) -> float:
+        """When the flight should end, s from the jump's start: as corrections expect it, else as planned."""
+        begin, end = self.control.flown
+        return end if self.replanner is None else begin + self.replanner.landing
+
     def torques(self, tick: int, state: Array) -> Array:
-        """Torques (J,) N m at a tick, from orientation and joints with their rates (2, 1 + J) as they are."""
-        control = self.control
-        self.measured.append(state + self.noise * self.drawn.noise.standard_normal(state.shape))
+        """Torques (J,) N m at a tick, from all coordinates with their rates (2, BASE + J) as they are."""
+        control, known = self.control, state.copy()
+        known[:, BASE - 1 :] += self.noise * self.drawn.noise.standard_normal((2, state.shape[1] - BASE + 1))
+        self.measured.append(known)
         goal, torques = self._reference(tick)
-        self.errors.append(goal - self.measured[-1][:, 1:])
+        self.errors.append(goal - known[:, BASE:])
         if tick >= self.late:
             torques = torques + (control.gains * self.errors[tick - self.late]).sum(axis=0)
-        slowed, size = control.slope * np.abs(state[1, 1:]), np.abs(torques)
+        slowed, size = control.slope * np.abs(state[1, BASE:]), np.abs(torques)
         shares = np.maximum(size / control.effort, (size + slowed) / control.stall)
         self.share = max(self.share, float(shares.max()))
         most = np.minimum(control.effort, np.maximum(control.stall - slowed, 0.0))
@@ -143,17 +152,21 @@ class _Loop:
 
     def _reference(self, tick: int) -> tuple[Array, Array]:
         """Places and rates (2, J) that are wanted of all joints, and feed-forward torques (J,)."""
-        control, wanted = self.control, self.control.wanted
-        goal = np.stack((wanted.positions[tick, BASE:], wanted.velocities[tick, BASE:]))
-        (begin, end), now, then = control.flown, float(control.times[tick]), tick - self.late
-        if self.replanner is None or not begin <= now < end:
-            return goal, control.torques[tick]
-        robot = control.robot
+        control, robot = self.control, self.control.robot
+        begin, now, then = control.flown[0], float(control.times[tick]), tick - self.late
+        if self.replanner is None or not begin <= now < self.landing:
+            early = 0 if now < begin else round((control.flown[1] - self.landing) / PERIOD)
+            row = min(tick + early, len(control.times) - 1)
+            goal = np.stack((control.wanted.positions[row, BASE:], control.wanted.velocities[row, BASE:]))
+            return goal, control.torques[row]
         resting = np.stack((robot.reference[BASE:], np.zeros(len(control.joints))))
         if tick % control.every == 0 and then >= 0 and control.times[then] >= begin:
-            known = self.measured[then]
-            time, (joints, rates) = float(control.times[then]), (known[:, 1:] - resting) @ control.to_planned.T
-            done = self.replanner.update(time - begin, known[0, 0], known[1, 0], joints, rates, now=now - begin)
+            places, rates = known = self.measured[then]
+            angles, velocities = (known[:, BASE:] - resting) @ control.to_planned.T
+            pin.centerOfMass(robot.model, control.data, places, rates)
+            base, of_com = known[:, BASE - 1].tolist(), (control.data.com[0], control.data.vcom[0])
+            joints = angles, velocities, now - begin, *(control.axes @ each for each in of_com)
+            done = self.replanner.update(float(control.times[then]) - begin, base[0], base[1], *joints)
             self.statuses[done.status] += 1
         reference = self.replanner.reference(now - begin)
         torques = control.torques[tick].copy()

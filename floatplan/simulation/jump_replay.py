@@ -21,8 +21,7 @@ from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.mujoco_model import import_mujoco
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
-from floatplan.stance.jump import Jump
-from floatplan.stance.jump_file import load_jump
+from floatplan.stance.jump import Jump, load_jump
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE
 from floatplan.tables import Range
@@ -32,7 +31,7 @@ MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 2.0), (0.7, 1.0), (2.0, 2
 TRIALS, SEARCH = 4, 977  # [-] flights, and their seed
 TO_SPARE = 0.2  # [-] of friction
 STRAIGHT = 0.1  # [rad]
-ROTORS = 2.5e-4  # [s^2] armature that may be there, over stiffness: 0.01 kg m^2 of a Go2
+ROTORS = 4e-4  # [s^2] armature that may be there, over stiffness: 0.02 kg m^2 of a Go2
 
 
 def first_gains(jump: JumpMotion) -> tuple[float, float]:

@@ -22,7 +22,7 @@ DEGREE = math.pi / 180
 RELATIVE = number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0}  # masses and torques keep their sign
 KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, and what one of each unit is in SI units
     **dict.fromkeys(("h", "mass", "inertia", "torque", "rise", "friction"), RELATIVE),
-    "armature": (number(Range(0.0, 1e3, "kg m^2")), {"": 1.0}),
+    "armature": (number(Range(0.0, 1e3, "kg m^2")), {"kg m^2": 1.0, "": 1.0}),
     "noise": (number(Range(0.0, 1.0, "rad")), {"deg": DEGREE, "rad": 1.0, "": 1.0}),
     "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": DEGREE, "rad/s": 1.0, "": 1.0}),
     "delay": (number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0}),
@@ -95,8 +95,10 @@ class Perturbation(Checked):
         return Drawn(momentum, mass * together, inertia * together, torque, rise, friction, armature, rng)
 
     def in_words(self) -> list[str]:
-        """Each of them that is not zero, with its size in SI units."""
-        return [f"{name} ±{abs(error):.3g}" for name, error in asdict(self).items() if error]
+        """Each of them that is not zero, with its size in the unit that is named first."""
+        units = {name: next(iter(KINDS[name][1].items())) for name in KINDS}
+        sizes = asdict(self).items()
+        return [f"{name} {abs(size) / units[name][1]:.3g} {units[name][0]}".strip() for name, size in sizes if size]
 
     def refuse(self, kinds: Iterable[str], reason: str, advice: str | None = None) -> None:
         """Raise InputError where one of these kinds, which make no sense here, is not zero."""
@@ -150,7 +152,7 @@ def given_perturbation(perturb: str | Perturbation) -> Perturbation:
             raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")
         if name in found:
             raise InputError(f"{name} is given twice", element="perturb", advice="keep one of them")
-        found[name] = _number(name, value)
+        found[name] = KINDS[name][0](_number(name, value), f"perturb: {name}")
     return Perturbation(**found)
 
 

@@ -10,9 +10,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
+from floatplan.problem.problem import Problem
 from floatplan.stance.contacts import corners, heights_over_com, links_of, undersides
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import Spot
@@ -38,7 +40,12 @@ class Figure(NamedTuple):
     limit: float | Callable[[JumpRequest], float]
     least: bool = False
 
+    def most(self, request: JumpRequest) -> float:
+        """The limit of a jump."""
+        return self.limit(request) if callable(self.limit) else self.limit
 
+
+SHARES = ("torque", "torque_speed", "velocity")  # figures that are shares of limits
 FIGURES = {
     "residual": Figure("forces are out of balance by {:.2g} of the weight", 1e-3),
     "torque": Figure("torques take {:.0%} of their limits", lambda request: request.margin["torque"]),
@@ -102,7 +109,7 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
     assert jump.flight is not None
     grounds = [stance.ground for stance in jump.stances]
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
-    flown = flight_state(jump.flight, times, jump.takeoff_time)
+    flown = flight_state(jump.flight, jump.takeoff_time, times)
     flight = _surroundings(jump, flown, min(grounds))
     figures = _worst([*_stances(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
     broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
@@ -141,21 +148,26 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     standing = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(standing) - stance.ground
     yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * height]).max()
-    motors, rates = torques @ robot.transmission, state.velocities @ np.linalg.pinv(robot.selection).T
-    yield "torque", np.abs(motors / problem.motor_torque_limits).max()
+    yield from ((name, shares.max()) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
-    own = np.abs(motors) + problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
-    yield "torque_speed", (own / problem.motor_stall).max()
-    yield "velocity", (np.abs(rates) / problem.velocity_limits).max()
-    efforts = np.where(model.effortLimit > 0, model.effortLimit, np.inf)
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
-    yield "held_torque", (np.abs(torques[:, locked]) / efforts[locked]).max(initial=0.0)
+    efforts = [robot.layout.tree.joint[name].effort for name in robot.locked]
+    yield "held_torque", (np.abs(torques[:, locked]) / efforts).max(initial=0.0)
     joints, (low, high) = state.planned(robot)[1:].T, np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
         mean = (ahead[1:] + ahead[:-1]) / 2
         difference = np.diff(behind, axis=0) / np.diff(state.times)[:, None]
         yield "derivative", np.abs(mean - difference).max() / (np.abs(ahead).max() + 1e-9)
+
+
+def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
+    """Shares of limits at N instants, by ``SHARES``: (N, motors) of torque and torque-speed curve, (N, n) of rates."""
+    robot = problem.robot
+    motors, rates = np.abs(state.torques @ robot.transmission), state.velocities @ np.linalg.pinv(robot.selection).T
+    slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
+    found = motors / problem.motor_torque_limits, (motors + slowed) / problem.motor_stall
+    return dict(zip(SHARES, (*found, np.abs(rates) / problem.velocity_limits), strict=True))
 
 
 def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
@@ -211,7 +223,7 @@ def _seams(jump: JumpMotion) -> Iterator[Value]:
     assert jump.flight is not None
     flight, limits = jump.flight, jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
-    takes_off, lands = (flight_state(flight, np.array([time]), 0.0) for time in (0.0, flight.duration))
+    takes_off, lands = (flight_state(flight, 0.0, np.array([time])) for time in (0.0, flight.duration))
     seams = [("takeoff_seam", jump.before[-1], 1, takes_off), ("landing_seam", jump.after[0], 0, lands)]
     yield "gap", abs(jump.before[0].span[0])
     yield "gap", abs(jump.takeoff_time + flight.duration - jump.after[0].span[0])
@@ -238,10 +250,10 @@ def _step(one: JumpState, other: JumpState, unit: float) -> float:
 def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Words], list[Words]]:
     """What is said of figures, of those that are there, each with its limit: what does not hold, and what does."""
     said: tuple[list[Words], list[Words]] = [], []
-    for name, (sentence, limit, least) in FIGURES.items():
+    for name, figure in FIGURES.items():
         if name in figures:
-            value, most = figures[name], limit(request) if callable(limit) else limit
-            bound = f"{most:g} at {'least' if least else 'most'}" if np.isfinite(most) else "without limit"
-            holds = value >= most if least else value <= most * (1 + ROUNDING)
-            said[holds].append((sentence.format(value), bound))
+            value, most = figures[name], figure.most(request)
+            bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "without limit"
+            holds = value >= most if figure.least else value <= most * (1 + ROUNDING)
+            said[holds].append((figure.sentence.format(value), bound))
     return said

@@ -74,6 +74,13 @@ def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexAr
     return np.asarray((turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:].T)).T).T)
 
 
+def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[float, float]:
+    """From one spot to another in a posture y (n+1,), where what rolls would be at its body's angle 0, m."""
+    angles, (one, two) = robot.tree.absolute_angles(y[0], y[1:]), spot_weights(robot, [first, second])
+    way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
+    return float(way.real), float(way.imag)
+
+
 def links_of(robot: Robot, contacts: Iterable[Contact]) -> set[str | None]:
     """Links on which contacts stand."""
     return {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}

@@ -20,12 +20,12 @@ from scipy.optimize import root
 
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
-from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.stance.contacts import heights_over_com, way_between
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, hermite, quintic, refined, values
 from floatplan.stance.phases import Phase, instants
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.rows import axes_of, balanced, closures, spread
+from floatplan.stance.rows import axes_of, balanced, spread
 
 REFINED = 4  # [-] steps of the grid in an interval of the program
 SUBSTEPS = 4  # [-] of the differential equation in a step of the grid
@@ -45,24 +45,20 @@ class StanceDynamics:
         own, pairs = balanced(model, phase, forces)
         moments = model.moments(phase.anchor.spots[0], spread(phase.contacts, [own, *pairs]))
         self.moment = model.function("moment", [ca.sum1(moments)], forces)
-        parts = [self._closure(contact, home) for contact in phase.others]
+        parts, anchor = list[Any](), phase.anchor.spots[0]
+        for spot, axes in ((contact.spots[0], axes_of(contact)) for contact in phase.others):
+            places, at_home = model.places(model.weights([spot], anchor)), way_between(model.robot, anchor, spot, home)
+            parts += [places[k] - at_home[k] for k in axes]
         closure = ca.vertcat(*parts) if parts else ca.SX(0, 1)
         drift = ca.jtimes(ca.jtimes(closure, model.y, model.v), model.y, model.v)
         self.closure = model.function("closure", [closure, ca.jacobian(closure, model.y), drift])
-        self.size = closures(phase)
+        self.size = len(parts)  # of the closure: places of contacts less where they stand, m, of a heel its height
         none = np.zeros(2 * len(phase.others))
         total, _ = balanced(model, phase, none)
         self.total = model.function("total", total)
         alone = self.moment(model.y, model.v, model.a, none)
         falls = ca.vertcat(*total, alone, ca.mtimes(ca.jacobian(closure, model.y), model.a) + drift)
         self.falls = model.function("falls", [falls, ca.jacobian(falls, model.a)])
-
-    def _closure(self, contact: Contact, home: Array) -> Any:
-        """Place of a contact less where it stands, m; of a heel its height."""
-        model, anchor = self.model, self.phase.anchor.spots[0]
-        places = model.places(model.weights(contact.spots[:1], anchor))
-        at_home = model.function("place", places)(home, 0 * home, 0 * home)
-        return casadi().vertcat(*[places[k] - at_home[k] for k in axes_of(contact)])
 
     @cached_property
     def dependent(self) -> list[int]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -101,15 +103,10 @@ class JumpMotion(MotionInFile):
             raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
         phases = self.phases
         index = np.searchsorted([phase.end for phase in phases[:-1]], instants)
-        stances = iter(self.stances)
-        parts = []
-        for number, phase in enumerate(phases):
-            stance = None if phase.kind == "flight" else next(stances)
-            chosen = np.flatnonzero(index == number)
-            if len(chosen):
-                within = instants[chosen]
-                state = stance.at(within) if stance else flight_state(self.flight, within, self.takeoff_time)
-                parts.append((chosen, state))
+        motions: list[Callable[[Array], JumpState]] = [each.at for each in self.stances]
+        motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
+        rows = [np.flatnonzero(index == number) for number in range(len(phases))]
+        parts = [(own, motion(instants[own])) for own, motion in zip(rows, motions, strict=True) if len(own)]
         return joined(instants, parts, [name for phase in phases for name in phase.contacts])
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:

@@ -19,7 +19,7 @@ from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
-from floatplan.stance.check import judged, stance_figures
+from floatplan.stance.check import SHARES, judged, limit_shares, stance_figures
 from floatplan.stance.exact import StanceDynamics, exact_stances
 from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
@@ -160,7 +160,7 @@ def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row]
 
 def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
     """What a plan's takeoff or landing asks; its rates and accelerations where they are those of a foot at rest."""
-    full = flight_state(plan, np.array([0.0 if end == "takeoff" else plan.duration]), 0.0)
+    full = flight_state(plan, 0.0, np.array([0.0 if end == "takeoff" else plan.duration]))
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     anchor, gravity = setup.phases[-2 if end == "takeoff" else 1].anchor, float(plan.problem.flight.gravity)
     model, y = PlanarModel(plan.robot, gravity), np.append(state.orientation, state.positions)
@@ -184,11 +184,10 @@ def _answer(
     stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
-    shares = {name: figures[name] for name in ("torque", "torque_speed", "velocity")}
-    limit = max(shares, key=lambda name: shares[name])
-    ratio, joint = shares[limit], _joint(plan, stances, limit)
+    limit = max(SHARES, key=lambda name: figures[name])
+    ratio, joint = figures[limit], _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
-    rest = {name: value for name, value in figures.items() if name not in shares}
+    rest = {name: value for name, value in figures.items() if name not in SHARES}
     broken = [", ".join(words) for words in judged(request, rest)[0]]
     named = WORDS[limit].format(joint)
     if ratio <= 1 and not broken:
@@ -274,15 +273,6 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
     """The motor whose share of a limit is the largest at the stances' instants."""
-    problem, robot = plan.problem, plan.robot
-    states = [stance.at(stance.grid.times) for stance in stances]
-    torques = np.abs(np.concatenate([state.torques for state in states]) @ robot.transmission)
-    joints = np.concatenate([stance.grid.v[1:].T for stance in stances])
-    rates = np.abs(joints @ robot.motor_ratios.T)
-    if limit == "torque":
-        shares = torques / problem.motor_torque_limits
-    elif limit == "torque_speed":
-        shares = (torques + problem.motor_slope * rates) / problem.motor_stall
-    else:
-        return robot.joints[int((np.abs(joints) / problem.velocity_limits).max(axis=0).argmax())]
-    return robot.motors[int(shares.max(axis=0).argmax())]
+    shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
+    names = plan.robot.joints if limit == "velocity" else plan.robot.motors
+    return names[int(np.concatenate(shares).max(axis=0).argmax())]

@@ -20,7 +20,6 @@ momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
@@ -67,42 +66,20 @@ def casadi() -> Any:
     return import_optional("casadi", name="CasADi", element="jump", extra="jump")
 
 
-@dataclass(frozen=True, eq=False)
 class PlanarModel:
-    """Symbols ``y, v, a`` (n+1) of a robot's coordinates with their derivatives, and expressions of them.
+    """Symbols of a robot's coordinates with their derivatives, and expressions of them.
 
     Attributes
     ----------
     robot : Robot
     gravity : m/s^2
+    y, v, a : (n+1,) orientation and joints, rad, and their derivatives, rad/s, rad/s^2
     """
 
-    robot: Robot
-    gravity: float = 9.81
-
-    @cached_property
-    def _sx(self) -> Any:
-        return casadi().SX
-
-    @cached_property
-    def y(self) -> Any:
-        """Orientation and joints, rad."""
-        return self._sx.sym("y", 1 + len(self.robot.joints))
-
-    @cached_property
-    def v(self) -> Any:
-        """Derivative of ``y``, rad/s."""
-        return self._sx.sym("v", 1 + len(self.robot.joints))
-
-    @cached_property
-    def a(self) -> Any:
-        """Second derivative of ``y``, rad/s^2."""
-        return self._sx.sym("a", 1 + len(self.robot.joints))
-
-    @cached_property
-    def _rates(self) -> Any:
-        """Derivatives (m, n+1) of the bodies' angles by y."""
-        return self._sx(np.column_stack((np.ones(len(self.robot.tree.mass)), self.robot.tree.turns)))
+    def __init__(self, robot: Robot, gravity: float = 9.81) -> None:
+        self.robot, self.gravity, sx = robot, gravity, casadi().SX
+        self.y, self.v, self.a = (sx.sym(name, 1 + len(robot.joints)) for name in ("y", "v", "a"))
+        self._rates = sx(np.column_stack((np.ones(len(robot.tree.mass)), robot.tree.turns)))  # of bodies' angles, by y
 
     @cached_property
     def angles(self) -> tuple[Any, Any, Any]:

@@ -226,7 +226,7 @@ def _shared(contact: Contact, force: Array) -> dict[str, Array]:
     return dict.fromkeys(contact.names, force / len(contact.names))
 
 
-def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
+def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
     """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
     flown = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration)).coordinates
     motion = flown.positions, flown.velocities, flown.accelerations

@@ -15,6 +15,7 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.stance.check import FIGURES, SHARES
 from floatplan.stance.exact import exact_stances, released
 from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight
@@ -26,7 +27,6 @@ from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
 ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
-SHARES = (("torque", "torque"), ("torque_speed", "torque"), ("velocity", "velocity"))  # figures, and whose margin
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 MOST_STARTS = Range(1, 1000, "")
@@ -130,7 +130,7 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
     before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
-    shares = [check.figures[name] / request.margin[of] for name, of in SHARES]
+    shares = [check.figures[name] / FIGURES[name].most(request) for name in SHARES]
     told = f" Of what the margins leave they take {max(shares):.0%}." if request.objective == "limits" else ""
     held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     answer = replace(found, explanation=held)

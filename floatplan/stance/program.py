@@ -40,7 +40,6 @@ from floatplan.stance.rows import (
     Rows,
     drifting,
     hermite_step,
-    roughness,
 )
 from floatplan.stance.separation import SLIGHT, Separation
 
@@ -222,7 +221,7 @@ class JumpProgram:
                 cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
-            rough += roughness(parts, unit)
+            rough += ca.sumsqr(unit**2 * ca.diff(parts[2][1:, :], 1, 1))
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
         goal = apart + ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com
+from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com, way_between
 from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
@@ -178,11 +178,10 @@ class NodeRows:
         self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
         self.flies = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        self._holding = HeldJoints(model)
         self.weight = model.robot.mass * model.gravity  # [N]
-        standing = 0 if self.phases[0].contacts else -1
-        anchor, end = self.phases[standing].anchor, ends[standing]
-        com = model.function("com", model.com_from(anchor.spots[0]))
-        self.height = float(com(end, 0 * end, 0 * end)[1]) + anchor.depth  # [m] of the centre of mass, standing
+        end = 0 if self.phases[0].contacts else -1
+        self.height = -ground_below(model.robot, self.phases[end].anchor, ends[end])  # [m] of the centre of mass
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
         spots = [*watched.spots, *(contact.spots[0] for contact in self.feet)]
@@ -235,7 +234,7 @@ class NodeRows:
         for contact in phase.others:
             weights = model.weights(contact.spots[:1], anchor)
             place, rate, acceleration = (model.places(weights, order) for order in range(3))
-            home = self._span(phase, contact)
+            home = way_between(model.robot, anchor, contact.spots[0], self.ends[0 if phase.side == "takeoff" else 1])
             for k in axes_of(contact):
                 drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
                 stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {STANDS}"))
@@ -243,13 +242,6 @@ class NodeRows:
                     continue
                 meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
         return [*stand, *meet]
-
-    def _span(self, phase: Phase, contact: Contact) -> tuple[float, float]:
-        """Where a contact is from the anchor where the robot stands, m."""
-        model, end = self.model, self.ends[0 if phase.side == "takeoff" else 1]
-        place = model.function("span", model.places(model.weights(contact.spots[:1], phase.anchor.spots[0])))
-        x, z = place(end, 0 * end, 0 * end)
-        return float(x), float(z)
 
     @cached_property
     def feet(self) -> list[Contact]:
@@ -292,10 +284,6 @@ class NodeRows:
         names, most = [name for name in self.held if name != CLEAR], self.bounds.held
         shares = self._holding.shares(names, contacts, forces)
         return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
-
-    @cached_property
-    def _holding(self) -> HeldJoints:
-        return HeldJoints(self.model)
 
     def strained(self, motion: Sequence[Array], forces: Sequence[Array]) -> tuple[str, ...]:
         """What is beyond its bounds at nodes, but no row yet: torques of held joints, of left and right the one; CLEAR.
@@ -354,24 +342,13 @@ def hermite_step(values: Any, rates: Any, changes: Any, step: Any) -> Any:
     return values[:, :-1] + mean + step**2 / 12 * (changes[:, :-1] - changes[:, 1:])
 
 
-def roughness(parts: Sequence[Any], unit: float) -> Any:
-    """Squared steps of the joints' accelerations from node to node, in units of the robot."""
-    joints = parts[2][1:, :]
-    return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
-
-
 def axes_of(contact: Contact) -> tuple[int, ...]:
     """Which directions a contact beside the anchor holds: both, or of a heel the vertical one."""
     return (1,) if contact.vertical else (0, 1)
 
 
-def closures(phase: Phase) -> int:
-    """How many conditions the contacts beside the anchor add."""
-    return sum(len(axes_of(contact)) for contact in phase.others)
-
-
 def drifting(phase: Phase) -> int:
-    """How many of them drift: not those of heels, which are linear in y."""
+    """How many conditions of contacts beside the anchor drift: not those of heels, which are linear in y."""
     return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 

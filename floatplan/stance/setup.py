@@ -15,7 +15,7 @@ from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.stance.check import SLIP
+from floatplan.stance.check import FIGURES, SLIP
 from floatplan.stance.contacts import (
     Contact,
     bent_ranges,
@@ -68,15 +68,12 @@ class Room:
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
 
-        def share(name: str, limit: float, now: float) -> float:
-            over = figures.get(name, 0.0) / limit
+        def share(name: str, now: float) -> float:
+            over = figures.get(name, 0.0) / FIGURES[name].most(request)
             return now if over <= 1 else now * STRICTER / min(over, 1.25)
 
-        most = request.margin["torque"]
-        limits = {"torque": most, "torque_speed": most, "held_torque": 1.0}
-        torque = min(share(name, limit, self.torque) for name, limit in limits.items())
-        velocity = share("velocity", request.margin["velocity"], self.velocity)
-        friction = share("friction", request.friction, self.friction)
+        torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
+        velocity, friction = share("velocity", self.velocity), share("friction", self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
         clear = self.clear + max(0.0, -figures.get("ground", 0.0))

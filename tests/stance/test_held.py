@@ -14,7 +14,7 @@ import floatplan as fp
 from floatplan.robot import Robot
 from floatplan.stance.contacts import contact_at, rolling
 from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import PlanarModel, Spot
+from floatplan.stance.model import PlanarModel, Spot, casadi
 from floatplan.stance.motion import Stance
 from floatplan.stance.planner import ROOM
 from floatplan.stance.rows import CLEAR
@@ -41,7 +41,7 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
     contacts = [each for foot in feet for each in contact_at(robot, foot, home)] if stands else []
     contacts = [rolling(robot, each, home) for each in contacts] if name == "rolling" else contacts
     held = HeldJoints(model)
-    forces = model._sx.sym("forces", 2, len(contacts))
+    forces = casadi().SX.sym("forces", 2, len(contacts))
     pairs = [(forces[0, k], forces[1, k]) for k in range(len(contacts))]
     function = model.function("held", [held.shares(list(held.efforts), contacts, pairs)], forces)
     y, v, a = rng.normal(size=(3, 1 + len(robot.joints)))

@@ -14,8 +14,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.jump import Jump
-from floatplan.stance.jump_file import load_jump
+from floatplan.stance.jump import Jump, load_jump
 from floatplan.stance.motion import Grid
 from floatplan.stance.planner import jump
 

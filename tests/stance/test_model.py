@@ -11,7 +11,7 @@ from needed import skip_or_fail
 
 from floatplan.robot import Robot
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.stance.model import PlanarModel, Spot
+from floatplan.stance.model import PlanarModel, Spot, casadi
 
 if find_spec("casadi") is None or robots_folder() is None:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -34,7 +34,7 @@ def test_inverse_dynamics_is_that_of_pinocchio(name: str) -> None:
     model = PlanarModel(robot)
     frame = robot.frames[foot]
     spot = Spot(frame.body, frame.local)
-    force = model._sx.sym("force", 2)
+    force = casadi().SX.sym("force", 2)
     moments = model.moments(spot, [(spot, (force[0], force[1]))])
     motors = model.motor_torques(moments)
     com = model.com_from(spot, 2)

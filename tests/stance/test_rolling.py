@@ -20,8 +20,7 @@ from floatplan.robot import Robot
 from floatplan.stance.check import judged
 from floatplan.stance.contacts import Contact, contact_at, rolling
 from floatplan.stance.exact import OnePoint, StanceDynamics
-from floatplan.stance.jump import Jump
-from floatplan.stance.jump_file import load_jump
+from floatplan.stance.jump import Jump, load_jump
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.motion import Grid, Stance
 from floatplan.stance.phases import Phase

@@ -15,7 +15,7 @@ from needed import skip_or_fail
 
 from floatplan.errors import InputError
 from floatplan.stance.check import judged
-from floatplan.stance.jump_file import load_jump
+from floatplan.stance.jump import load_jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
