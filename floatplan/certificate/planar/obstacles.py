@@ -28,20 +28,15 @@ STILL = (0.0, 0.0)  # [m/s]
 class Surroundings:
     """The flight and the links' shapes in it: what every obstacle is compared with.
 
-    ``links`` are the names of the links that the bars ``shapes`` belong to.
+    ``links`` are the names of the links that the bars ``shapes`` belong to, ``cells`` all cells of time.
     """
 
     def __init__(self, robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, weights: ShapeWeights) -> None:
         self.record = record
-        self.flight = flight
+        self.flight, self.cells = flight, np.arange(len(flight.cells))
         self.sigma = robot.sigma
         self.links = [shape.link for shape in weights.shapes]
         self.shapes = place_shapes(flight, weights)
-
-    @property
-    def cells(self) -> IntArray:
-        """All cells of time."""
-        return np.arange(len(self.flight.cells))
 
     def seen(self, place: Any, velocity: Any) -> Vectors:
         """A moving point, relative to the centre of mass, in the base frame: one item."""
