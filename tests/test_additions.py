@@ -185,7 +185,7 @@ else:
 
 OBSTACLE_WORKS = """
 from floatplan.inflight.prediction import DISTANCE_AIM
-from floatplan.kernel.constraints import ObstacleRows, compiled_constraints
+from floatplan.kernel.constraints import DistanceRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import program
@@ -205,7 +205,7 @@ free = fp.plan(replace(problem, obstacles=()))
 assert free.clearances(times, [bend]).min() < 0
 assert np.array_equal(free.clearances(times, [bend]), free.clearances(times, bend.pieces))
 
-compiled = compiled_constraints(flight_dynamics(asked), [ObstacleRows(bend, 0.0, 1.0)])
+compiled = compiled_constraints(flight_dynamics(asked), [DistanceRows(bend, 0.0, 1.0)])
 assert compiled.rows == 2 * len(problem.robot.shapes)
 plan = fp.plan(asked, prove=True)
 assert plan.ok and plan.certificate.proved
@@ -238,7 +238,7 @@ for shift in np.linspace(-0.5, 0.5, 11):
         assert found == ["proved" if finely > 0.02 else "refuted"], (shift, finely, found)
 
 replanner = fp.Replanner(plan)
-assert [rows.block.obstacle for rows in replanner.views.rows if rows.aim == DISTANCE_AIM] == [bend]
+assert [rows.block.between for rows in replanner.views.rows if rows.aim == DISTANCE_AIM] == [bend]
 flown = fp.closed_loop(plan, perturb=fp.Perturbation(h=0.1), flights=1, budget=None)
 assert flown.uncorrected.clearance.min() < 0.9 * bend.margin < flown.corrected.clearance.min()
 

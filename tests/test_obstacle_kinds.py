@@ -13,7 +13,7 @@ import pytest
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
 from floatplan.inflight.prediction import distance_rows
-from floatplan.kernel.constraints import ObstacleRows, SumRows, compiled_constraints
+from floatplan.kernel.constraints import DistanceRows, SumRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.plans.record import OBSTACLES
@@ -65,7 +65,7 @@ def test_a_limit_that_the_kernel_does_not_know_has_no_rows_there():
 
 def test_the_kernel_says_which_obstacle_it_does_not_know():
     with pytest.raises(AssertionError, match="the kernel knows no obstacles of kind 'unknown'"):
-        compiled_constraints(flight_dynamics(fp.load_problem(EXAMPLE)), [ObstacleRows(Unknown(), 0.0, 1.0)])
+        compiled_constraints(flight_dynamics(fp.load_problem(EXAMPLE)), [DistanceRows(Unknown(), 0.0, 1.0)])
 
 
 def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():

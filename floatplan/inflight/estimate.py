@@ -175,11 +175,6 @@ class Plausibility:
         near = np.abs(measured.com_position - position) <= PLACE_JUMP
         return bool(near.all() and (np.abs(measured.com_velocity - velocity) <= SPEED_JUMP).all())
 
-    @staticmethod
-    def may_be(measured: Measurement, expected: Expected) -> bool:
-        """Whether a robot that was hit, or long unseen, may be there."""
-        return abs(measured.orientation - expected.beside) <= LARGEST_JUMP
-
 
 def _apart(one: list[float], other: list[float]) -> Iterator[float]:
     return map(abs, map(sub, one, other))

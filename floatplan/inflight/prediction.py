@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, can_write
+from floatplan.kernel.constraints import QUANTITIES, Block, DistanceRows, can_write
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, flight_dynamics, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -51,10 +52,6 @@ class LimitRows:
     aim: float
     softness: float
     window: tuple[float, float] = ALWAYS
-
-
-def _distance(block: Block, window: tuple[float, float] = ALWAYS) -> LimitRows:
-    return LimitRows(block, DISTANCE_AIM, DISTANCE_SOFTNESS, window)
 
 
 def limit_rows(problem: Problem) -> list[LimitRows]:
@@ -103,7 +100,7 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
     InputError
         Corrections in flight do not know a kind of obstacle.
     """
-    rows = []
+    measured: list[tuple[Any, float, tuple[float, float]]] = []
     for obstacle in [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]:
         if not can_write(obstacle):
             raise InputError(
@@ -111,11 +108,14 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
                 element="obstacles",
                 advice="leave it out, or fly without corrections",
             )
-        rows.append(_distance(ObstacleRows(obstacle, obstacle.margin, LENGTH_SCALE), obstacle.window or ALWAYS))
+        measured.append((obstacle, obstacle.margin, obstacle.window or ALWAYS))
     for pair in problem.self_clearances:
         first, second = ([i for i, shape in enumerate(shapes) if shape.link == name] for name in pair.links)
-        rows.append(_distance(PairRows(first, second, pair.margin, LENGTH_SCALE)))
-    return rows
+        measured.append(((first, second), pair.margin, ALWAYS))
+    return [
+        LimitRows(DistanceRows(between, margin, LENGTH_SCALE), DISTANCE_AIM, DISTANCE_SOFTNESS, window)
+        for between, margin, window in measured
+    ]
 
 
 class Views:

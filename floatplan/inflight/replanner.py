@@ -16,7 +16,16 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined, optional, outline, positive
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.inflight.estimate import Estimate, Identification, Measurement, Plausibility, Recovery, read, unwrapped
+from floatplan.inflight.estimate import (
+    LARGEST_JUMP,
+    Estimate,
+    Identification,
+    Measurement,
+    Plausibility,
+    Recovery,
+    read,
+    unwrapped,
+)
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS_NEAR, FAR, KEPT, Corrected, RemainingMotion, Rewriting, Update
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -183,7 +192,10 @@ class Replanner:
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
         self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
-        self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
+        positions, velocities, _ = self.motion.at(0.0)
+        rate = self.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)[0]
+        orientation = plan.problem.initial.orientation
+        self.update(0.0, orientation, rate, positions[0], velocities[0])  # what is made once is made now
         self.reset()
 
     def __copy__(self) -> Replanner:
@@ -225,11 +237,6 @@ class Replanner:
         self._update.remember(motion)
         return self._update.corrected(0.0, self.plan.duration, evaluations)
 
-    def _takeoff_rates(self) -> tuple[float, Array, Array]:
-        positions, velocities, _ = self.motion.at(0.0)
-        rate = self.views.flight.equations.base_rate(positions, velocities, self.plan.angular_momentum)
-        return float(rate[0]), positions[0], velocities[0]
-
     @property
     def motion(self) -> RemainingMotion:
         """The joints' motion from the last correction on."""
@@ -247,8 +254,11 @@ class Replanner:
     def reference(self, t: float) -> Reference:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
         time = _time(t)
-        motion = self._motion_at(time).at(time if math.isfinite(time) else self._now)
-        positions, velocities, accelerations = (each[0] for each in motion)
+        motions = self._update.motions
+        otherwise = motions[-1 if math.isnan(time) else 0]
+        motion = next((each for each in reversed(motions) if each.begin <= time), otherwise)
+        state = motion.at(time if math.isfinite(time) else self._now)
+        positions, velocities, accelerations = (each[0] for each in state)
         torques, n = self._update.torques(positions, velocities, accelerations), len(positions)
         return Reference(positions, velocities, accelerations, torques[:n], torques[n:])
 
@@ -309,7 +319,7 @@ class Replanner:
         base = plausible.base(measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+        elif not (abs(measured.orientation - expected.beside) <= LARGEST_JUMP and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
@@ -339,13 +349,6 @@ class Replanner:
             return self._landing
         reach = LARGEST_STRETCH * (self._landing - now)
         return min(max(found, self._landing - reach), self._landing + reach)
-
-    def _motion_at(self, time: float) -> RemainingMotion:
-        """The motion that holds at a time."""
-        for motion in reversed(self._update.motions):
-            if motion.begin <= time:
-                return motion
-        return self._update.motions[-1 if math.isnan(time) else 0]
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
         return replace(self._last, status=status, reason=reason)

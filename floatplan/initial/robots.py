@@ -103,7 +103,9 @@ def feet(robot: Robot) -> tuple[str, ...]:
     tree = robot.tree
     ends = [body for body in range(len(tree.names)) if body not in tree.parent[1:] or not body]
     named = {body: name for body in ends if (name := _named(robot, body))}
-    found = named or _lowest(robot, [body for body in ends if _is_limb(robot, body)])
+    alike = (tree.turns[:, None] == tree.turns).all(axis=2).sum(axis=1)  # bodies that turn as each one does
+    limbs = (np.count_nonzero(tree.turns, axis=1) >= LEG_JOINTS) & (alike > 1)  # of which there is another side's
+    found = named or _lowest(robot, [body for body in ends if limbs[body]])
     reaching = [_reaching_down(robot, body, frame) for body, frame in found.items()]
     distinct: dict[tuple[float, ...], str] = {}
     for frame in sorted(reaching, key=lambda frame: _lowest_height(robot, frame)):
@@ -161,12 +163,6 @@ def _lowest_height(robot: Robot, link: str) -> float:
 
 def _resting(robot: Robot) -> JointState:
     return JointState(0.0, robot.resting, *np.zeros((2, len(robot.joints))))
-
-
-def _is_limb(robot: Robot, body: int) -> bool:
-    """Whether a body hangs on joints enough, and another one turns with the same planned joints: the other side's."""
-    turns = robot.tree.turns
-    return bool(np.count_nonzero(turns[body]) >= LEG_JOINTS and (turns == turns[body]).all(axis=1).sum() > 1)
 
 
 def _place(robot: Robot, frame: str) -> complex:

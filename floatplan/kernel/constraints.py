@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -28,20 +28,10 @@ QUANTITIES = ("velocities", "accelerations", "torques", "motor_torques", "orient
 
 
 @dataclass(frozen=True, eq=False)
-class ObstacleRows:
-    """Distances to an obstacle, less the ``least`` one, over the ``scale``, m."""
+class DistanceRows:
+    """Distances to an obstacle, or of some capsules to others, by index, less the ``least``, over the ``scale``, m."""
 
-    obstacle: Obstacle
-    least: float
-    scale: float
-
-
-@dataclass(frozen=True, eq=False)
-class PairRows:
-    """Distances of ``first`` capsules to ``second`` ones, by index, less the ``least`` one, over the ``scale``, m."""
-
-    first: Sequence[int]
-    second: Sequence[int]
+    between: Obstacle | tuple[Sequence[int], Sequence[int]]
     least: float
     scale: float
 
@@ -55,7 +45,7 @@ class SumRows:
 
 
 Written = list[tuple[int, int, int, float, float]]  # of rows: kind, two indices, least value, inverse scale
-Block = ObstacleRows | PairRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
+Block = DistanceRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
 
 
 class CompiledConstraints:
@@ -120,11 +110,11 @@ class CompiledConstraints:
             begin, count = len(sums), len(parts[0])
             rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
             sums.extend(np.concatenate(parts))
-        elif isinstance(block, PairRows):
-            rows += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
+        elif isinstance(block.between, tuple):
+            rows += [(PAIR, i, j, block.least, 1 / block.scale) for i, j in product(*block.between)]
         else:
-            capsules = self.flight.link_shapes.facing(block.obstacle)
-            for piece in block.obstacle.pieces:
+            capsules = self.flight.link_shapes.facing(block.between)
+            for piece in block.between.pieces:
                 sides, numbers = _written_obstacle(piece)
                 index = len(obstacles)
                 rows += [(side, i, index, block.least, 1 / block.scale) for side in sides for i in capsules]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache, lru_cache
 
@@ -64,7 +64,7 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     ``r_k L_k(s)``. L_k is small, and vanishes with two derivatives at both ends where its degree allows it: (13) does
     not suffer from the rounding of large terms, and p hardly does.
     """
-    factors, rows = [_fixed(value) for value in combination], _fixed_columns(len(combination) - CONDITIONS)
+    factors, rows = [_fixed(value) for value in combination], _fixed_rows(basis_columns, len(combination) - CONDITIONS)
     rest = [sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in rows]
     written = [0.0] * len(rest)
     for k in range(len(rest) - 1, -1, -1):
@@ -91,9 +91,9 @@ def _fixed(value: Fraction | float) -> int:
 
 
 @cache
-def _fixed_columns(free: int) -> tuple[tuple[int, ...], ...]:
-    """Rows of :func:`basis_columns`."""
-    return tuple(tuple(map(_fixed, row)) for row in basis_columns(free).tolist())
+def _fixed_rows(matrix: Callable[[int], npt.NDArray[np.object_]], size: int) -> tuple[tuple[int, ...], ...]:
+    """Rows of a matrix of fractions, of a size."""
+    return tuple(tuple(map(_fixed, row)) for row in matrix(size).tolist())
 
 
 @cache
@@ -127,7 +127,7 @@ def compensations(size: int) -> npt.NDArray[np.object_]:
 
 def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
     """Turn b (n, k+1) of (12) into coefficients (k+1, n) of Chebyshev polynomials of 2 t/T - 1, each rounded once."""
-    rows = _fixed_chebyshev(coefficients.shape[1])
+    rows = _fixed_rows(_chebyshev_map, coefficients.shape[1])
     units = [_unit(duration, k) for k in range(len(rows))]
     joints = []
     for b in coefficients.tolist():
@@ -138,12 +138,6 @@ def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
         ]
         joints.append([sum(map(operator.mul, row, powers)) / (1 << 2 * FIXED_POINT) for row in rows])
     return np.array(joints).T.copy()
-
-
-@cache
-def _fixed_chebyshev(size: int) -> tuple[tuple[int, ...], ...]:
-    """Rows of :func:`_chebyshev_map`."""
-    return tuple(tuple(map(_fixed, row)) for row in _chebyshev_map(size).tolist())
 
 
 def chebyshev_of_powers(powers: npt.NDArray[np.object_]) -> Array:

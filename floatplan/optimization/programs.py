@@ -209,7 +209,7 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
     inequality = current.inequality
     rows = _most_violated(inequality, np.inf)
     if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
-        rows = _union(len(inequality), active, rows)
+        rows = np.union1d(active, rows)
     for _ in range(GENERATIONS):
         solution = _proxqp(current, hessian, rows)
         if solution is None:
@@ -222,15 +222,8 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
             inequality_multipliers = np.zeros(len(inequality))
             inequality_multipliers[rows] = np.maximum(row_multipliers, 0)
             return Step(direction, Multipliers(equality_multipliers, inequality_multipliers))
-        rows = _union(len(inequality), rows, violated)
+        rows = np.union1d(rows, violated)
     return None
-
-
-def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
-    """Indices below ``count`` that are in either, rising: sooner than NumPy's, which sorts."""
-    chosen = np.zeros(count, dtype=bool)
-    chosen[first] = chosen[second] = True
-    return np.flatnonzero(chosen)
 
 
 def _most_violated(values: Array, threshold: float) -> IntArray:

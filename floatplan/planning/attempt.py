@@ -16,8 +16,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel import batch
-from floatplan.kernel.batch import Answers, Rows, Search
-from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
+from floatplan.kernel.batch import Answers, Numbers, Rows, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
@@ -145,14 +144,9 @@ class Outcome:
         motion = self.solution.evaluation.detail
         return objective_value(self.objective, motion, self.solution.x)
 
-    @property
-    def rank(self) -> tuple[float, float]:
-        """Sorts outcomes: what holds before what does not, then by objective."""
-        return (self.violation, self.objective_value)
-
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
-    """Return the outcome of the lowest rank, the first of equals; objectives are evaluated only of equal violations."""
+    """Return the outcome of the least violation, of equals the best, of these the first; others have no objective."""
     least = min(outcome.violation for outcome in outcomes)
     nearest = [outcome for outcome in outcomes if outcome.violation == least]
     return min(nearest, key=lambda outcome: outcome.objective_value) if len(nearest) > 1 else nearest[0]

@@ -16,7 +16,7 @@ from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
-from floatplan.kernel import rows as plain
+from floatplan.kernel import batch as plain
 from floatplan.kernel.batch import INFEASIBLE, MOST_STARTS, Answers, Search
 from floatplan.planning.attempt import STATUS
 from floatplan.planning.planned import planned

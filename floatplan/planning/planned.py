@@ -96,7 +96,7 @@ def _searched(
         if near and options.budget is not None:
             left = options.budget - (time.perf_counter() - began)
             options = replace(options, budget=max(left, SHARE * options.budget))
-        reasons = proven_impossible(prepared) if prepared.constraints else []
+        reasons = [*_impossible_ends(prepared), *impossibilities(prepared.problem)] if prepared.constraints else []
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         result = search(prepared, options, ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None, followed)
@@ -142,15 +142,10 @@ def motion_of(outcome: Outcome) -> tuple[SinePolynomials, Array, Array, Array | 
     return variables.motion_class(h), variables.free_coefficients(x), h, outcome.coefficients
 
 
-def proven_impossible(prepared: Attempts) -> list[str]:
-    """Reasons, one sentence each, why no motion whatever can be a plan; empty where none is known."""
-    return [*_impossible_ends(prepared), *impossibilities(prepared.problem)]
-
-
 def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     """Say, in sentences for a person, what the search found and why it is no plan where it is none.
 
-    ``reasons`` are those of :func:`proven_impossible`.
+    ``reasons`` are why no motion whatever can be one, as far as is known.
     """
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."

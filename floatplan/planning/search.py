@@ -256,7 +256,7 @@ def _outcomes(
 def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
     """The outcomes of least violation, each at another motion."""
     distinct: list[Outcome] = []
-    for outcome in sorted(outcomes, key=lambda outcome: outcome.rank):
+    for outcome in sorted(outcomes, key=lambda outcome: (outcome.violation, outcome.objective_value)):
         value = outcome.objective_value
         if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
             distinct.append(outcome)

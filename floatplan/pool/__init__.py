@@ -145,30 +145,20 @@ def _libraries() -> tuple[Any, ...]:
     return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
-class _OneThread:
-    """Holds from the first call that begins to the last one that ends; costs microseconds, as threads come and go."""
+def _count(more: int) -> None:
+    """Count the calls under way: BLAS is held from the first that begins to the last that ends.
 
-    def __enter__(self) -> None:
-        global _calls
-        with _lock:
-            if _calls == 0:
-                _held[:] = [(library, library.num_threads) for library in _libraries()]
-                for library, threads in _held:
-                    if threads != 1:
-                        library.set_num_threads(1)
-            _calls += 1
-
-    def __exit__(self, *_: object) -> None:
-        global _calls
-        with _lock:
-            _calls -= 1
-            if _calls == 0:
-                for library, threads in _held:
-                    if threads != 1:
-                        library.set_num_threads(threads)
-
-
-_ONE_THREAD = _OneThread()
+    It costs microseconds, as threads come and go.
+    """
+    global _calls
+    with _lock:
+        if not _calls:
+            _held[:] = [(library, library.num_threads) for library in _libraries()]
+        if not _calls or not _calls + more:
+            for library, threads in _held:
+                if threads != 1:
+                    library.set_num_threads(1 if more > 0 else threads)
+        _calls += more
 
 
 def one_thread(function: Callable[P, R]) -> Callable[P, R]:
@@ -178,11 +168,12 @@ def one_thread(function: Callable[P, R]) -> Callable[P, R]:
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
         if getattr(_here, "held", False):
             return function(*args, **kwargs)
-        with _ONE_THREAD:
-            _here.held = True
-            try:
-                return function(*args, **kwargs)
-            finally:
-                _here.held = False
+        _count(1)
+        _here.held = True
+        try:
+            return function(*args, **kwargs)
+        finally:
+            _here.held = False
+            _count(-1)
 
     return held

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, overload
 
@@ -88,9 +88,6 @@ class Family(Checked, Outlined, Sequence[Problem]):
             return Family(self.base, {path: array[index] for path, array in self.arrays.items()})
         values = {path: array[index].item() for path, array in self.arrays.items()}
         return replace(self.base, **_with_values(self.base, values))
-
-    def __iter__(self) -> Iterator[Problem]:
-        return (self[index] for index in range(len(self)))
 
 
 def _with_values(base: Problem, values: Mapping[str, float]) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 
@@ -22,13 +23,15 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.relief import giving, sentence
+from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
 ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
+BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
+MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -40,6 +43,7 @@ def jump(
     seed: int = 0,
     starts: int = STARTS,
     progress: Callable[[str], None] | None = None,
+    helps: bool = True,
 ) -> Jump:
     """Plan a whole jump: from standing through a flight to standing again.
 
@@ -57,6 +61,8 @@ def jump(
         How many are tried at most, until one is found: fewer where together they take 300 iterations each.
     progress : callable, optional
         Told in a few words what is done.
+    helps : bool
+        Whether it is tried what would help where no jump is found, which takes as long again at most, or little more.
 
     Returns
     -------
@@ -81,10 +87,54 @@ def jump(
         setup = jump_setup(problem, asked)
         first = setup.program(ROOM)
         first.separation.check_standing(first.node, first.motion(first.guess()))
+    began = process_time()
+    answer, best, tried = _searched(setup, first, seed, starts, say)
+    if answer is not None and answer.ok:
+        return answer
+    until = 2 * process_time() - began
+    if answer is not None:
+        gives = broken(asked, answer.check.figures)
+    elif best is not None:
+        say("what stands in the way")
+        gives = in_the_way(*best, asked)
+        words = [sentence(each, problem) for each in gives] or [best[1].worst[1]]
+        answer = _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(words)}.")
+    else:
+        return _not_found(problem, asked, "No jump was found.")
+    if not (gives and helps):
+        return answer
+    told = replace(answer, explanation=f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
+    vars(told)["check"] = answer.check  # the motion is the same
+    return told
+
+
+def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, say: Callable[[str], None]) -> str:
+    """What is said of jumps with limits that give more, each tried from the generic guess."""
+    gives = [each for each in gives if each.share >= MINOR * max(other.share for other in gives)]
+    vain: list[str] = []
+    for beyond in BEYOND:
+        words, other = eased(problem, gives, beyond)
+        if words in vain or (vain and process_time() > until):
+            break
+        say(f"trying {words}")
+        assert other.jump is not None
+        setup = jump_setup(other, other.jump)
+        first = setup.program(ROOM)
+        program, solution = solved(first, first.guess())
+        if solution.converged and completed(setup, program, solution, seed).ok:
+            return f"With {words} a jump was found and checked."
+        vain.append(words)
+    return f"Tried without finding one: {'; '.join(vain)}."
+
+
+def _searched(
+    setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]
+) -> tuple[Jump | None, tuple[JumpProgram, Solution] | None, int]:
+    """The first jump that is found, or what a solution came to; the nearest without one; and how many were tried."""
     best: tuple[JumpProgram, Solution] | None = None
     answer: Jump | None = None
     known: JumpProgram | None = None  # of the start before: what it could not keep apart is kept apart from the start
-    spent = 0
+    spent = tried = 0
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
         found = completed(setup, program, solution, seed)
@@ -102,19 +152,10 @@ def jump(
             if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
                 best = found
             continue
-        answer = corrected(ROOM, asked, found, setup.program, complete)
+        answer = corrected(ROOM, setup.request, found, setup.program, complete)
         if answer.ok:
-            return answer
-    if answer is not None or best is None:
-        return answer or _not_found(problem, asked, "No jump was found.")
-    say("what stands in the way")
-    asks = [asked.takeoff.durations, "duration" in asked.fixed, asked.landing.durations]
-    sides = ("takeoff", "flight", "landing")
-    timed = tuple(f"duration of ({side}" for side, given in zip(sides, asks, strict=True) if given)
-    (missed, row), apart = best[1].worst, best[1].missing < np.inf  # then all else holds
-    gives = [] if apart else giving(*best, timed)
-    told = [sentence(each, problem) for each in gives] or [f"{row}: {missed:.2g} m missing" if apart else row]
-    return _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(told)}.")
+            break
+    return answer, best, tried
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

@@ -6,6 +6,9 @@ has to give stands in the way. It is the same program, with multiples of a few m
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -13,17 +16,20 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from floatplan.arrays import Array, IntArray
+from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.stance.check import FIGURES
 from floatplan.stance.model import casadi
 from floatplan.stance.program import SMOOTH, JumpProgram, Solution
+from floatplan.stance.rows import CLEAR
 
 KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
-LENGTH = 0.25  # [-] of the standing height, by which lengths give where their share is 1
 NARROW = 0.05  # [-] of its middle is half of a range at least
 LIGHT = 0.05  # [-] of the weight is the friction that gives at least
 FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
 NEARLY = 1e-3  # [-] what is off without counting
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150, "max_cpu_time": 40.0}
+IPOPT |= {"mu_min": 1e-4, "adaptive_mu_globalization": "never-monotone-mode", "mumps_pivot_order": 0}
 
 
 class Given(NamedTuple):
@@ -38,9 +44,21 @@ class Given(NamedTuple):
 def kind_of(label: str) -> str:
     """Which of the kinds of limits a row is about; something else where it is none."""
     words = label.partition(" of ")[0]
-    if " the ground (" in label:
-        return "meets" if "meets" in label else "ground"
+    if label.startswith(CLEAR):
+        return "ground"
     return {"rate": "velocity", "torque-speed curve": "torque"}.get(words, words)
+
+
+def in_the_way(program: JumpProgram, ended: Solution, request: JumpRequest) -> list[Given]:
+    """Return what has to give where a program ended without a solution, of each kind the most; none if not found."""
+    missed, row = ended.worst
+    if ended.missing < np.inf:  # all but distances holds
+        return [Given(row, "apart", missed, 1.0)]
+    asks = [request.takeoff.durations, "duration" in request.fixed, request.landing.durations]
+    sides = ("takeoff", "flight", "landing")
+    return giving(
+        program, ended, tuple(f"duration of ({side}" for side, given in zip(sides, asks, strict=True) if given)
+    )
 
 
 def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -> list[Given]:
@@ -62,7 +80,8 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     index = np.array([names.index(kind) if kind in names else 0 for kind in kinds])
     raw = np.append(program.resampled(ended, program.phases), program.separation.start)
     values, sizes, own = np.asarray(evaluate(raw)).ravel(), np.ones(len(kinds)), m + np.flatnonzero(loose[m:])
-    sizes[kinds == "ground"] = LENGTH * program.node.height
+    ground = kinds == "ground"
+    sizes[ground] = np.maximum(low[ground], NEARLY * program.node.height)  # with 1 it touches
     sizes[own] = np.maximum((high - low)[own] / 2, NARROW * np.abs(high[own] + low[own]))
     for one, two in pairwise(np.flatnonzero(kinds == "friction").tolist()):
         if two == one + 1 and labels[one] == labels[two]:  # the two sides of a cone
@@ -76,7 +95,7 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     found = _relaxed(program, take, room)(
         x0=np.concatenate((program.guess(), program.separation.start, np.full(len(names), FIRST))),
         lbx=np.append(box[0], np.zeros(len(names))),
-        ubx=np.append(box[1], np.full(len(names), MOST)),
+        ubx=np.append(box[1], [1.0 if name == "ground" else MOST for name in names]),
         lbg=np.where(signs < 0, -np.inf, low[take]),
         ubg=np.where(signs > 0, np.inf, high[take]),
     )["x"][: len(raw)]
@@ -124,3 +143,66 @@ def sentence(given: Given, problem: Problem) -> str:
         return f"{given.label}: {(1 + given.share) * limit:.3g}{unit} needed, {limit:.3g}{unit} allowed"
     unit = {"range": "rad", "duration": "s"}.get(given.kind, "m")
     return f"{given.label}: {given.share * given.size:.2g} {unit} missing"
+
+
+def broken(request: JumpRequest, figures: Mapping[str, float]) -> list[Given]:
+    """Return the kinds of limits that a check finds broken between nodes, each with what a share of 0 is."""
+    kinds = {"torque": "torque", "torque_speed": "torque", "velocity": "velocity", "friction": "friction"}
+    found = [kind for name, kind in kinds.items() if figures.get(name, 0.0) > FIGURES[name].most(request)]
+    return [Given(kind, kind, 0.0, 1.0) for kind in dict.fromkeys(found)]
+
+
+def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str, Problem]:
+    """Return a problem in which limits give more than they have to, with the changes in words.
+
+    Parameters
+    ----------
+    problem : Problem
+    gives : what has to give, of each kind one
+    beyond : times that, less durations and what stays apart, which is not asked for then
+    """
+    words = []
+    for label, kind, share, size in gives:
+        request, limits, robot = problem.jump, problem.limits, problem.robot
+        assert request is not None
+        factor = math.ceil(20 * beyond * (1 + share)) / 20
+        if kind in ("torque", "velocity"):
+            words.append(f"{factor:g} times the limits of {kind}")
+            own = dict(zip(robot.motors, getattr(robot, f"motor_{kind}_limits").tolist(), strict=True))
+            curves = {name: replace(each, stall=factor * each.stall) for name, each in limits.motor.items()}
+            more: dict[str, Any] = {"motor": curves} if kind == "torque" else {}
+            limits = replace(limits, **more, **{kind: _times(factor, getattr(limits, kind), own)})
+        elif kind == "range":
+            words.append(f"joint ranges {factor:g} times as wide")
+            ends = np.asarray(problem.position_limits)
+            ranges = ends + (factor - 1) / 2 * np.ptp(ends, axis=1)[:, None] * [-1, 1]
+            limits = replace(limits, position=ranges.tolist())
+        elif kind == "friction":
+            most = min(math.ceil(100 * beyond * (1 + share) * request.friction) / 100, STEEPEST)
+            words.append(f"friction {most:g}")
+            request = replace(request, friction=most)
+        elif kind == "ground":
+            least = max(round(request.clearance - beyond * share * size, 3), 0.0)
+            words.append(f"clearance {least:g}")
+            request = replace(request, clearance=least)
+        elif kind == "duration":
+            words.append("durations that are not asked for")
+            sides = {side: replace(getattr(request, side), durations=None) for side in ("takeoff", "landing")}
+            request = replace(request, fixed=tuple(each for each in request.fixed if each != kind), **sides)
+        else:
+            name = label.partition(" (")[0]
+            words.append(f"nothing that is {name}")
+            obstacles = [each for at, each in enumerate(problem.obstacles) if not name.endswith(f" obstacle {at}")]
+            pairs = [each for each in problem.self_clearances if name != " clear of ".join(each.links)]
+            problem = replace(problem, obstacles=tuple(obstacles), self_clearances=tuple(pairs))
+        problem = replace(problem, jump=request, limits=limits)
+    return " and ".join(words), problem
+
+
+def _times(factor: float, given: Any, own: Mapping[str, float]) -> Any:
+    """Limits, as a problem gives them, times a factor; ``own`` are those of the URDF."""
+    if isinstance(given, str):
+        given = {name: most for name, most in own.items() if given == "urdf" and math.isfinite(most)} or "none"
+    if isinstance(given, Mapping):
+        return {name: factor * most for name, most in given.items()}
+    return given if given == "none" else (factor * np.asarray(given)).tolist()

@@ -19,7 +19,7 @@ from floatplan.arguments import flag, function, optional, outline, text, whole
 from floatplan.arguments import path as as_path
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
-from floatplan.kernel.rows import is_plain_family
+from floatplan.kernel.batch import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
@@ -156,7 +156,7 @@ class Study:
             The row's problem is wrong.
         """
         _, family, seed = self._row(index)
-        return jump(family[0], seed=seed, starts=self._file.plan.starts)
+        return jump(family[0], seed=seed, starts=self._file.plan.starts, helps=False)
 
     def _row(self, index: int) -> tuple[int, Family, int]:
         """A row's index from 0, the family of it alone, and the seed of its own search."""

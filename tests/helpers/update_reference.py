@@ -13,12 +13,13 @@ from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.update import RemainingMotion
-from floatplan.kernel.constraints import ObstacleRows, PairRows
+from floatplan.kernel.constraints import DistanceRows
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Ballistics, Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
 
 
@@ -179,12 +180,12 @@ class Reference:
         block, times = rows.block, self.watched
         if isinstance(block, Shares):
             return np.asarray(1 - np.abs(self._sum(block.used)) - np.abs(self._sum(block.also)))
-        if isinstance(block, ObstacleRows):
-            pieces = [obstacle_distances(self.shapes, piece, times) for piece in block.obstacle.pieces]
+        assert isinstance(block, DistanceRows), "the blocks that there are"
+        if isinstance(block.between, Obstacle):
+            pieces = [obstacle_distances(self.shapes, piece, times) for piece in block.between.pieces]
             distances = np.concatenate(pieces, axis=1)
         else:
-            assert isinstance(block, PairRows), "the blocks that there are"
-            first, second = (np.array(each) for each in (block.first, block.second))
+            first, second = map(np.array, block.between)
             distances = pair_distances(self.shapes.of(first), self.shapes.of(second))
         values = (distances - block.least) / block.scale
         low, high = rows.window

@@ -17,9 +17,8 @@ from plain_problems import plain_problems
 
 import floatplan as fp
 from floatplan.kernel import build, layout
-from floatplan.kernel.batch import Search
+from floatplan.kernel.batch import Numbers, Search, solver
 from floatplan.kernel.bodies import Bodies
-from floatplan.kernel.rows import Numbers, solver
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre

@@ -21,9 +21,10 @@ from floatplan.kernel.batch import (
     MOST_STARTS,
     RANKED_ROUNDS,
     STARTS_TO_AGREE,
+    Numbers,
     Search,
+    solver,
 )
-from floatplan.kernel.rows import Numbers, solver
 from floatplan.planning import many
 from floatplan.planning import search as searching
 from floatplan.planning.attempt import Attempts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from jumps import INSTALLED, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.stance import planner
 from floatplan.stance.planner import ROOM
-from floatplan.stance.relief import Given, giving, kind_of, sentence
+from floatplan.stance.program import JumpProgram
+from floatplan.stance.relief import Given, eased, giving, kind_of, sentence
 from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
@@ -64,12 +67,71 @@ def test_a_search_that_finds_nothing_says_why() -> None:
     answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.1), starts=1)
     assert not answer.ok
     found = re.search(
-        r"In the way: friction of \w+_foot \(\w+ on [^)]*\): (\S+) needed, 0\.1 allowed", answer.explanation
+        r"In the way: friction of \w+_foot \(\w+ on [^)]*\): (\S+) needed, 0\.1 allowed"
+        r".* With friction (\S+) a jump was found and checked\.",
+        answer.explanation,
     )
     assert found is not None, answer.explanation
-    needed = float(found[1])
-    assert needed > 0.1
-    assert fp.jump(go2_problem(), fp.JumpRequest(friction=1.3 * needed)).ok
+    needed, helps = map(float, found.groups())
+    assert 0.1 < needed < helps
+    assert fp.jump(go2_problem(), fp.JumpRequest(friction=helps), starts=1).ok
+
+
+@pytest.mark.long
+def test_limits_that_are_broken_between_nodes_are_tried_too() -> None:
+    answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.2), starts=1)
+    found = re.fullmatch(
+        r"Between .*friction is .*, 0\.2 at most\. With friction (\S+) a jump .* checked\.", answer.explanation
+    )
+    assert found is not None, answer.explanation
+    assert fp.jump(go2_problem(), fp.JumpRequest(friction=float(found[1])), starts=1).ok
+
+
+def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two attempts, from the same guess as of a search; one where that took as long."""
+    tried: list[float] = []
+
+    def unsolved(first: JumpProgram, guess: np.ndarray) -> tuple[JumpProgram, SimpleNamespace]:
+        np.testing.assert_array_equal(guess, first.guess())
+        tried.append(first.node.bounds.friction / ROOM.friction)
+        return first, SimpleNamespace(converged=False)
+
+    monkeypatch.setattr(planner, "solved", unsolved)
+    given = [Given("friction of RL_foot", "friction", 0.2, 0.1), Given("torque", "torque", 0.03, 1.0)]
+    problem = replace(go2_problem(), jump=fp.JumpRequest(friction=0.1))
+    said = planner._tried(problem, given, 0, np.inf, lambda _: None)
+    assert said == "Tried without finding one: friction 0.18; friction 0.3."
+    assert tried == pytest.approx([0.18, 0.3])
+    assert planner._tried(problem, given, 0, 0.0, lambda _: None) == "Tried without finding one: friction 0.18."
+
+
+BALL = fp.Circle(center=(2.0, 2.0), radius=0.1)
+EASED = {
+    "torque by URDF": (fp.Limits(torque="urdf"), lambda p: p.motor_torque_limits, 1.8),
+    "torque by number": (fp.Limits(torque=20.0), lambda p: p.motor_torque_limits, 1.8),
+    "torque by motor": (fp.Limits(torque={"RL_calf_joint": 20.0}), lambda p: p.motor_torque_limits, 1.8),
+    "torque by joint": (fp.Limits(torque=[20.0, 30.0, 20.0, 30.0]), lambda p: p.torque_limits, 1.8),
+    "torque by curve": (fp.Limits(motor={"RL_calf_joint": fp.Motor(40.0, 1.0)}), lambda p: p.motor_stall, 1.8),
+    "velocity by URDF": (fp.Limits(velocity="urdf"), lambda p: p.velocity_limits, 1.8),
+    "velocity by number": (fp.Limits(velocity=10.0), lambda p: p.velocity_limits, 1.8),
+    "velocity without": (fp.Limits(), lambda p: p.velocity_limits, 1.0),
+    "range": (fp.Limits(), lambda p: np.ptp(p.position_limits, axis=1), 1.8),
+    "friction": (fp.Limits(), lambda p: p.jump.friction, 1.8),
+    "ground": (fp.Limits(), lambda p: p.jump.clearance, 0.25),
+    "duration": (fp.Limits(), lambda p: float(p.jump.takeoff.durations is not None) + len(p.jump.fixed), 0.0),
+    "apart": (fp.Limits(), lambda p: float(len(p.obstacles)), 0.5),
+}
+
+
+@pytest.mark.parametrize("name", EASED)
+def test_limits_give_as_much_as_is_said(name: str) -> None:
+    limits, measured, times = EASED[name]
+    request, kind = fp.JumpRequest(takeoff=HURRIED, fixed=("duration",)), name.partition(" ")[0]
+    problem = replace(go2_problem(), limits=limits, jump=request, obstacles=(BALL, BALL))
+    label = "base clear of obstacle 1 (flight)" if kind == "apart" else kind
+    words, other = eased(problem, [Given(label, kind, 0.2, 0.1)], 1.5)
+    assert words
+    np.testing.assert_allclose(measured(other), times * measured(problem))
 
 
 def test_every_row_of_a_limit_is_known_and_no_other() -> None:

@@ -56,7 +56,8 @@ class TrigonometricPolynomial:
         argument = centres @ self.frequency.T + self.phase
         reach = half_widths @ np.abs(self.frequency).T
         value = self.constant + np.cos(argument) @ self.amplitude
-        termwise = self.constant + _cosine_minimum(argument, reach) @ self.amplitude
+        to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
+        termwise = self.constant - np.cos(np.maximum(to_pi - reach, 0)) @ self.amplitude  # each cosine's own minimum
         gradient = (np.sin(argument) * self.amplitude) @ self.frequency
         taylor = value - (np.abs(gradient) * half_widths).sum(axis=1) - reach**2 @ (self.amplitude / 2)
         return np.maximum(termwise, taylor), value
@@ -95,12 +96,6 @@ class TrigonometricPolynomial:
         halves[count + rows, axis] += half_width
         halves[rows, n + axis] = halves[count + rows, n + axis] = half_width
         return halves
-
-
-def _cosine_minimum(argument: Array, reach: Array) -> Array:
-    """Minimum of the cosine over [argument - reach, argument + reach]."""
-    distance_to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
-    return np.asarray(-np.cos(np.maximum(distance_to_pi - reach, 0)))
 
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:

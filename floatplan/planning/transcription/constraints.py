@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.constraints import Block, ObstacleRows, PairRows, SumRows
+from floatplan.kernel.constraints import Block, DistanceRows, SumRows
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
@@ -100,9 +100,7 @@ class Clearance(Constraint):
 
     def compiled(self) -> Block:
         """Return the same distances."""
-        if isinstance(self.between, Obstacle):
-            return ObstacleRows(self.between, self.margin, LENGTH_SCALE)
-        return PairRows(*self.between, self.margin, LENGTH_SCALE)
+        return DistanceRows(self.between, self.margin, LENGTH_SCALE)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -180,26 +178,19 @@ def _of_clearances(rows: int, cause: str) -> dict[str, Any]:
 
 def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     """All constraints that a problem asks for and that need watching."""
-    flight = model.flight
+    flight, duration = model.flight, problem.flight.duration
     named = [(f"obstacle {index} ({each.kind})", each) for index, each in enumerate(problem.obstacles)]
     if problem.ground:
         named.append(("the ground", problem.ground_plane))
     blocks: list[Constraint] = []
     for name, obstacle in named:
-        window = _window(obstacle, problem.flight.duration)
+        low, high = obstacle.window or (0.0, duration)
+        window = max(low / duration, 0.0), min(high / duration, 1.0)  # as far as the flight lasts
         blocks.append(obstacle_clearance(obstacle, name, flight.links_measured(obstacle), window))
     for pair in problem.self_clearances:
         first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
         blocks.append(link_clearance(first, second, pair.links, pair.margin))
     return (*blocks, *map(Limit.of, shares_of_limits(problem, flight.tangent)))
-
-
-def _window(obstacle: Obstacle, duration: float) -> Window:
-    """The window of an obstacle, as far as the flight lasts."""
-    if obstacle.window is None:
-        return ALWAYS
-    low, high = obstacle.window
-    return max(low / duration, 0.0), min(high / duration, 1.0)
 
 
 def applies(block: Constraint, s: Array) -> BoolArray:

@@ -125,7 +125,7 @@ def jump_rows(flights: JumpReplay) -> list[Cells]:
         ("on its feet alone", *(f"{each.clean.sum()} of {flights.flights}" for each in ends)),
         ("other links that touched", *(words or "none" for words in touched)),
         ("pitch at touchdown", *(f"{_degrees(each.pitch_rms)} rms" for each in ends)),
-        ("pitch, worst", *(_degrees(np.abs(each.pitch).max()) for each in ends)),
+        ("pitch, worst", *(_degrees(each.pitch_worst) for each in ends)),
         ("torque wanted", *(f"{100 * each.torque.max():.3g} % of what motors can" for each in ends)),
         ("feet slid, worst", *(f"{1e3 * each.slid.max():.3g} mm" for each in ends)),
         *_corrections(flights),

@@ -1,4 +1,4 @@
-// Names for screen readers, which viser gives to few of its elements; and how wide the scene is, for what is below it.
+// Names for screen readers, which viser gives to few of its elements; and how wide the scene is.
 const named = (element, name) => name && element.getAttribute("aria-label") !== name
   && element.setAttribute("aria-label", name);
 const words = element => element.textContent.trim();
