@@ -253,7 +253,7 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
         if contact.suffix or thigh <= 0 or np.count_nonzero(ways) != 1:
             continue
         spots, knee = [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], int(np.flatnonzero(ways)[0])
-        hip, middle, foot = np.array([heights_over_com(robot, spots, y) for y in postures]).T
+        hip, middle, foot = heights_over_com(robot, spots, postures.T).T
         bends = np.angle((foot - middle) / (middle - hip))
         if (np.abs(np.sin(bends)) > BENT).all():
             ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends

@@ -14,11 +14,12 @@ from floatplan.arrays import Array
 from floatplan.robot import Robot
 from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
 
-FLIGHT = (2.57, 16, 0.8)  # [sqrt(height / g), -, -] guessed duration, intervals, and least share of that duration
-HOP = (1.2, 16, 0.3)  # the same of a flight without a turn
-STANCES = {"takeoff": ((1.7, 18), (1.03, 18)), "landing": ((0.86, 18), (2.3, 18))}  # the first two of each phase
-SINGLE = {"takeoff": ((2.73, 28),), "landing": ((3.16, 28),)}  # where there is but one
-SHORTEST, LONGEST = 0.5, {"takeoff": 1.6, "flight": 1.5, "landing": 1.6}  # [-] of such durations, if nothing is asked
+# Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
+FLIGHT, HOP = (2.57, 16, 0.8, 1.5), (1.2, 16, 0.3, 1.5)  # with a turn and without
+STANCES = {  # where there is one phase, and two
+    "takeoff": [[(2.73, 28, 0.5, 1.6)], [(1.7, 18, 0.5, 1.6), (1.03, 18, 0.5, 1.6)]],
+    "landing": [[(3.16, 28, 0.5, 1.6)], [(0.86, 18, 0.5, 1.6), (2.3, 18, 0.5, 1.6)]],
+}
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
 SLOWEST = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
 GENTLE = 0.1  # [-] of a phase's duration, at its end next to the flight, in which forces may vanish gently
@@ -101,42 +102,30 @@ class Meeting:
     com: tuple[float, float] | None = None
 
 
-def flight_phase(unit: float, turns: int, bounds: tuple[float, float] | None) -> Phase:
-    """Return the phase in the air; ``unit`` is sqrt(height / g), s, and without ``bounds`` they are generic ones."""
-    share, intervals, least = FLIGHT if turns else HOP
-    return _phase("flight", (), share * unit, least, bounds, intervals)
-
-
-def stance_phases(
-    side: Side, groups: Sequence[tuple[Contact, ...]], unit: float, bounds: Sequence[tuple[float, float] | None]
+def side_phases(
+    side: Side,
+    groups: Sequence[tuple[Contact, ...]],
+    unit: float,
+    bounds: Sequence[tuple[float, float] | None],
+    turns: int = 0,
 ) -> list[Phase]:
-    """Return the phases of a side of the flight, with generic durations.
+    """Return the phases of a side of the flight, or the flight, with generic durations.
 
     Parameters
     ----------
-    side : "takeoff" or "landing"
+    side : "takeoff", "flight" or "landing"
     groups : contacts of its one or two phases, in order of time
     unit : sqrt(height / g) of the centre of mass where the robot stands, s
     bounds : of their durations, s; None for generic ones
+    turns : of the base in flight
     """
-    anchor = groups[-1 if side == "takeoff" else 0][0]
-    usual = STANCES[side] if len(groups) > 1 else SINGLE[side]
-    return [
-        _phase(side, tuple(sorted(contacts, key=lambda each: each != anchor)), share * unit, SHORTEST, given, intervals)
-        for contacts, (share, intervals), given in zip(groups, usual, bounds, strict=True)
-    ]
-
-
-def _phase(
-    side: Side,
-    contacts: tuple[Contact, ...],
-    guess: float,
-    least: float,
-    bounds: tuple[float, float] | None,
-    intervals: int,
-) -> Phase:
-    low, high = bounds or (least * guess, LONGEST[side] * guess)
-    return Phase(side, contacts, min(max(guess, low), high), (low, high), intervals)
+    usual = [FLIGHT if turns else HOP] if side == "flight" else STANCES[side][len(groups) - 1]
+    anchor, phases = groups[-1 if side == "takeoff" else 0][:1], list[Phase]()
+    for contacts, (share, intervals, least, most), given in zip(groups, usual, bounds, strict=True):
+        guess, (low, high) = share * unit, given or (least * share * unit, most * share * unit)
+        ordered = tuple(sorted(contacts, key=lambda each: (each,) != anchor))
+        phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
+    return phases
 
 
 def instants(phases: Sequence[Phase], durations: Array) -> Array:

@@ -18,6 +18,7 @@ from scipy.sparse import csc_matrix
 from floatplan.arrays import Array, IntArray
 from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.stance.check import FIGURES
 from floatplan.stance.model import casadi
 from floatplan.stance.program import SMOOTH, JumpProgram, Solution
 from floatplan.stance.rows import CLEAR
@@ -146,11 +147,9 @@ def sentence(given: Given, problem: Problem) -> str:
 
 def broken(request: JumpRequest, figures: Mapping[str, float]) -> list[Given]:
     """Return the kinds of limits that a check finds broken between nodes, each with what a share of 0 is."""
-    torque, velocity = request.margin["torque"], request.margin["velocity"]
-    rules = [("torque", torque, "torque"), ("torque_speed", torque, "torque"), ("velocity", velocity, "velocity")]
-    rules.append(("friction", request.friction, "friction"))
-    kinds = dict.fromkeys(kind for name, limit, kind in rules if figures.get(name, 0.0) > limit)
-    return [Given(kind, kind, 0.0, 1.0) for kind in kinds]
+    kinds = {"torque": "torque", "torque_speed": "torque", "velocity": "velocity", "friction": "friction"}
+    found = [kind for name, kind in kinds.items() if figures.get(name, 0.0) > FIGURES[name].most(request)]
+    return [Given(kind, kind, 0.0, 1.0) for kind in dict.fromkeys(found)]
 
 
 def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str, Problem]:

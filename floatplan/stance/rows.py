@@ -298,9 +298,9 @@ class NodeRows:
         shares = [np.zeros((len(names), 0))]
         for phase, start, given in zip(self.phases, self.starts, forces, strict=False):
             nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
-            for y in nodes[0].T if phase.contacts and CLEAR not in self.held else ():
-                heights = heights_over_com(self.model.robot, spots, y).imag
-                if (heights - ground_below(self.model.robot, phase.anchor, y) < least).any():
+            if phase.contacts and CLEAR not in self.held:
+                heights = heights_over_com(self.model.robot, [*spots, phase.anchor.spots[0]], nodes[0]).imag
+                if (heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any():
                     found[()] = CLEAR
             symbols = casadi().SX.sym("forces", len(given))
             own, pairs = balanced(self.model, phase, symbols) if phase.contacts else ((0.0, 0.0), [])

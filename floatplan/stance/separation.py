@@ -133,12 +133,7 @@ class Separation:
         return found
 
     def _placed(
-        self,
-        node: NodeRows,
-        call: Callable[..., Any],
-        motion: Sequence[Any],
-        chosen: Sequence[int],
-        steps: int,
+        self, node: NodeRows, call: Callable[..., Any], motion: Sequence[Any], chosen: Sequence[int], steps: int
     ) -> Iterator[tuple[Any, Any, Any]]:
         """For each phase times since takeoff (1, N), and x, z (2 C, N) of both ends of C parts, in the flight's world.
 

@@ -28,7 +28,7 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Meeting, Phase, Side, flight_phase, not_static, stance_phases, standing_posture
+from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
 from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
@@ -200,9 +200,9 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     ground = ground_below(problem.robot, takeoff_contacts[0][0], posture)
     unit, time = math.sqrt(-ground / float(problem.flight.gravity)), problem.flight.duration
     phases = (
-        *stance_phases("takeoff", takeoff_contacts, unit, _bounds(request, "takeoff", len(takeoff))),
-        flight_phase(unit, turns, (time, time) if "duration" in request.fixed else None),
-        *stance_phases("landing", landing_contacts, unit, _bounds(request, "landing", len(landing))),
+        *side_phases("takeoff", takeoff_contacts, unit, _bounds(request, "takeoff", len(takeoff))),
+        *side_phases("flight", [()], unit, [(time, time) if "duration" in request.fixed else None], turns),
+        *side_phases("landing", landing_contacts, unit, _bounds(request, "landing", len(landing))),
     )
     standing = np.stack((posture, _turned(rest, TURN * turns)))
     met = (("start", 0, problem.initial), ("goal", -1, problem.final))
@@ -246,7 +246,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     contacts, posture = _side(problem, request, side, groups, wanted)
     ground, time = ground_below(robot, contacts[0 if takes_off else -1][0], posture), problem.flight.duration
     unit = math.sqrt(-ground / float(problem.flight.gravity))
-    generic = stance_phases(side, contacts, unit, [None] * len(contacts))
+    generic = side_phases(side, contacts, unit, [None] * len(contacts))
     phases = [replace(each, bounds=(BRIEFEST * each.duration, each.bounds[1]), gentle=True) for each in generic]
     phases.insert(len(phases) if takes_off else 0, Phase("flight", (), time, (time, time), 0))
     rest = _turned(posture, TURN * round((meeting[0] - posture[0]) / TURN))

@@ -5,7 +5,6 @@ Only the studio's own page may connect, and no other that a browser on this mach
 
 from __future__ import annotations
 
-import html
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -20,7 +19,7 @@ from floatplan.studio.panel import Controls
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
 from floatplan.studio.stage import Player, Stage
-from floatplan.view.scene.scene import silence
+from floatplan.view.scene.scene import headed, silence
 
 HOST = "127.0.0.1"  # of this machine alone
 THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
@@ -121,13 +120,10 @@ def is_own_page(origin: str | None, host: str | None) -> bool:
 
 
 def titled(response: Any, title: str) -> Any:
-    """Give viser's page a title, a style and the names of what is on it; return any other response as it is."""
+    """Give viser's page a title and the studio's style; return any other response as it is."""
     if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-        style, script = (
-            files("floatplan.studio").joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js")
-        )
-        head = f"<title>{html.escape(title)}</title>\n<style>{style}</style><script>{script}</script>"
-        response.body = response.body.replace(b"<title>Viser</title>", head.encode(), 1)
+        style = files("floatplan.studio").joinpath("page.css").read_text("utf-8")
+        response.body = headed(response.body.decode(), title, style).encode()
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
     return response

@@ -23,7 +23,6 @@ from floatplan.studio.answers import Failure, LaunchTask, Map, MapTask, PlanTask
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
 QUIET = 0.2  # [s] without another question, before the whole search and the proof begin
-MAP_BUDGET = 30.0  # [s] of planning for a map
 LAST = 10  # [-] niceness of proofs and maps: the page is drawn first
 LOST = "the planner ended unexpectedly; change something to try again"
 ROBOT = "robot"
@@ -251,9 +250,9 @@ class Planning:
             self._settling = False
 
     def _draw_map(self, question: Question, present: ShownPlan) -> None:
-        chart, until = Map.centred_at(present), time.monotonic() + MAP_BUDGET
+        chart = Map.centred_at(present)
         for places, task in chart.questions(question.problem):
-            if not self._is_newest(question) or time.monotonic() > until:
+            if not self._is_newest(question):
                 return
             points = self._thorough.ask(task)
             if isinstance(points, Failure) or not self._is_newest(question):

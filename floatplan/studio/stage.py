@@ -115,17 +115,6 @@ class Stage:
         scene.look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
         self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
 
-        def narrow(client: Any) -> None:
-            """On a phone the panel is the lower half: the flight is drawn in the upper one."""
-            if client.camera.aspect < 1.0:
-                low, high = self._box
-                across, up = np.cross(self._plane.horizontal, self._plane.vertical), self._plane.vertical
-                size, middle = abs(high - low), scene.in_space(self._plane, (low + high) / 2)
-                client.camera.position = middle + size * (1.4 * across + 0.1 * up)
-                client.camera.look_at = middle - 0.52 * size * up
-
-        on(self._server.on_client_connect, narrow)
-
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
         ghost, jump = scene.RobotNodes(self._server, f"/{end}", self._robot), self._session.view.problem.jump
         ghost.root.visible = jump is None or end in jump.fixed  # else a guess

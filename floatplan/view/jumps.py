@@ -151,7 +151,7 @@ class JumpView:
         """State (N,) at times (N,), s, as a plan has it."""
         state, robot, tree = self.jump.at(times), self.robot, self.robot.tree
         planned, base = np.linalg.pinv(robot.selection).T, tree.point_weights(np.array([0]), np.array([0j]))[0]
-        joints, rates = (state.positions - robot.reference) @ planned, state.velocities @ planned
+        joints, rates = state.planned(robot)[1:].T, state.velocities @ planned
         orientation, turned = state.positions[:, 2], state.velocities[:, 2]
         rotations = tree.rotations(tree.absolute_angles(orientation, joints))
         spun = 1j * tree.turn * (turned[:, None] + rates @ tree.turns.T) * rotations

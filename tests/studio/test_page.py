@@ -112,6 +112,7 @@ def test_it_has_a_title_and_names_what_is_on_it(studio: Studio) -> None:
         assert int(answer.headers["Content-Length"]) == len(page.encode())
     assert f"<title>floatplan: {studio.session.view.problem.name}</title>" in page
     assert "aria-label" in page.partition("</script>")[0]
+    assert ".fp.curves" in page
     assert titled(None, "x") is None
     given = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "0"}, body=b"<title>Viser</title>")
     assert b"<title>&lt;/title&gt;</title>" in titled(given, "</title>").body

@@ -7,10 +7,12 @@ where the base is. The robot has one node for each body of the tree, and what is
 from __future__ import annotations
 
 import contextlib
+import html
 import io
 import math
 import threading
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,9 @@ _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threa
 POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
 WIDTH = 0.4  # [-] width of other obstacles, in sizes of the robot
+UPRIGHT = """@media (max-aspect-ratio: 4/5) {
+  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); }
+}"""  # where a window is higher than wide, all of the motion is seen
 STONE, SAND = (150, 150, 150), (226, 222, 212)
 LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
@@ -87,10 +92,17 @@ def scene(plan: Shown) -> str:
                 forces.put(index)
             for each in moved:
                 move_obstacle(*each, time)
-        return str(serializer.as_html())
+        return headed(serializer.as_html(), f"floatplan: {plan.problem.name}", UPRIGHT)
     finally:
         with silence():
             server.stop()
+
+
+def headed(page: str, title: str, style: str) -> str:
+    """Return viser's page with a title, a style, and names for screen readers, which it gives to few elements."""
+    names = files("floatplan.view.scene").joinpath("names.js").read_text("utf-8")
+    head = f"<title>{html.escape(title)}</title>\n<style>{style}</style><script>{names}</script>"
+    return page.replace("<title>Viser</title>", head, 1)
 
 
 @contextlib.contextmanager
