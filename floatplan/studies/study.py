@@ -97,8 +97,7 @@ class Study:
             There is no such key or column.
         """
         x, y, z = (text(key, name) for key, name in ((x, "x"), (y, "y"), (z, "z")))
-        from floatplan.studies.maps import drawn_map
-        from floatplan.view.map import heatmap
+        from floatplan.studies.maps import drawn_map, heatmap
 
         return heatmap(drawn_map(self._file, self.table, x, y, z))
 
