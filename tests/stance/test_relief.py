@@ -163,3 +163,11 @@ def test_every_row_of_a_limit_is_known_and_no_other() -> None:
 def test_it_is_said_in_the_words_of_the_file(label: str, share: float, size: float, said: str) -> None:
     problem = replace(go2_problem(), jump=fp.JumpRequest())
     assert sentence(Given(label, kind_of(label), share, size), problem) == f"{label}: {said}"
+
+
+def test_limits_on_joints_are_said_as_they_are_given() -> None:
+    limits = fp.Limits(torque=[20.0, 40.0, 20.0, 30.0])
+    problem = replace(go2_problem(), limits=limits, jump=fp.JumpRequest())
+    name = problem.robot.joints[1]
+    said = sentence(Given(f"torque of {name} ({SIDE})", "torque", 0.5, 1.0), problem)
+    assert said == f"torque of {name} ({SIDE}): 51 N m needed, 34 N m allowed"
