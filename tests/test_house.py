@@ -13,7 +13,7 @@ import floatplan
 
 PACKAGE = Path(floatplan.__file__).parent
 SOURCE = {".py", ".pyi", ".cpp", ".hpp", ".h", ".js", ".css", ".html", ".toml", ".txt"}
-MOST_LINES = 41_685
+MOST_LINES = 41_562
 MOST_LINES_OF_A_FILE = 450
 MOST_FILES_OF_A_FOLDER = 20
 MOST_FILES_OF_THE_PACKAGE = 8  # directly in it
@@ -37,7 +37,7 @@ def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
     for path in MODULES:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                if path.parent.name == "cli" and "typer." in ast.unparse(node.args):
+                if path.parent.name == "cli" and "Annotated[" in ast.unparse(node.args):
                     continue
                 yield f"{path.relative_to(PACKAGE)}: {node.name}", node
 

@@ -20,8 +20,8 @@ import numpy as np
 from floatplan.arguments import optional, whole
 from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
+from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.enclosure import Balls
-from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
 from floatplan.certificate.planar.flight import fly
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot

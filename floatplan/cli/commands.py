@@ -5,16 +5,18 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import time
 from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 import floatplan as fp
-from floatplan.cli import checks, common, robots, show
-from floatplan.cli.jumps import jump, launch, needs_casadi, takeoff
+from floatplan.cli import common, motions, robots
+from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
+from floatplan.errors import InputError, naming
 from floatplan.files import runs_folder
 
 GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
@@ -29,6 +31,8 @@ app = typer.Typer(
 )
 
 Source = Annotated[str, common.argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or a robot.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
+Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
 
 
 def main() -> None:
@@ -67,21 +71,19 @@ def plan(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     figures: Annotated[
-        bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
+        bool | None, flag("Draw pictures; the default unless --json is given.", "--figures/--no-figures")
     ] = None,
-    report: Annotated[
-        bool, typer.Option("--report", help="Write report.html too: a page that plays the plan.")
-    ] = False,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Rows per second of trajectory.csv.")] = 1000.0,
+    report: Annotated[bool, flag("Write report.html too: a page that plays the plan.", "--report")] = False,
+    rate: Annotated[float, option("HZ", "Rows per second of trajectory.csv.")] = 1000.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
     starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is kept.")] = 1,
-    budget: Annotated[float | None, typer.Option(metavar="S", help="Time after which no new search begins, s.")] = None,
+    budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     certify: Annotated[
-        bool, typer.Option("--certify/--no-certify", help="Prove the plan, and put the certificate into its file.")
+        bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
     ] = True,
     launch: Annotated[
-        bool, typer.Option("--launch", help="Look for stances that reach the takeoff, and follow the landing.")
+        bool, flag("Look for stances that reach the takeoff, and follow the landing.", "--launch")
     ] = False,
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
@@ -134,11 +136,98 @@ def _without_obstacles(answer: fp.Plan, seed: int) -> fp.Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
+def jump(
+    problem_file: common.ProblemFile,
+    output: common.Output = None,
+    seed: Seed = 0,
+    starts: Starts = 4,
+    report: Annotated[
+        bool | None, flag("Write the page; the default unless --json is given.", "--report/--no-report")
+    ] = None,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
+) -> None:
+    """Plan a whole jump: from standing through a flight to standing again.
+
+    Its flight is proved for every instant; its stances are checked 2000 times a second, which is no proof. Writes
+    jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where a jump was found,
+    proved and checked so.
+    """
+    from floatplan.cli.results import REPORT, check_directory, write_jump
+
+    problem = fp.load_problem(problem_file)
+    directory = runs_folder(problem.name, "jump") if output is None else output
+    check_directory(directory)
+    began = time.perf_counter()
+    with progress("jump", quiet, tell=True) as bar, naming(problem_file):
+        found = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
+        if found.flight is not None and found.flight.ok:
+            bar.say("proving the flight")
+            found = found.with_certificate(fp.certify(found.flight))
+    files = write_jump(found, directory, common.tell(quiet))
+    if (report or (report is None and not json_output)) and found.flight is not None:
+        files.append(found.show(directory / REPORT, browse=False))
+    words = (found, files, time.perf_counter() - began, common.program())
+    proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
+    ok = found.ok and proved
+    common.finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
+
+
+def takeoff(problem_file: common.ProblemFile, json_output: common.Json = False) -> None:
+    """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
+
+    Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
+    rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
+    """
+    from floatplan.motion.flight import no_common_momentum
+
+    problem = fp.load_problem(problem_file)
+    ends = fp.takeoff(problem), fp.landing(problem)
+    disagreement = no_common_momentum(problem)
+    found = {str(contact.end): contact.to_dict() for contact in ends}
+    facts = {"joints": list(problem.robot.joints), **found, "no_common_momentum": disagreement}
+    ok = all(contact.ok for contact in ends) and disagreement is None
+    common.finish(facts, json_output, lambda summary: summary.contact_summary(ends, disagreement), ok)
+
+
+def launch(
+    plan_file: common.PlanFile,
+    urdf: common.Urdf = None,
+    landing: Annotated[bool, flag("From the plan's landing to rest, instead.", "--landing")] = False,
+    friction: Annotated[float | None, option("MU", "Of the ground; the problem's, or 0.6, if left out.")] = None,
+    seed: Seed = 0,
+    starts: Starts = 3,
+    json_output: common.Json = False,
+) -> None:
+    """Tell whether a stance from rest that reaches a plan's takeoff is found within the limits, and what is to spare.
+
+    What is found is checked 2000 times a second. Exit code 1 where none is found: that is no proof that there is none.
+    """
+    plan = fp.load_plan(plan_file, urdf)
+    request = plan.problem.jump or fp.JumpRequest()
+    if friction is not None:
+        request = replace(request, friction=friction)
+    with progress("launch"), naming(plan_file):
+        found = fp.launch(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
+    facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
+    common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
+
+
+def needs_casadi(option: str) -> None:
+    """Refuse an option where CasADi is not installed."""
+    from floatplan.stance.model import casadi
+
+    try:
+        casadi()
+    except InputError as error:
+        raise InputError(error.reason, element=option, advice=error.advice) from None
+
+
 COMMANDS = (  # in the order in which --help lists them
-    *(plan, robots.bounds, robots.info, checks.certify, checks.replay, robots.robots, robots.schema, show.show),
-    *(show.export, study, studio, jump, launch, takeoff, robots.init),
+    *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
+    *(motions.export, study, studio, jump, launch, takeoff, robots.init),
 )
-OF_THEIR_OWN = {robots.info: robots.InfoCommand, show.export: show.ExportCommand}
+OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:
     typed = common.reporting_errors(common.with_options(command))
     app.command(cls=OF_THEIR_OWN.get(command))(typed)

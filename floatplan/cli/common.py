@@ -41,12 +41,6 @@ def folder() -> Path | None:
     return next((place for place in ABOVE if all((place / kind).is_dir() for kind in KINDS)), None)
 
 
-def own_urdfs() -> list[str]:
-    """The URDFs that come with floatplan, as commands take them."""
-    place = folder()
-    return [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
-
-
 def bundled(source: str) -> str:
     """The path of a file; where there is none, that of the robot or problem of this name that comes with floatplan."""
     place, path = folder(), Path(source)
@@ -61,21 +55,27 @@ def argument(metavar: str, text: str) -> typer.models.ArgumentInfo:
     return info
 
 
+def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
+    """An option of a command that takes a value; it is called as its parameter where it has no names."""
+    return typer.Option(*names, metavar=metavar, help=text, **more)
+
+
+def flag(text: str, *names: str) -> Any:
+    """An option of a command that takes none."""
+    return typer.Option(*names, help=text)
+
+
 RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.")]
-Urdf = Annotated[
-    str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
-]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
-]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
-Save = Annotated[bool, typer.Option("--save", help="Keep the result in the plan file.")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log on stderr what the search does.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No summary, no progress: errors only.")]
+Urdf = Annotated[str | None, option("ROBOT.urdf", "The robot, where it is no longer where the plan says.")]
+Output = Annotated[Path | None, option("DIR", "Where results go; runs/<name> if left out.", "--output", "-o")]
+OpenPage = Annotated[bool, flag("Open the page in the browser.", "--open")]
+Save = Annotated[bool, flag("Keep the result in the plan file.", "--save")]
+Json = Annotated[bool, flag("One JSON object on stdout, and nothing else there.", "--json")]
+Verbose = Annotated[bool, flag("Log on stderr what the search does.", "--verbose", "-v")]
+Quiet = Annotated[bool, flag("No summary, no progress: errors only.", "--quiet", "-q")]
 
 
 class KeyOption(NamedTuple):
@@ -113,9 +113,7 @@ ROBOT_OPTIONS = {
 }
 Options = Annotated[Mapping[str, Any], OPTIONS]  # those that were given, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
-Degrees = Annotated[
-    bool, typer.Option("--degrees/--radians", help="Unit of all angles and rates on this command line.")
-]
+Degrees = Annotated[bool, flag("Unit of all angles and rates on this command line.", "--degrees/--radians")]
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -128,7 +126,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
         if parameter.name not in tables:
             parameters.append(parameter.replace(annotation=hints[parameter.name]))
         for name, row in tables.get(parameter.name, {}).items():
-            hint = Annotated[row.kind | None, typer.Option(metavar=row.metavar, help=row.help)]  # type: ignore[name-defined]
+            hint = Annotated[row.kind | None, option(row.metavar, row.help)]  # type: ignore[name-defined]
             parameters.append(Parameter(name, parameter.kind, default=None, annotation=hint))
 
     @functools.wraps(command)
@@ -273,9 +271,11 @@ def finish(
     told : whether that is printed, beside JSON on stderr; left out, where there is no JSON
     """
     if told or (told is None and not json_output):
+        from rich.console import Console
+
         from floatplan.cli import summary
 
-        summary.print_summary(readable(summary), stderr=json_output)
+        Console(stderr=json_output, highlight=False).print(readable(summary))  # in colours where somebody sees them
     if json_output:
         print_json(facts)
     raise typer.Exit(DONE if ok else FAILED)

@@ -6,7 +6,7 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Lock, Timer
+from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -19,7 +19,7 @@ LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
 
 
 class ProgressBar:
-    """A bar that appears in a terminal once it has begun; ``told`` elsewhere, words in a line each, or nothing.
+    """A bar in a terminal; ``told`` elsewhere, words in a line each, or nothing.
 
     Parameters
     ----------
@@ -27,13 +27,12 @@ class ProgressBar:
         The work: "planning".
     told : bool
         Whether words are printed.
+    bar : rich.progress.Progress, optional
+        What has the work as its only task.
     """
 
-    def __init__(self, what: str, told: bool) -> None:
-        self._what, self._told, self._ended = what, told, False
-        self._looks: dict[str, Any] = {"description": what, "completed": 0, "total": None}
-        self._lock = Lock()
-        self._bar: Progress | None = None
+    def __init__(self, what: str, told: bool, bar: Progress | None) -> None:
+        self._what, self._told, self._bar = what, told, bar
 
     def say(self, words: str) -> None:
         """Say in a few words how the work goes."""
@@ -45,30 +44,9 @@ class ProgressBar:
         """Say how much of the work is done."""
         self._update(completed=done, total=total or None)
 
-    def begin(self) -> None:
-        """Show the bar, unless the work has ended meanwhile."""
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        with self._lock:
-            if not self._ended:
-                columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-                self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-                self._bar.add_task(**self._looks)
-                self._bar.start()
-
-    def end(self) -> None:
-        """Take the bar away."""
-        with self._lock:
-            self._ended = True
-            if self._bar is not None:
-                self._bar.stop()
-
     def _update(self, **looks: Any) -> None:
-        with self._lock:
-            self._looks |= looks
-            if self._bar is not None:
-                self._bar.update(self._bar.task_ids[0], **looks)
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], **looks)
 
 
 @contextmanager
@@ -85,17 +63,24 @@ def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[Pro
         Whether words go to stderr also where there is no terminal.
     """
     heard = not quiet and sys.stderr is not None and not logging.getLogger("floatplan").handlers
-    terminal = heard and sys.stderr.isatty()
-    bar = ProgressBar(what, told=heard and tell and not terminal)
-    timer = Timer(DELAY, bar.begin)
+    if not heard or not sys.stderr.isatty():
+        yield ProgressBar(what, heard and tell, None)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    bar.add_task(what, total=None)
+    timer = Timer(DELAY, bar.start)
     timer.daemon = True
-    if terminal:
-        timer.start()
+    timer.start()
     try:
-        yield bar
+        yield ProgressBar(what, False, bar)
     finally:
         timer.cancel()
-        bar.end()
+        timer.join()  # it may just begin
+        bar.stop()
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from typer.core import TyperCommand
 
 import floatplan as fp
 from floatplan.cli import common
+from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
 from floatplan.files import plain, write_atomically
@@ -35,7 +36,9 @@ def robots(json_output: common.Json = False) -> None:
     from floatplan.robot.urdf.tree import PREFIX, example_urdfs
 
     with progress("reading"):
-        known = [_facts(source) for source in (*common.own_urdfs(), *(PREFIX + name for name in example_urdfs()))]
+        place = common.folder()
+        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
+        known = [_facts(source) for source in (*own, *(PREFIX + name for name in example_urdfs()))]
     usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
     if json_output:
         common.print_json({"robots": usable, "unusable": unusable})
@@ -93,10 +96,9 @@ def info(
     source: Annotated[str, common.argument("ROBOT.urdf|FILE.toml", "A robot, a problem, a file with [robot] alone.")],
     choices: common.RobotOptions,
     degrees: common.Degrees = False,
-    frames: Annotated[bool, typer.Option("--frames", help="List the frames that may take off and land.")] = False,
+    frames: Annotated[bool, flag("List the frames that may take off and land.", "--frames")] = False,
     shapes: Annotated[
-        str | None,
-        typer.Option(metavar="[FILE.png]", help="List the links' capsules; or draw them over their geometry."),
+        str | None, option("[FILE.png]", "List the links' capsules; or draw them over their geometry.")
     ] = None,
     json_output: common.Json = False,
 ) -> None:
@@ -147,10 +149,8 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
 
 def init(
     robot: common.RobotSource,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.toml", help="Left out, <robot>.toml here.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
+    force: Annotated[bool, flag("Overwrite the file.", "--force")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
     quiet: common.Quiet = False,
 ) -> None:
@@ -185,9 +185,7 @@ def init(
 
 def bounds(
     problem_file: common.ProblemFile,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
-    ] = None,
+    picture: Annotated[Path | None, option("FILE.png", "Draw what joint rates reach at takeoff and landing.")] = None,
     json_output: common.Json = False,
 ) -> None:
     """Tell which angular momentum suits a flight: of joints that do not turn back, and by their rates at both ends.
@@ -243,8 +241,7 @@ class File(StrEnum):
 def schema(
     file: Annotated[File, typer.Argument(help="Which file.")] = File.PROBLEM,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write it there: floatplan.schema.json beside problems."),
+        Path | None, option("FILE", "Write it there: floatplan.schema.json beside problems.", "--output", "-o")
     ] = None,
 ) -> None:
     """Print the JSON Schema (2020-12) of problem or study files, by which editors complete and check them."""

@@ -13,6 +13,7 @@ import typer
 
 import floatplan as fp
 from floatplan.cli import common
+from floatplan.cli.common import flag, option
 from floatplan.cli.progress import ProgressBar, progress
 from floatplan.errors import escaped, import_optional
 from floatplan.files import runs_folder
@@ -26,19 +27,13 @@ EVERY = 2.0  # [s] words about the progress
 
 def study(
     study_file: Annotated[str, common.argument("STUDY.toml", "A study file.")],
-    restart: Annotated[bool, typer.Option("--restart", help="Discard what the folder has, and begin again.")] = False,
-    engine: Annotated[
-        str, typer.Option(metavar="NAME", help="'processes' of this machine, or 'dask' for many machines.")
-    ] = "processes",
+    restart: Annotated[bool, flag("Discard what the folder has, and begin again.", "--restart")] = False,
+    engine: Annotated[str, option("NAME", "'processes' of this machine, or 'dask' for many machines.")] = "processes",
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of dask's scheduler; a cluster on this machine if left out.")
+        str | None, option("ADDRESS", "Of dask's scheduler; a cluster on this machine if left out.")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes; as many as processors if left out.")
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; else as the file says.")
-    ] = None,
+    jobs: Annotated[int | None, option("N", "Processes; as many as processors if left out.", min=1)] = None,
+    output: Annotated[Path | None, option("DIR", "Where results go; else as the file says.", "--output", "-o")] = None,
     json_output: common.Json = False,
     quiet: common.Quiet = False,
 ) -> None:
@@ -100,11 +95,10 @@ def _teller(bar: ProgressBar) -> Callable[[Progress], None]:
 def studio(
     source: Annotated[str, common.argument("PROBLEM.toml|ROBOT", "A problem file, or a robot.")],
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="DIR", help="Where to save; runs/<name>/studio if left out."),
+        Path | None, option("DIR", "Where to save; runs/<name>/studio if left out.", "--output", "-o")
     ] = None,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one.")] = PORT,
-    around: Annotated[bool, typer.Option("--map/--no-map", help="Plan around the present point too.")] = True,
+    around: Annotated[bool, flag("Plan around the present point too.", "--map/--no-map")] = True,
     open_page: common.OpenPage = False,
     quiet: common.Quiet = False,
 ) -> None:

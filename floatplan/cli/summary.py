@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -259,11 +259,6 @@ def flights_summary(flown: fp.ClosedLoop | None, found: fp.Authority | None, pag
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)
-
-
-def print_summary(content: RenderableType, stderr: bool = False) -> None:
-    """Print for people, without colours where nobody sees them."""
-    Console(stderr=stderr, highlight=False, soft_wrap=False).print(content)
 
 
 def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: bool = False) -> Table:

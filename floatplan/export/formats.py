@@ -34,16 +34,16 @@ class Format:
     ----------
     content : of its files
     file : their usual name
-    rate : their usual rate, Hz
     text : what the command's help says of it
+    rate : their usual rate, Hz
     gains : whether its files have room for them
     of_plans : content of plans' files, which have less than those of other motions, and no gains
     """
 
     content: Content
     file: str
-    rate: float
     text: str
+    rate: float = 1000.0
     gains: bool = True
     of_plans: Callable[[Any, float], str | bytes] | None = None
 
@@ -199,16 +199,13 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
         )
     times = table.sample_times(motion.duration, rate)
     whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
-    header, columns = ["time"], [times]
+    columns = [("time", times)]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
     if motion.gains is not None:
         blocks |= {name: np.tile(gain, (len(times), 1)) for name, gain in zip(("kp", "kd"), motion.gains, strict=True)}
     for name, values in blocks.items():
-        header += [f"{name}_{joint}" for joint in UNITREE_JOINTS]
-        columns += list(values[:, order].T)
-    contacts = table.contact_columns(motion, times)
-    header += [column.name for column in contacts]
-    return table.csv_text(header, columns + [column.values for column in contacts])
+        columns += [(f"{name}_{joint}", values[:, index]) for joint, index in zip(UNITREE_JOINTS, order, strict=True)]
+    return table.csv_text(columns + [(column.name, column.values) for column in table.contact_columns(motion, times)])
 
 
 def _archive(arrays: Mapping[str, Array]) -> bytes:
@@ -219,25 +216,21 @@ def _archive(arrays: Mapping[str, Array]) -> bytes:
 
 def _yaml(values: Array) -> str:
     """Numbers that read back bit for bit; YAML 1.1 reads 1e-05 as text, and 1.0e-05 as a number."""
-    texts = (repr(float(value)) for value in values)
-    return (
-        "[" + ", ".join(text.replace("e", ".0e") if "e" in text and "." not in text else text for text in texts) + "]"
-    )
+    texts = map(repr, values.tolist())
+    return f"[{', '.join(each.replace('e', '.0e') if 'e' in each and '.' not in each else each for each in texts)}]"
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(
-        table.full_csv, "trajectory.csv", 1000.0, "planned joints; of a jump as csv-full", of_plans=table.table_text
-    ),
-    "csv-full": Format(table.full_csv, "full_trajectory.csv", 1000.0, "base pose and all joints, one row per instant"),
-    "parquet": Format(table.parquet_content, "trajectory.parquet", 1000.0, 'the same as Parquet (extra "parquet")'),
+    "csv": Format(table.full_csv, "trajectory.csv", "planned joints; of a jump as csv-full", of_plans=table.table_text),
+    "csv-full": Format(table.full_csv, "full_trajectory.csv", "base pose and all joints, one row per instant"),
+    "parquet": Format(table.parquet_content, "trajectory.parquet", 'the same as Parquet (extra "parquet")'),
     "npz": Format(
-        pinocchio_content, "trajectory.npz", 1000.0, "NumPy: plan.at(); of a jump as pinocchio", of_plans=npz_content
+        pinocchio_content, "trajectory.npz", "NumPy: plan.at(); of a jump as pinocchio", of_plans=npz_content
     ),
-    "pinocchio": Format(pinocchio_content, "pinocchio.npz", 1000.0, "NumPy: q, v, a, tau of its free-flyer model"),
-    "mujoco": Format(mujoco_content, "mujoco.npz", 1000.0, "NumPy: qpos, qvel, ctrl with a free joint"),
-    "ros": Format(ros_content, "joint_trajectory.yaml", 100.0, "trajectory_msgs/JointTrajectory as YAML", gains=False),
-    "mcap": Format(mcap_content, "flight.mcap", 100.0, 'a ROS 2 bag, also for Foxglove (extra "mcap")'),
-    "unitree": Format(unitree_content, "unitree.csv", 50.0, "CSV as Unitree's motion data", gains=False),
-    "unitree-sdk": Format(unitree_sdk_content, "unitree_sdk.csv", 500.0, "CSV in its motors' order: A1, Go1, Go2, B1"),
+    "pinocchio": Format(pinocchio_content, "pinocchio.npz", "NumPy: q, v, a, tau of its free-flyer model"),
+    "mujoco": Format(mujoco_content, "mujoco.npz", "NumPy: qpos, qvel, ctrl with a free joint"),
+    "ros": Format(ros_content, "joint_trajectory.yaml", "trajectory_msgs/JointTrajectory as YAML", 100.0, gains=False),
+    "mcap": Format(mcap_content, "flight.mcap", 'a ROS 2 bag, also for Foxglove (extra "mcap")', 100.0),
+    "unitree": Format(unitree_content, "unitree.csv", "CSV as Unitree's motion data", 50.0, gains=False),
+    "unitree-sdk": Format(unitree_sdk_content, "unitree_sdk.csv", "CSV in its motors' order: A1, Go1, Go2, B1", 500.0),
 }

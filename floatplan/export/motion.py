@@ -15,7 +15,7 @@ from floatplan.motion.flight import FullMotion
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import BANDWIDTH, Gain, given_gains, joint_inertia
+from floatplan.simulation.forward import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
 from floatplan.stance.jump_motion import JumpMotion
 
 Exportable: TypeAlias = Plan | JumpMotion
@@ -112,9 +112,11 @@ class Exported:
 def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:
     """Return a motion as exporters read it.
 
-    Gains are there where one is given, or where the motion has contacts, which no motor follows without. Left out,
-    the stiffness of a joint is ``BANDWIDTH**2`` times the inertia that it turns at the start while the robot floats,
-    as that of :func:`floatplan.closed_loop`, and its damping the critical one, ``2 sqrt(kp inertia)``.
+    Gains are there where one is given, or where the motion is a jump, which no motor follows without. Left out, those
+    of a jump are the ones with which :func:`floatplan.replay_jump` begins to search,
+    :func:`floatplan.simulation.forward.first_gains`. Of a plan the stiffness of a joint is then ``BANDWIDTH**2``
+    times the inertia that it turns at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and
+    its damping the critical one, ``2 sqrt(kp inertia)``.
 
     Parameters
     ----------
@@ -133,7 +135,9 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
             "no jump was found, so there is nothing to export", source=motion.problem.name, element="status"
         )
     found = Exported(motion)
-    if kp is None and kd is None and not motion.phases:
+    if isinstance(motion, JumpMotion):
+        return Exported(motion, read_only(first_gains(motion, (kp, kd))))
+    if kp is None and kd is None:
         return found
     posture = np.zeros(motion.problem.robot.model.nv)
     posture[BASE:] = found.at(np.zeros(1)).positions[0]

@@ -62,8 +62,8 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
         Rows per second, Hz; the end of the flight is always a row.
     """
     state = plan.at(sample_times(plan.duration, rate))
-    header = ["time", "orientation", "orientation_rate", "com_x", "com_y"]
-    columns = [state.times, state.orientation, state.orientation_rate, *state.com_position.T]
+    columns = [("time", state.times), ("orientation", state.orientation), ("orientation_rate", state.orientation_rate)]
+    columns += zip(("com_x", "com_y"), state.com_position.T, strict=True)
     ratios = plan.robot.motor_ratios
     offsets = [plan.robot.coupled[name].offset if name in plan.robot.coupled else 0.0 for name in plan.robot.motors]
     of_motors = {
@@ -73,12 +73,10 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
         "torque": state.motor_torques,
     }
     for index, joint in enumerate(plan.robot.motors):
-        header += [f"{joint}_{quantity}" for quantity in of_motors]
-        columns += [values[:, index] for values in of_motors.values()]
+        columns += [(f"{joint}_{quantity}", values[:, index]) for quantity, values in of_motors.items()]
         if index < len(plan.robot.joints) and np.count_nonzero(ratios[:, index]) > 1:
-            header.append(f"{joint}_generalized_torque")
-            columns.append(state.torques[:, index])
-    return csv_text(header, columns)
+            columns.append((f"{joint}_generalized_torque", state.torques[:, index]))
+    return csv_text(columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +136,7 @@ def contact_columns(motion: Exported, times: Array) -> list[Column]:
 
 def full_csv(motion: Exported, rate: float) -> str:
     """Return the columns of :func:`full_columns` as CSV, numbers that read back bit for bit."""
-    columns = full_columns(motion, rate)
-    return csv_text([column.name for column in columns], [column.values for column in columns])
+    return csv_text([(column.name, column.values) for column in full_columns(motion, rate)])
 
 
 def parquet_content(motion: Exported, rate: float) -> bytes:
@@ -167,10 +164,10 @@ def parquet_content(motion: Exported, rate: float) -> bytes:
     return stream.getvalue()
 
 
-def csv_text(header: Sequence[str], columns: Sequence[Array | IntArray]) -> str:
-    """CSV of C columns (N,) under a header (C), of which no spreadsheet takes a name, from a URDF, for a formula."""
+def csv_text(columns: Sequence[tuple[str, Array | IntArray]]) -> str:
+    """CSV of columns (N,) under their names, of which no spreadsheet takes one, from a URDF, for a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(f"'{name}" if name.startswith(("=", "+", "-", "@")) else name for name in header)
-    writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+    writer.writerow(f"'{name}" if name.startswith(("=", "+", "-", "@")) else name for name, _ in columns)
+    writer.writerows(zip(*(values.tolist() for _, values in columns), strict=True))
     return text.getvalue()

@@ -261,7 +261,7 @@ def _no_jump(chosen: ChosenRobot) -> list[str]:
 def _jump(chosen: ChosenRobot, turns: int, seed: int) -> FirstFlight | str:
     """A jump's flight that is planned again from its problem in round numbers; or why there is none."""
     try:
-        found = jump(jump_problem(chosen, turns), seed=seed, starts=1)
+        found = jump(jump_problem(chosen, turns), seed=seed, starts=1, helps=False)
         if not found.ok or found.flight is None:
             return found.explanation
         problem = flight_of_jump(found, found.flight)

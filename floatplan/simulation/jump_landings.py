@@ -56,7 +56,7 @@ class JumpLandings(Outlined):
         end.
     touched : (F) names of links other than feet that touched the ground
     pitch : (F,) rad
-        Orientation where the flight should end, less the planned one.
+        Orientation where the flight should end, less the planned one; NaN of a motion that became none before.
     torque : (F,)
         The largest that was wanted of a motor over what it can at its speed; what is over 1 was cut off.
     slid : (F,) m
@@ -81,8 +81,18 @@ class JumpLandings(Outlined):
 
     @property
     def pitch_rms(self) -> float:
-        """Root mean square of the errors at touchdown, rad."""
-        return float(np.sqrt(np.mean(self.pitch**2)))
+        """Root mean square of the errors at touchdown, rad, of those that came so far."""
+        return float(np.sqrt(np.mean(self.pitch[np.isfinite(self.pitch)] ** 2))) if self.came else np.nan
+
+    @property
+    def pitch_worst(self) -> float:
+        """The largest of them, rad."""
+        return float(np.nanmax(np.abs(self.pitch))) if self.came else np.nan
+
+    @property
+    def came(self) -> bool:
+        """Whether any motion came so far."""
+        return bool(np.isfinite(self.pitch).any())
 
     def to_dict(self) -> dict[str, Any]:
         """Return what is known of all flights, and in sum."""
@@ -92,7 +102,7 @@ class JumpLandings(Outlined):
             "on_feet_alone": int(self.clean.sum()),
             "links": dict(self.links),
             "pitch_rms": self.pitch_rms,
-            "pitch_worst": float(np.abs(self.pitch).max()),
+            "pitch_worst": self.pitch_worst,
             "torque_worst": float(self.torque.max()),
             "slid_median": float(np.median(self.slid)),
             "slid_worst": float(self.slid.max()),

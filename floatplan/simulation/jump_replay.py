@@ -9,24 +9,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from floatplan.arguments import SEED, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.pool import one_thread
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
-from floatplan.simulation.forward import Gain, given_gains
+from floatplan.simulation.forward import Gains, first_gains
 from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.mujoco_model import import_mujoco
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.stance.jump import Jump, load_jump
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import BASE
 from floatplan.tables import Range
 
-DAMPED = 0.15  # [-] damping over stiffness and sqrt(height / gravity)
 MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 2.0), (0.7, 1.0), (2.0, 2.0), (0.5, 0.5), (3.0, 3.0))
 TRIALS, SEARCH = 4, 977  # [-] flights, and their seed
 TO_SPARE = 0.2  # [-] of friction
@@ -34,28 +30,17 @@ STRAIGHT = 0.1  # [rad]
 ROTORS = 4e-4  # [s^2] armature that may be there, over stiffness: 0.02 kg m^2 of a Go2
 
 
-def first_gains(jump: JumpMotion) -> tuple[float, float]:
-    """Stiffness, N m/rad, and damping, N m s/rad, from the robot's weight, and its height where it stands."""
-    robot, gravity = jump.problem.robot, jump.problem.flight.gravity
-    begin = jump.at(0.0).positions[0]
-    height = float(
-        (pin.centerOfMass(robot.model, robot.model.createData(), begin) @ robot.plane.vertical) - jump.ground
-    )
-    stiffness = robot.mass * gravity * height
-    return float(f"{stiffness:.2g}"), float(f"{DAMPED * stiffness * math.sqrt(height / gravity):.2g}")
-
-
 def search_gains(control: JumpControl) -> int:
     """Give a controller the gains with which robots land that measure late and have rotors that nobody knows.
 
-    Multiples of :func:`first_gains`, each flown ``TRIALS`` times without corrections: the first with which all land on
+    Multiples of those that it has, each flown ``TRIALS`` times without corrections: the first with which all land on
     their feet alone, ``STRAIGHT`` at touchdown, or else those with which most do. Returns how many were tried.
     """
     friction = control.jump.request.friction + TO_SPARE
-    first, found = np.array(first_gains(control.jump)), list[tuple[tuple[float, ...], Array]]()
-    perturbation = Perturbation(mass=0.05, armature=ROTORS * first[0], noise=math.radians(0.1), delay=4e-3)
+    first, found = control.gains, list[tuple[tuple[float, ...], Array]]()
+    perturbation = Perturbation(mass=0.05, armature=ROTORS * float(first[0, 0]), noise=math.radians(0.1), delay=4e-3)
     for factors in MULTIPLES:
-        control.gains = np.repeat((first * factors)[:, None], len(control.joints), axis=1)
+        control.gains = first * np.array(factors)[:, None]
         flown = [control.fly(perturbation, friction, (SEARCH, trial), correct=False) for trial in range(TRIALS)]
         ends = _landings(flown)
         found.append(((int(ends.clean.sum()), int(ends.stands.sum()), -ends.pitch_rms), control.gains))
@@ -74,7 +59,7 @@ def replay_jump(
     flights: int = 1,
     seed: int = 0,
     friction: float | None = None,
-    gains: tuple[Gain | None, Gain | None] = (None, None),
+    gains: Gains = (None, None),
     budget: float | None = BUDGET,
 ) -> JumpReplay:
     """Fly a jump in MuJoCo with contact, from standing to a second after its end.
@@ -92,8 +77,7 @@ def replay_jump(
     friction : float, optional
         Of the ground; left out, that of which the jump is planned.
     gains : two floats or mappings, optional
-        Stiffness, N m/rad, and damping, N m s/rad, of all joints or of some by name. Without any they are searched:
-        :func:`search_gains`.
+        Of all joints or of some by name: :func:`first_gains`. Without any they are searched: :func:`search_gains`.
     budget : float, optional
         Time, s, after which no new flight begins. None: no end.
 
@@ -115,14 +99,8 @@ def replay_jump(
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    joints = tuple(jump.problem.robot.model.names)[BASE + 1 :]
-    control, tried = JumpControl(jump, np.zeros((2, len(joints))), replan), 0
-    usual = zip(gains, ("kp", "kd"), first_gains(jump), strict=True)
-    control.gains = np.array(
-        [given_gains(joints, each, name, np.full(len(joints), gain)) for each, name, gain in usual]
-    )
-    if gains == (None, None):
-        tried = search_gains(control)
+    control = JumpControl(jump, first_gains(jump, gains), replan)
+    tried = search_gains(control) if gains == (None, None) else 0
     kp, kd = control.gains
     corrected: list[Flown] = []
     uncorrected: list[Flown] = []
@@ -137,7 +115,7 @@ def replay_jump(
         seed=seed,
         perturbation=perturbation,
         friction=friction,
-        joints=joints,
+        joints=control.joints,
         kp=read_only(kp),
         kd=read_only(kd),
         tried=tried,

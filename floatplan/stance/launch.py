@@ -69,8 +69,7 @@ class Launch:
     def to_dict(self) -> dict[str, Any]:
         """Return what was found out, as plain data: what ``floatplan plan --launch --json`` prints of an end."""
         told = {name: getattr(self, name) for name in ("ok", "joint", "limit", "impossible")}
-        ratio = self.ratio if math.isfinite(self.ratio) else None
-        return {**told, "ratio": ratio, "sentences": list(self.sentences)}
+        return {**told, "ratio": self.ratio if math.isfinite(self.ratio) else None, "sentences": list(self.sentences)}
 
 
 @one_thread
@@ -123,7 +122,6 @@ def launch(
         return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
-    complete = partial(_answer, plan, request, end)
     answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
     program = partial(setup.program, iterations=ITERATIONS)
     first = program(ROOM)
@@ -131,7 +129,7 @@ def launch(
         rng = np.random.default_rng((seed, start)) if start else None
         solution = solved(first, plainest(first, met, v, rng))
         if solution[1].converged:
-            found = corrected(ROOM, margins, solution, program, complete)
+            found = corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end))
             answer = min(answer, found, key=lambda each: (not each.ok, bool(each.broken), each.ratio))
         if answer.ok:
             break
@@ -142,10 +140,9 @@ def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row]
     """Rows for a person, and facts by end, of the stances that reach a plan's takeoff and follow its landing."""
     rows: list[Row] = []
     facts: dict[str, Any] = {}
-    stands = [contact.end for contact in plan.contacts]
     ends: tuple[End, ...] = get_args(End)
     for end in ends:
-        if end not in stands:
+        if end not in [contact.end for contact in plan.contacts]:
             rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
             continue
         try:
@@ -246,9 +243,8 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     plain[-3][stances, 0] *= shares
     times = instants(program.phases, plain[-3].ravel())
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
-    a = inner.released(met.y, v, 0 * v if met.a is None else met.a)
-    rest, flies = np.stack((home, 0 * home, 0 * home)), np.stack((met.y, v, a))
-    motion = quintic(times, times[[0, -1]], *(rest, flies)[::way])
+    flies = np.stack((met.y, v, inner.released(met.y, v, 0 * v if met.a is None else met.a)))
+    motion = quintic(times, times[[0, -1]], *(np.stack((home, 0 * home, 0 * home)), flies)[::way])
     for index in stances:
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)

@@ -43,6 +43,7 @@ def jump(
     seed: int = 0,
     starts: int = STARTS,
     progress: Callable[[str], None] | None = None,
+    helps: bool = True,
 ) -> Jump:
     """Plan a whole jump: from standing through a flight to standing again.
 
@@ -60,6 +61,8 @@ def jump(
         How many are tried at most, until one is found: fewer where together they take 300 iterations each.
     progress : callable, optional
         Told in a few words what is done.
+    helps : bool
+        Whether it is tried what would help where no jump is found, which takes as long again at most, or little more.
 
     Returns
     -------
@@ -98,18 +101,20 @@ def jump(
         answer = _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(words)}.")
     else:
         return _not_found(problem, asked, "No jump was found.")
-    told = replace(answer, explanation=" ".join([answer.explanation, *_tried(problem, gives, seed, until, say)]))
+    if not (gives and helps):
+        return answer
+    told = replace(answer, explanation=f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
     vars(told)["check"] = answer.check  # the motion is the same
     return told
 
 
-def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, say: Callable[[str], None]) -> list[str]:
-    """What is said of jumps with limits that give more, each tried from the generic guess; nothing where none is."""
+def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, say: Callable[[str], None]) -> str:
+    """What is said of jumps with limits that give more, each tried from the generic guess."""
     gives = [each for each in gives if each.share >= MINOR * max(other.share for other in gives)]
     vain: list[str] = []
     for beyond in BEYOND:
         words, other = eased(problem, gives, beyond)
-        if not gives or words in vain or (vain and process_time() > until):
+        if words in vain or (vain and process_time() > until):
             break
         say(f"trying {words}")
         assert other.jump is not None
@@ -117,9 +122,9 @@ def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, sa
         first = setup.program(ROOM)
         program, solution = solved(first, first.guess())
         if solution.converged and completed(setup, program, solution, seed).ok:
-            return [f"With {words} a jump was found and checked."]
+            return f"With {words} a jump was found and checked."
         vain.append(words)
-    return [f"Tried without finding one: {'; '.join(vain)}."] if vain else []
+    return f"Tried without finding one: {'; '.join(vain)}."
 
 
 def _searched(

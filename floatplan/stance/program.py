@@ -48,11 +48,12 @@ CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at 
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
-SMOOTH = 0.1  # [-] of squared torques beside the factor
+SMOOTH, STEADY = 0.1, 1e-3  # [-] of squared torques, and of such steps, beside the factor
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
-ONE_SIDE = {"max_hessian_perturbation": 1e6}  # of IPOPT, where the flight is known: more takes seconds an iteration
+# of IPOPT, where the flight is known: more takes seconds an iteration; and a guess that nearly holds is soon a solution
+ONE_SIDE = {"max_hessian_perturbation": 1e6, "adaptive_mu_globalization": "never-monotone-mode"}
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
@@ -224,9 +225,9 @@ class JumpProgram:
             rough += ca.sumsqr(unit**2 * ca.diff(parts[2][1:, :], 1, 1))
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
-        goal = apart + ROUGHNESS * rough + (factor + SMOOTH * total / unit if self._limits else total / unit)
+        cost = factor + SMOOTH * total / unit + STEADY * rough if self._limits else total / unit + ROUGHNESS * rough
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
-        return *rows.calls.solver(raw, goal, ca.vertcat(*rows.values), settings), rows
+        return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""

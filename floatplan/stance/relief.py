@@ -135,8 +135,10 @@ def sentence(given: Given, problem: Problem) -> str:
     assert request is not None
     limit = request.friction if given.kind == "friction" else 0.0
     if given.kind == "torque":
-        of = problem.motor_torque_limits if given.label.startswith("torque of ") else problem.motor_stall
-        limit, unit = request.margin["torque"] * of[robot.motors.index(name)], " N m"
+        own = dict(zip(robot.joints, problem.torque_limits, strict=True))
+        own |= {key: most for key, most in zip(robot.motors, problem.motor_torque_limits, strict=True) if most < np.inf}
+        own = own if given.label.startswith("torque of ") else dict(zip(robot.motors, problem.motor_stall, strict=True))
+        limit, unit = request.margin["torque"] * own[name], " N m"
     elif given.kind == "velocity":
         limit, unit = request.margin["velocity"] * problem.velocity_limits[robot.joints.index(name)], " rad/s"
     if limit:

@@ -14,6 +14,7 @@ from floatplan.stance.contacts import Contact, Watched, ground_below, heights_ov
 from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
+from floatplan.tables import POINT_FEET
 
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
@@ -161,6 +162,7 @@ class NodeRows:
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
     known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
+        Feet that have left, or are to come, may then be as far in the ground as other parts of feet.
     held : joints that are held, whose torques are rows; CLEAR, where all that is watched is in stances too
     """
 
@@ -185,7 +187,8 @@ class NodeRows:
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
         spots = [*watched.spots, *(contact.spots[0] for contact in self.feet)]
-        self.least = np.append(watched.least, [contact.depth for contact in self.feet])  # [m] heights of those
+        dips = POINT_FEET / 2 if known else 0.0
+        self.least = np.append(watched.least, [contact.depth - dips for contact in self.feet])  # [m] heights of those
         for contact, y in known:
             heights = heights_over_com(model.robot, [contact.spots[0], *spots], y).imag
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)

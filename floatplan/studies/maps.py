@@ -1,29 +1,119 @@
-"""What a study shows: its rows put into the cells of a map, as a picture and as a page."""
+"""What a study shows: a number over two others, and where there is none, why; as a figure, and as a page.
+
+Rows are put into the cells of a map, each of which shows its best one. The page works without a network, and carries
+all rows of its study and the robot that flies them.
+"""
 
 from __future__ import annotations
 
+import base64
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import numpy.typing as npt
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize, to_hex, to_rgba_array
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
-from floatplan.files import write_atomically
+from floatplan.files import plain, write_atomically
 from floatplan.plans.plans import SOLVED
 from floatplan.plans.presentation import raised
+from floatplan.problem.file import problem_to_dict
+from floatplan.problem.problem import Problem
 from floatplan.studies.file import LARGER_IS_BETTER, Axis, StudyFile, check_map, coloured, versions
 from floatplan.studies.folder import words
 from floatplan.studies.rows import STATUSES
-from floatplan.view.map import HeatMap, PackedNumbers, colours, flight_data, heatmap, map_page
-from floatplan.view.style import rendered, styled
+from floatplan.view.outlines import pairs
+from floatplan.view.report.data import rounded, scene_data
+from floatplan.view.report.report import page
+from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, rendered, styled
 
+STYLES = ("uplot/uPlot.min.css", "report.css", "map.css")
+PLOTTED = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "player.js")
+SCRIPTS = (*PLOTTED, "flight.js", "heatmap.js", "map.js")
+COLOURS = 64  # [-] of the page's scale
+WIDTH, HEIGHT = 4.4, 3.4  # [in]
+LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
+MANY_DECADES = 3000.0  # times the least colour: where the largest is more, powers of ten alone are told
+STATUS_LOOKS = {  # colour and words
+    "optimal": ("#0072B2", "optimal"),
+    "feasible": ("#56B4E9", "feasible"),
+    "not_found": ("#d9d9d9", "not found: none may exist, or none was hit upon"),
+    "impossible": ("#555555", "impossible: proved that none exists"),
+    "error": (ALARM, "error: the problem is wrong there"),
+}
 DPI_OF_MAPS = 200  # [1/in]
 MOST_PAGE_ROWS = 200_000  # of a page
 MOST_BINS = 160  # along an axis of a study that is not a grid
 ROWS_IN_A_BIN = 2.5
-RANK = {"not_found": 0, "impossible": 1, "error": 2}  # which a cell without a plan shows: impossible only where all are
+
+
+@dataclass(frozen=True, eq=False)
+class HeatMap:
+    """What is drawn.
+
+    Attributes
+    ----------
+    x, y : of each axis its label, and the edges (cells + 1,) of its cells
+    colour : (Y, X), NaN where there is no plan or no value
+    status : (Y, X), index into the keys of ``STATUS_LOOKS``; -1 where there is no row
+    label : of the colour; "status" where that is what is drawn
+    """
+
+    x: tuple[str, Array]
+    y: tuple[str, Array]
+    colour: Array
+    status: IntArray
+    label: str
+    title: str = ""
+
+
+def heatmap(shown: HeatMap) -> Figure:
+    """Draw a map."""
+    with styled():
+        figure = new_figure(WIDTH, HEIGHT)
+        axes = figure.add_subplot()
+        axes.grid(visible=False)
+        of_status = shown.label == "status"
+        present = [
+            (index, *look)
+            for index, look in enumerate(STATUS_LOOKS.values())
+            if (of_status or index >= len(SOLVED)) and (shown.status == index).any()
+        ]
+        cells = np.zeros((*shown.status.shape, 4), dtype=np.uint8)  # RGBA
+        for index, colour, _ in present:
+            cells[shown.status == index] = to_rgba_array(colour)[0] * 255
+        finite = np.isfinite(shown.colour)
+        if finite.any() and not of_status:
+            low, high = float(shown.colour[finite].min()), float(shown.colour[finite].max())
+            spreads = low > 0 and high > LOGARITHMIC * low
+            norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
+            scale = ScalarMappable(norm, SEQUENCE)
+            cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
+            ticks = figure.colorbar(scale, ax=axes, label=shown.label).ax.yaxis
+            if spreads:
+                ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+                ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
+                ticks.set_minor_locator(NullLocator())
+        # one image: it is drawn many times faster than as many rectangles
+        image = axes.pcolorfast(shown.x[1], shown.y[1], cells)
+        image.set(interpolation="none")
+        axes.set(xlabel=shown.x[0], ylabel=shown.y[0])
+        if shown.title:
+            axes.set_title(shown.title, fontsize=8)
+        patches = [Patch(color=colour, label=words) for _, colour, words in present]
+        if (shown.status < 0).any():
+            patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5, label="no row"))
+        if patches:
+            figure.legend(handles=patches, loc="outside lower left", ncols=1)
+        return figure
 
 
 def _edges(study: StudyFile, axis: Axis) -> Array:
@@ -60,7 +150,7 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     solved = status < len(SOLVED)
     colour = np.full(shape, np.nan)
     shown = np.full(shape, -1, dtype=np.int64)
-    rank = np.where(solved, 0, 1 + np.array([RANK.get(name, 0) for name in STATUSES])[status])
+    rank = np.where(solved, 0, status)  # of a cell without a plan: impossible only where all are
     sign = -1.0 if z in LARGER_IS_BETTER else 1.0
     order = np.lexsort((sign * values, rank))[::-1]  # the best last: it stays
     shown[rows[order], columns[order]] = status[order]
@@ -83,6 +173,24 @@ def _label(key: str, units: dict[str, str]) -> str:
     return f"{key} ({unit})" if unit else key
 
 
+class PackedNumbers:
+    """Arrays as the page reads them, one after the other in one block of bytes; what is given twice is in it once."""
+
+    def __init__(self) -> None:
+        self._places: dict[bytes, int] = {}
+        self.block = bytearray()
+
+    def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
+        """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
+        array = np.ascontiguousarray(values, dtype=kind)
+        content = array.tobytes()
+        if content not in self._places:
+            self.block += bytes(-len(self.block) % array.itemsize)
+            self._places[content] = len(self.block)
+            self.block += content
+        return [self._places[content], array.size]
+
+
 def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
     """Write the map that the study asks for, PNG and SVG, and the page."""
     assert study.map is not None, "maps are written where the study has one"
@@ -92,8 +200,9 @@ def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
     written = [write_atomically(path, content) for path, content in forms.items()]
     if len(study) <= MOST_PAGE_ROWS:
         numbers = PackedNumbers()
-        data = page_data(study, table, numbers)
-        written.append(write_atomically(folder / "map.html", map_page(f"{study.name}: map", data, numbers)))
+        data = plain(page_data(study, table, numbers))
+        content = page("map.html", f"{study.name}: map", STYLES, SCRIPTS, data, numbers=base64.b64encode(numbers.block))
+        written.append(write_atomically(folder / "map.html", content))
     return written
 
 
@@ -121,9 +230,23 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "status": numbers.add(_statuses(table), "<u1"),
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
         "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
-        "colours": colours(),
-        "flight": flight_data(study.base),
+        "colours": {
+            "scale": [to_hex(colour) for colour in matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, COLOURS))],
+            "logarithmic": LOGARITHMIC,
+            "statuses": [
+                {"name": name, "colour": colour, "words": words} for name, (colour, words) in STATUS_LOOKS.items()
+            ],
+        },
+        "flight": _flight_data(study.base),
     }
+
+
+def _flight_data(problem: Problem) -> dict[str, Any]:
+    """What the page needs to fly any row: links and inertia, and the problem whose numbers vary."""
+    scene, tree = scene_data(problem), problem.robot.tree
+    inertia = {"coupling": rounded(pairs(tree.coupling)), "inertia": rounded(tree.inertia)}
+    asked = {"ranges": rounded(problem.position_limits), "problem": problem_to_dict(problem)}
+    return {**scene, "robot": {**scene["robot"], **inertia}, **asked}
 
 
 def _axis(study: StudyFile, axis: Axis) -> dict[str, Any]:

@@ -162,7 +162,7 @@ def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
 
 def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
     """A whole jump, and what was measured of it 2000 times a second: the check's figures, and those of the motors."""
-    found = jump(problem, seed=seed, starts=plan.starts)
+    found = jump(problem, seed=seed, starts=plan.starts, helps=False)
     if not found.ok or found.flight is None:
         return Answer("not_found", starts=plan.starts, message=found.explanation), {}
     verdict = certify(found.flight).verdict if plan.prove else ""

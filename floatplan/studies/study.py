@@ -97,8 +97,7 @@ class Study:
             There is no such key or column.
         """
         x, y, z = (text(key, name) for key, name in ((x, "x"), (y, "y"), (z, "z")))
-        from floatplan.studies.maps import drawn_map
-        from floatplan.view.map import heatmap
+        from floatplan.studies.maps import drawn_map, heatmap
 
         return heatmap(drawn_map(self._file, self.table, x, y, z))
 
@@ -157,7 +156,7 @@ class Study:
             The row's problem is wrong.
         """
         _, family, seed = self._row(index)
-        return jump(family[0], seed=seed, starts=self._file.plan.starts)
+        return jump(family[0], seed=seed, starts=self._file.plan.starts, helps=False)
 
     def _row(self, index: int) -> tuple[int, Family, int]:
         """A row's index from 0, the family of it alone, and the seed of its own search."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 
 from floatplan.arguments import short
@@ -217,15 +217,28 @@ def _compared(value: str | float | None, unit: str) -> str:
     return value if isinstance(value, str) else short(value, 3) + ("" if value is None else unit)
 
 
-COMPARED = (
+def _of_flight(get: Callable[[ShownPlan], float | None]) -> Callable[[ShownPlan], float | None]:
+    """What is known of flights alone, not of jumps around them."""
+    return lambda each: get(each) if each.view is None else None
+
+
+COMPARED: Sequence[tuple[str, str, Callable[[ShownPlan], str | float | None]]] = (
     ("plan", "", lambda each: "found" if (each.jump or each.plan).ok else "not found"),
     ("duration", " s", lambda each: each.motion.duration),
     ("angular momentum", " kg m²/s", lambda each: each.plan.angular_momentum),
-    ("objective", "", lambda each: each.plan.objective_value),
+    ("objective", "", _of_flight(lambda each: each.plan.objective_value)),
     ("most used limit", "%", lambda each: None if each.largest_use is None else 100 * each.largest_use),
-    ("largest torque", " N m", lambda each: max((row.torque_peak for row in each.utilisation), default=None)),
-    ("largest rate", " rad/s", lambda each: max((row.velocity_peak for row in each.utilisation), default=None)),
-    ("least clearance", " mm", lambda each: None if each.clearance is None else 1e3 * each.clearance),
+    (
+        "largest torque",
+        " N m",
+        _of_flight(lambda each: max((row.torque_peak for row in each.utilisation), default=None)),
+    ),
+    (
+        "largest rate",
+        " rad/s",
+        _of_flight(lambda each: max((row.velocity_peak for row in each.utilisation), default=None)),
+    ),
+    ("least clearance", " mm", _of_flight(lambda each: None if each.clearance is None else 1e3 * each.clearance)),
 )
 
 

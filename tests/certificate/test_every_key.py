@@ -14,7 +14,7 @@ from proof_plans import URDF, draw_coefficients, make_plan
 
 import floatplan as fp
 from floatplan.arrays import read_only
-from floatplan.certificate import findings as say
+from floatplan.certificate import branch_and_bound as say
 from floatplan.certificate.enclosure import Balls
 from floatplan.errors import InputError
 from floatplan.plans.plan import load_plan, rebuild

@@ -95,9 +95,9 @@ class TestBar:
     def test_work_that_ends_at_once_never_shows_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
         with progress.progress("drawing") as bar:
-            pass
-        bar.begin()  # as a timer would that was just too late
-        assert bar._bar is None
+            assert bar._bar is not None
+        assert not any(isinstance(thread, threading.Timer) for thread in threading.enumerate())
+        assert not bar._bar.live.is_started
 
     def test_films_tell_how_far_they_are(self, tmp_path: Path, planned: Callable[[str], fp.Plan]) -> None:
         told: list[tuple[int, int]] = []

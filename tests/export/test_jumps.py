@@ -20,7 +20,6 @@ from robot_samples import PAIR, inertial, robot_text
 import floatplan as fp
 from floatplan.export.formats import UNITREE_JOINTS, export
 from floatplan.export.motion import exported
-from floatplan.simulation.forward import BANDWIDTH
 
 pytestmark = pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
 
@@ -108,21 +107,15 @@ def test_csv(jump: fp.Jump, tmp_path: Path, form: str) -> None:
     check_table(jump, columns)
     assert {columns[f"{name}_kp"][0] for name in UNITREE_JOINTS} == {40.0}
     assert (columns["FL_calf_joint_kd"] == 0.5).all()
-    inertia = inertia_of(jump, "FR_calf_joint")
-    near(columns["FR_calf_joint_kd"], np.full(len(columns["time"]), 2 * np.sqrt(40 * inertia)))
+    near(columns["FR_calf_joint_kd"], np.full(len(columns["time"]), gains_of(jump)[1]), 0.02)
 
 
-def inertia_of(jump: fp.Jump, joint: str) -> float:
-    """What a torque on a joint alone feels in the file's own model while the robot floats in the plane."""
+def gains_of(jump: fp.Jump) -> tuple[float, float]:
+    """Stiffness and damping of a robot that stands as an inverted pendulum, in the file's own model."""
     model = model_of(jump)
-    data, plane = model.createData(), jump.problem.robot.plane
-    mass = pin.crba(model, data, jump.q(0.0))
-    allowed = np.zeros((model.nv, model.nv - 3))  # the base moves in the plane
-    allowed[:3, 0], allowed[:3, 1], allowed[3:6, 2] = plane.horizontal, plane.vertical, plane.normal
-    allowed[6:, 3:] = np.eye(model.nv - 6)
-    inverse = np.linalg.inv(allowed.T @ mass @ allowed)
-    row = model.joints[model.getJointId(joint)].idx_v - 3
-    return float(1 / inverse[row, row])
+    height = pin.centerOfMass(model, model.createData(), jump.q(0.0))[2] - jump.ground
+    stiffness = 9.81 * pin.computeTotalMass(model) * height
+    return stiffness, 0.15 * stiffness * np.sqrt(height / 9.81)
 
 
 def test_parquet(jump: fp.Jump, tmp_path: Path) -> None:
@@ -135,7 +128,7 @@ def test_parquet(jump: fp.Jump, tmp_path: Path) -> None:
     assert [tuple(each["contacts"]) for each in json.loads(about["phases"])] == [each.contacts for each in jump.phases]
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
     assert (units["RL_foot_fz"], units["FL_hip_joint_kp"], units["FL_hip_joint_kd"]) == ("N", "N m/rad", "N m s/rad")
-    near(table["FL_hip_joint_kp"][0].as_py(), BANDWIDTH**2 * inertia_of(jump, "FL_hip_joint"))
+    near(table["FL_hip_joint_kp"][0].as_py(), gains_of(jump)[0], 0.5)
 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:
@@ -154,11 +147,8 @@ def check_controlled(jump: fp.Jump, content: dict[str, np.ndarray]) -> None:
     assert content["phase_begin"].tolist() == [phase.begin for phase in jump.phases]
     for number, phase in enumerate(jump.phases):
         assert times[content["phase"] == number][-1] <= phase.end
-    names = content["joint_names"].tolist()
-    for name in ("FL_thigh_joint", "RR_calf_joint"):
-        inertia = inertia_of(jump, name)
-        near(content["kp"][names.index(name)], BANDWIDTH**2 * inertia, 1e-9)
-        near(content["kd"][names.index(name)], 2 * BANDWIDTH * inertia, 1e-9)
+    near(content["kp"], np.full(12, gains_of(jump)[0]), 0.5)
+    near(content["kd"], np.full(12, gains_of(jump)[1]), 0.02)
 
 
 @pytest.mark.parametrize("form", ["npz", "pinocchio"])

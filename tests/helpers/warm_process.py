@@ -25,7 +25,7 @@ from typing import IO, Any
 
 NUMBER = struct.Struct("i")
 USED = (
-    "floatplan.cli.show",
+    "floatplan.cli.motions",
     "floatplan.cli.study",
     "floatplan.export.formats",
     "floatplan.planning.planner",

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_stances import Drawing, drawn_stance
 from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.stance.check import judged
 from floatplan.stance.launch import launch
 from floatplan.stance.program import JumpProgram
 
@@ -30,6 +32,22 @@ def test_the_takeoff_of_a_jump_is_reached() -> None:
     assert found.joint in found.sentences[0]
     assert found.sentences[-1].startswith("Friction 0.6, at rest with FL_thigh_joint 0.7")
     assert found.figures["residual"] < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "seed", "together"), [("Go2", 9657, False), ("A1", 1460, True), ("A1", 7043, True), ("A1", 9478, True)]
+)
+def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: int, together: bool) -> None:
+    """A foot that dips as little as the check lets; forces that leave the cone only between nodes; far guesses."""
+    drawn = drawn_stance(Drawing(name), np.random.default_rng(seed), together)
+    assert drawn is not None
+    found = launch(drawn.plan, drawn.request)
+    assert found.ok
+    assert found.ratio <= 1
+    shares = {"torque", "torque_speed", "velocity"}
+    assert max(found.figures[share] for share in shares) == found.ratio
+    assert not judged(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
 
 
 def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:

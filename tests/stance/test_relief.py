@@ -88,7 +88,7 @@ def test_limits_that_are_broken_between_nodes_are_tried_too() -> None:
 
 
 def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two attempts, from the same guess as of a search; none where nothing is known to give."""
+    """Two attempts, from the same guess as of a search; one where that took as long."""
     tried: list[float] = []
 
     def unsolved(first: JumpProgram, guess: np.ndarray) -> tuple[JumpProgram, SimpleNamespace]:
@@ -100,10 +100,9 @@ def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     given = [Given("friction of RL_foot", "friction", 0.2, 0.1), Given("torque", "torque", 0.03, 1.0)]
     problem = replace(go2_problem(), jump=fp.JumpRequest(friction=0.1))
     said = planner._tried(problem, given, 0, np.inf, lambda _: None)
-    assert said == ["Tried without finding one: friction 0.18; friction 0.3."]
+    assert said == "Tried without finding one: friction 0.18; friction 0.3."
     assert tried == pytest.approx([0.18, 0.3])
-    assert len(planner._tried(problem, given, 0, 0.0, lambda _: None)[0].split(";")) == 1
-    assert planner._tried(problem, [], 0, np.inf, lambda _: None) == []
+    assert planner._tried(problem, given, 0, 0.0, lambda _: None) == "Tried without finding one: friction 0.18."
 
 
 BALL = fp.Circle(center=(2.0, 2.0), radius=0.1)
@@ -164,3 +163,11 @@ def test_every_row_of_a_limit_is_known_and_no_other() -> None:
 def test_it_is_said_in_the_words_of_the_file(label: str, share: float, size: float, said: str) -> None:
     problem = replace(go2_problem(), jump=fp.JumpRequest())
     assert sentence(Given(label, kind_of(label), share, size), problem) == f"{label}: {said}"
+
+
+def test_limits_on_joints_are_said_as_they_are_given() -> None:
+    limits = fp.Limits(torque=[20.0, 40.0, 20.0, 30.0])
+    problem = replace(go2_problem(), limits=limits, jump=fp.JumpRequest())
+    name = problem.robot.joints[1]
+    said = sentence(Given(f"torque of {name} ({SIDE})", "torque", 0.5, 1.0), problem)
+    assert said == f"torque of {name} ({SIDE}): 51 N m needed, 34 N m allowed"

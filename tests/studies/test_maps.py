@@ -12,9 +12,8 @@ from matplotlib.colors import to_rgb
 import floatplan as fp
 from floatplan import InputError
 from floatplan.studies.file import load_study_file
-from floatplan.studies.maps import drawn_map
+from floatplan.studies.maps import STATUS_LOOKS, drawn_map, heatmap
 from floatplan.studies.rows import STATUSES
-from floatplan.view.map import STATUS_LOOKS, heatmap
 from floatplan.view.outlines import obstacle_capsules, pairs
 
 ROOT = Path(__file__).resolve().parents[2]

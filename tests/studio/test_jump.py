@@ -57,6 +57,9 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
         assert f"{most:.0%} at most" in curves_card(found.motion, found.shares)
     assert found.largest_use == max(each.peak for each in found.shares)
     assert len(phase_colours(found.view)) == len(found.jump.phases) == 5
+    compared = cards.comparison_card(found, replace(found, jump=None))
+    assert f"<td>duration<td>{found.plan.duration:.3g} s<td>{found.jump.duration:.3g} s" in compared
+    assert "<td>- N m</tr>" in compared or "<td>-</tr>" in compared, "what is the flight's alone is not the jump's"
 
 
 def test_where_there_is_no_jump_it_says_why(shown: ShownPlan, problem: fp.Problem) -> None:

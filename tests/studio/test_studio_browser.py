@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser
+from jumps import INSTALLED
 from needed import skip_or_fail
 from studio_insides import logged_errors
 from studio_page import Page
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
+from floatplan.studio.edits import phase_ends
 from floatplan.studio.page import Studio
 
 ROOT = Path(__file__).parents[2]
@@ -83,5 +85,44 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
         assert view.number == 5
         assert view.answer is not None
         assert view.answer.plan.ok
+        assert page.complaints() == []
+        assert errors == []
+
+
+@pytest.mark.long
+def test_the_border_of_two_phases_is_dragged(browser: Browser) -> None:
+    """On a page whose title and names are its own."""
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    if not INSTALLED:
+        skip_or_fail("CasADi or example-robot-data is not installed")
+    problem = fp.load_problem(ROOT / "problems" / "jumps" / "go2.toml")
+    with logged_errors() as errors, closing(Studio(problem, port=0)) as studio:
+        studio.player.playing = False  # software draws it slowly
+        page = Page(browser, studio)
+        assert browser.driver.title == "floatplan: go2_backflip"
+        number = page.wait_for("proved", after=0)
+        borders = browser.driver.find_elements("css selector", ".multi-slider-thumb")
+        answer = studio.session.view.answer
+        assert answer is not None
+        assert answer.jump is not None
+        found = [phase.end for phase in answer.jump.phases]
+        assert len(borders) == len(found)
+        ActionChains(browser.driver).click_and_hold(borders[1]).move_by_offset(-3, 0).pause(0.2).release().perform()
+        page.wait(lambda: studio.session.view.number > number)
+        asked = phase_ends(studio.session.view.problem)
+        assert asked is not None
+        assert np.delete(asked, 1) == pytest.approx(np.delete(found, 1), abs=1e-3)
+        assert -0.06 < asked[1] - found[1] < -0.01
+        page.click("Undo")
+        page.wait(lambda: studio.session.view.problem is problem)
+        plots = browser.run("return [...document.querySelectorAll('#floatplan-curves .plot')].map(e => e.ariaLabel)")
+        assert [label.partition(":")[0] for label in plots] == ["torque / limit", "rate / limit"]
+        unnamed = browser.run(
+            "return [...document.querySelectorAll('canvas, button, input, [role=slider]')]"
+            ".filter(e => e.getClientRects().length && !e.ariaHidden)"
+            ".filter(e => !e.ariaLabel && !e.textContent.trim() && !e.labels?.length).map(e => e.outerHTML)"
+        )
+        assert unnamed == []
         assert page.complaints() == []
         assert errors == []

@@ -11,9 +11,20 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate.branch_and_bound import Goal, Items, Minimum, bernstein, magnitude, smallest
+from floatplan.certificate.branch_and_bound import (
+    RECORDED_PEAK,
+    SAME,
+    Goal,
+    Items,
+    Minimum,
+    at_most,
+    bernstein,
+    deviations,
+    magnitude,
+    near,
+    smallest,
+)
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor, stack
-from floatplan.certificate.findings import RECORDED_PEAK, SAME, at_most, deviations, near
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.errors import InputError

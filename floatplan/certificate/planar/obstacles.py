@@ -10,10 +10,9 @@ import flint
 import numpy as np
 
 from floatplan.arrays import IntArray
-from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
+from floatplan.certificate.branch_and_bound import Goal, Minimum, at_least, smallest
 from floatplan.certificate.cells import ORDER, Vectors, recentred
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
-from floatplan.certificate.findings import at_least
 from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, place_shapes
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
@@ -29,20 +28,15 @@ STILL = (0.0, 0.0)  # [m/s]
 class Surroundings:
     """The flight and the links' shapes in it: what every obstacle is compared with.
 
-    ``links`` are the names of the links that the bars ``shapes`` belong to.
+    ``links`` are the names of the links that the bars ``shapes`` belong to, ``cells`` all cells of time.
     """
 
     def __init__(self, robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, weights: ShapeWeights) -> None:
         self.record = record
-        self.flight = flight
+        self.flight, self.cells = flight, np.arange(len(flight.cells))
         self.sigma = robot.sigma
         self.links = [shape.link for shape in weights.shapes]
         self.shapes = place_shapes(flight, weights)
-
-    @property
-    def cells(self) -> IntArray:
-        """All cells of time."""
-        return np.arange(len(self.flight.cells))
 
     def seen(self, place: Any, velocity: Any) -> Vectors:
         """A moving point, relative to the centre of mass, in the base frame: one item."""

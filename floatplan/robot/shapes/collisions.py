@@ -50,11 +50,6 @@ def find_mesh(filename: str, folder: Path) -> Path | None:
     return next((path for path in map(Path, _candidates(filename, folder.absolute())) if is_file(path)), None)
 
 
-def mesh_digest(path: Path, element: str) -> str:
-    """Return the SHA-256 of a mesh file; InputError where it cannot be read."""
-    return hashlib.sha256(_content(path, element)).hexdigest()
-
-
 def check_mesh_file(path: Path, element: str) -> None:
     """Refuse, before any other program reads it, a file that is too large or of a kind that is no mesh.
 
@@ -87,9 +82,11 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
         If the file is not a mesh, has no faces, faces without corners, or corners that are not finite or farther away
         than any robot is large.
     """
-    content = _content(path, element)
     try:
+        content = read_regular(path, LARGEST_MESH, "a mesh")
         corners, faces = _corners_and_faces(content, path.suffix.lower().lstrip("."))
+    except InputError as error:
+        raise error.within(element=element) from None
     except Exception as error:  # the readers of trimesh raise exceptions of any kind
         raise InputError(f"cannot be read as a mesh: {error}", source=path, element=element) from None
     reason = _fault(corners, faces, scale)
@@ -98,13 +95,6 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
     used, numbers = np.unique(faces, return_inverse=True)
     places, merged = _merged(corners[used] * scale)
     return Mesh(places, _edges(merged[numbers.reshape(faces.shape)]), hashlib.sha256(content).hexdigest())
-
-
-def _content(path: Path, element: str) -> bytes:
-    try:
-        return read_regular(path, LARGEST_MESH, "a mesh")
-    except InputError as error:
-        raise error.within(element=element) from None
 
 
 def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:

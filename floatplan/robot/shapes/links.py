@@ -10,6 +10,7 @@ convex hull, whose corners are kept beside the capsules; hulls of what moves as 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,9 +19,10 @@ import numpy as np
 
 from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
+from floatplan.files import read_regular
 from floatplan.robot.planar.tree import SAME, PlanarTree, TreeLayout
 from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, with_fewer_corners
-from floatplan.robot.shapes.collisions import KINDS, Projection, find_mesh, mesh_digest, read_collision
+from floatplan.robot.shapes.collisions import KINDS, LARGEST_MESH, Projection, find_mesh, read_collision
 from floatplan.robot.urdf.tree import UrdfTree
 
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
@@ -96,10 +98,10 @@ def link_outlines(layout: TreeLayout, folder: Path, meshes: Mapping[str, str]) -
 def mesh_digests(tree: UrdfTree, folder: Path) -> dict[str, str]:
     """Return the SHA-256 of the mesh files of collision elements by their names there, of those that can be read."""
     digests: dict[str, str] = {}
-    for link, filename, path in _meshes(tree, folder):
+    for _, filename, path in _meshes(tree, folder):
         if path is not None and filename not in digests:
             with contextlib.suppress(InputError):
-                digests[filename] = mesh_digest(path, f'link "{link}"')
+                digests[filename] = hashlib.sha256(read_regular(path, LARGEST_MESH, "a mesh")).hexdigest()
     return digests
 
 

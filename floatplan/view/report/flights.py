@@ -48,13 +48,11 @@ def write_flights_page(
     """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
     parts: list[str] = []
     if flights is not None:
-        parts.append(f"<p>{html.escape(summary(flights))}</p>")
-        parts.append(html_table("", landing_rows(flights), LANDING_TITLES))
         drawn = picture("png", closed_loop_picture, plan, flights)
+        parts += [f"<p>{html.escape(summary(flights))}</p>", html_table("", landing_rows(flights), LANDING_TITLES)]
         parts.append(_embedded(drawn, "planned and flown motion, corrections, landings"))
     if authority is not None:
-        parts.append("<h2>How much can be corrected</h2>")
-        parts.append(html_table("", authority_rows(authority), AUTHORITY_TITLES))
+        parts += ["<h2>How much can be corrected</h2>", html_table("", authority_rows(authority), AUTHORITY_TITLES)]
         parts.append(_embedded(picture("png", authority_picture, authority), "errors that are corrected"))
     return _page(path, plan.problem.name, parts)
 
@@ -127,7 +125,7 @@ def jump_rows(flights: JumpReplay) -> list[Cells]:
         ("on its feet alone", *(f"{each.clean.sum()} of {flights.flights}" for each in ends)),
         ("other links that touched", *(words or "none" for words in touched)),
         ("pitch at touchdown", *(f"{_degrees(each.pitch_rms)} rms" for each in ends)),
-        ("pitch, worst", *(_degrees(np.abs(each.pitch).max()) for each in ends)),
+        ("pitch, worst", *(_degrees(each.pitch_worst) for each in ends)),
         ("torque wanted", *(f"{100 * each.torque.max():.3g} % of what motors can" for each in ends)),
         ("feet slid, worst", *(f"{1e3 * each.slid.max():.3g} mm" for each in ends)),
         *_corrections(flights),

@@ -3,11 +3,14 @@ const named = (element, name) => name && element.getAttribute("aria-label") !== 
   && element.setAttribute("aria-label", name);
 const words = element => element.textContent.trim();
 function nameAll() {
-  const canvas = document.querySelector("canvas");
+  const [canvas, ...others] = document.querySelectorAll("canvas");
+  for (const each of others) each.setAttribute("aria-hidden", "true");
   if (canvas) {
     canvas.setAttribute("role", "img");
     named(canvas, "The robot in motion. What dragging it changes, the panel's sliders change too.");
     document.documentElement.style.setProperty("--fp-scene", canvas.clientWidth + "px");
+    if (!canvas.dataset.watched) new ResizeObserver(soon).observe(canvas);
+    canvas.dataset.watched = "yes";
   }
   for (const label of document.querySelectorAll("label[for]")) {
     const input = document.getElementById(label.htmlFor);
@@ -20,13 +23,12 @@ function nameAll() {
   }
   for (const button of document.querySelectorAll("button, [role=button]")) {
     const icon = button.querySelector("svg[class*=tabler-icon-]")?.getAttribute("class");
-    if (icon && !words(button)) named(button, icon.match(/tabler-icon-([a-z-]+)/)[1].replaceAll("-", " "));
+    if (!words(button)) named(button, icon ? icon.match(/tabler-icon-([a-z-]+)/)[1].replaceAll("-", " ") : "close");
   }
 }
 let asked = false;
 const soon = () => {
   if (!asked) { asked = true; setTimeout(() => { asked = false; nameAll(); }, 200); }
 };
-addEventListener("resize", soon);
 addEventListener("DOMContentLoaded", () =>
   new MutationObserver(soon).observe(document.body, {childList: true, subtree: true}));

@@ -34,7 +34,8 @@ class Flight {
     const halves = Array.from({ length: 2 * INTERVALS + 1 }, (_, index) => index / (2 * INTERVALS));
     const states = halves.map((s) => this.state(joints, duration, h, s));
     const sampled = states.filter((_, index) => index % 2 === 0);
-    const columns = { orientation: [problem.start.orientation], com_x: [], com_y: [] };
+    const zeros = sampled.map(() => 0); // the centre of mass, until its path is known
+    const columns = { orientation: [problem.start.orientation], com_x: zeros, com_y: zeros };
     joints.forEach((_, joint) => (columns[`positions.${joint}`] = sampled.map((state) => state.positions[joint])));
     for (let index = 0; index < INTERVALS; index++) {
       const [a, b, c] = states.slice(2 * index, 2 * index + 3).map((state) => state.rate);
@@ -96,22 +97,15 @@ class Flight {
 
   /* The centre of mass: from where the takeoff frame leaves to the height at which the landing frame arrives. */
   addPath(motion, problem) {
-    const { columns, duration } = motion;
-    const [takeoff, landing = takeoff] = this.data.frames;
-    const at = (index) => {
-      const positions = motion.data.robot.joints.map((_, joint) => columns[`positions.${joint}`][index]);
-      return motion.pose(columns.orientation[index], positions, [0, 0]);
-    };
-    const flight = problem.flight;
-    const [left, low] = motion.place(at(0), takeoff);
-    const [x, y] = [flight.takeoff.position[0] - left, flight.takeoff.position[1] - low];
-    const end = (flight.landing.height || 0) - motion.place(at(INTERVALS), landing)[1];
-    const climb = (end - y) / duration + (flight.gravity * duration) / 2;
-    for (let index = 0; index <= INTERVALS; index++) {
-      const t = (duration * index) / INTERVALS;
-      columns.com_x.push(x + flight.horizontal_velocity * t);
-      columns.com_y.push(y + climb * t - (flight.gravity * t * t) / 2);
-    }
+    const { columns, duration, times } = motion;
+    const { takeoff, landing, gravity, horizontal_velocity: speed } = problem.flight;
+    const [leaves, arrives = leaves] = this.data.frames;
+    const [left, low] = motion.place(motion.posture(0), leaves);
+    const [x, y] = [takeoff.position[0] - left, takeoff.position[1] - low];
+    const end = (landing.height || 0) - motion.place(motion.posture(duration), arrives)[1];
+    const climb = (end - y) / duration + (gravity * duration) / 2;
+    columns.com_x = Array.from(times, (t) => x + speed * t);
+    columns.com_y = Array.from(times, (t) => y + climb * t - (gravity * t * t) / 2);
   }
 
   /* Left, low, right, high of all that is drawn; the ground is found on the way. */

@@ -1,0 +1,250 @@
+"""The commands that take a plan or a jump: ``certify`` and ``replay`` it, ``show`` it, and ``export`` it."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperCommand
+
+import floatplan as fp
+from floatplan.cli import common
+from floatplan.cli.common import flag, option
+from floatplan.cli.progress import progress
+from floatplan.errors import InputError, naming
+
+Output = Annotated[Path | None, option("DIR", "Where files go; beside the plan if left out.", "--output", "-o")]
+STIFFNESS = (
+    "Stiffness of the joints, N m/rad, of all or by name; of a jump that of a bandwidth of 100 rad/s if left out."
+)
+DAMPING = "Their damping, N m s/rad; the critical one if left out."
+
+
+def certify(
+    plan_file: common.PlanFile,
+    urdf: common.Urdf = None,
+    budget: Annotated[
+        int | None, option("N", "Most intervals of time to examine; fewer may decide less.", min=1)
+    ] = None,
+    save: common.Save = False,
+    json_output: common.Json = False,
+) -> None:
+    """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
+    with progress("proving"):
+        certificate = fp.certify(plan_file, urdf=urdf, **({} if budget is None else {"budget": budget}))
+    facts = certificate.to_dict()
+    if save:
+        from floatplan.plans.reading import load_record
+
+        load_record(plan_file).with_checks(certificate=facts).save(plan_file)
+    common.finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
+
+
+def replay(
+    motion_file: common.MotionFile,
+    urdf: common.Urdf = None,
+    engine: Annotated[
+        str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
+    ] = None,
+    perturb: Annotated[
+        str,
+        option(
+            "h=1%,..",
+            "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of "
+            "h, inertia, torque, rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
+            "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
+        ),
+    ] = "",
+    feedback: Annotated[
+        float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
+    ] = None,
+    step: Annotated[float | None, option("S", "Longest step of MuJoCo, s; 5e-4 if left out.")] = None,
+    replan: Annotated[
+        float | None, option("HZ", "Correct in flight, so often a second: many flights, with and without.")
+    ] = None,
+    flights: Annotated[
+        int | None, option("N", "Number of flights: 20 with --replan, 1 of a jump.", "--flights", "--runs", min=1)
+    ] = None,
+    budget: Annotated[float, option("S", "Time after which no more is flown, with --replan or of a jump, s.")] = 60.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
+    friction: Annotated[
+        float | None, option("MU", "Of the ground under a jump; that of its problem if left out.")
+    ] = None,
+    kp: Annotated[str | None, option("K|J=K,..", "Stiffness of a jump's joints, N m/rad, of all or by name.")] = None,
+    kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
+    authority: Annotated[
+        bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        option(
+            "DIR",
+            "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
+            "--output",
+            "-o",
+        ),
+    ] = None,
+    save: common.Save = False,
+    json_output: common.Json = False,
+) -> None:
+    """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed.
+
+    With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
+    corrected. A jump is flown in MuJoCo with contact, from standing to a second after its end, where it is to stand.
+    """
+    from floatplan.cli.asked import gain
+    from floatplan.cli.results import check_directory
+    from floatplan.simulation.forward import check_engine
+    from floatplan.simulation.replay import STEP
+
+    checked = check_engine(engine or "pinocchio")
+    plan = common.read_motion(motion_file, urdf)
+    of_jumps = {"friction": friction, "kp": kp, "kd": kd}
+    of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
+    beside, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
+    for name, value in beside.items():
+        if value is not None:
+            raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
+    if output is not None:
+        check_directory(output)
+    if not isinstance(plan, fp.Plan):
+        if engine not in (None, "mujoco"):
+            raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
+        options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
+        _fly_jump(plan, output, json_output, gains=(gain("--kp", kp), gain("--kd", kd)), friction=friction, **options)
+    if replan is not None or authority:
+        if save:
+            raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
+        given = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
+        _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
+    if output is not None:
+        raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
+    with progress("flying"):
+        longest = STEP if step is None else step
+        flown = fp.replay(plan, engine=checked, perturb=perturb, feedback=feedback, step=longest, seed=seed)
+    facts = flown.to_dict()
+    if save:
+        plan.record.with_checks(replay=facts).save(motion_file)
+    common.finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
+
+
+def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
+    """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
+    with progress("flying"):
+        flown, files = fp.replay_jump(jump, **options), list[Path]()
+    if output is not None:
+        from floatplan.view.report.flights import write_jump_pages
+
+        with progress("drawing") as bar:
+            files = write_jump_pages(flown, output, bar.reach)
+    ok = flown.landed or flown.perturbation.any
+    common.finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
+
+
+def _fly_many(
+    plan: fp.Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
+) -> NoReturn:
+    """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
+
+    ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    flown = None if rate is None else fp.closed_loop(plan, rate, **given)
+    found = fp.authority(plan) if with_authority else None
+    page = None
+    if output is not None:
+        from floatplan.view.report.flights import write_flights_page
+
+        page = write_flights_page(plan, output / "flights.html", flown, found)
+    facts: dict[str, Any] = {} if flown is None else flown.to_dict()
+    facts |= {} if found is None else {"authority": found.to_dict()}
+    common.finish(facts, json_output, lambda summary: summary.flights_summary(flown, found, page))
+
+
+def show(
+    motion_file: common.MotionFile,
+    scene: Annotated[bool, flag("The motion in 3-D with the robot's meshes, one page.", "--scene")] = False,
+    png: Annotated[bool, flag("The figures as PNG: curves, kinogram or moments.", "--png")] = False,
+    svg: Annotated[bool, flag("The same as SVG.", "--svg")] = False,
+    gif: Annotated[bool, flag("A film, GIF.", "--gif")] = False,
+    mp4: Annotated[bool, flag("A film, MP4; needs ffmpeg.", "--mp4")] = False,
+    compare: Annotated[str | None, option("PLAN.json", "A second plan for the figures, drawn dashed.")] = None,
+    speed: Annotated[float, option("X", "Of films: 0.5 is slow motion.")] = 0.5,
+    output: Output = None,
+    urdf: common.Urdf = None,
+    open_page: common.OpenPage = False,
+    quiet: common.Quiet = False,
+) -> None:
+    """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
+    from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
+
+    motion = common.read_motion(motion_file, urdf)
+    with naming(motion_file):
+        plan = motion.view
+        _ = plan.problem  # a jump's is made now, or refused with the name of its file
+    other = None if compare is None else fp.load_plan(compare)
+    directory = Path(motion_file).parent if output is None else output
+    check_directory(directory)
+    formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
+    films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+    files = []
+    with progress("drawing", quiet) as bar:
+        if not (scene or formats or films):
+            files.append(motion.show(directory / REPORT, browse=False))
+        if scene:
+            from floatplan.view.scene.scene import write_scene
+
+            files.append(write_scene(plan, directory / SCENE))
+        if formats:
+            from floatplan.view.figures.figures import save_figures
+
+            files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
+        for name in films:
+            files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
+    if not quiet:
+        for path in files:
+            common.print_path(path)
+    if open_page:
+        for path in files:
+            if path.suffix == ".html":
+                webbrowser.open(path.resolve().as_uri())
+
+
+class ExportCommand(TyperCommand):
+    """Its help ends with the formats."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """List them."""
+        from floatplan.export.formats import FORMATS
+
+        with formatter.section("Formats"):
+            formatter.write_dl([(name, form.text) for name, form in FORMATS.items()])
+
+
+def export(
+    motion_file: common.MotionFile,
+    form: Annotated[str, option("NAME", "One of those below.", "--format", "-f")],
+    rate: Annotated[float | None, option("HZ", "Instants per second; left out, what suits the format.")] = None,
+    kp: Annotated[str | None, option("K|J=K,..", STIFFNESS)] = None,
+    kd: Annotated[str | None, option("K|J=K,..", DAMPING)] = None,
+    output: Annotated[Path | None, option("FILE", "The file; beside the plan if left out.", "--output", "-o")] = None,
+    urdf: common.Urdf = None,
+    quiet: common.Quiet = False,
+) -> None:
+    """Hand a plan or a whole jump on, to a robot, a simulator or another program. SI units and radians.
+
+    Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
+    """
+    from floatplan.cli.asked import gain
+    from floatplan.export.formats import format_of
+
+    known = format_of(form)
+    stiffness, damping = gain("--kp", kp), gain("--kd", kd)
+    motion = common.read_motion(motion_file, urdf)
+    path = Path(motion_file).parent / known.file if output is None else output
+    with progress("exporting", quiet):
+        path = motion.export(form, path, rate, kp=stiffness, kd=damping)
+    if not quiet:
+        common.print_path(path)
