@@ -151,7 +151,7 @@ def test_what_cannot_be_is_not_found_and_says_why() -> None:
     weak = replace(problem, limits=fp.Limits(velocity="urdf", torque=2.0))
     found = jump(weak, starts=1)
     assert (found.ok, found.status) == (False, "not_found")
-    assert "stands in the way" in found.explanation
+    assert "In the way: torque of" in found.explanation
 
 
 @pytest.mark.long
