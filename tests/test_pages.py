@@ -70,11 +70,9 @@ def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
     search = planner.jump
 
-    def jump(problem: fp.Problem, seed: int = 0, starts: int = planner.STARTS, progress: Any = None) -> fp.Jump:
-        asked = fp.save_problem(problem, tmp_path / "asked.toml").read_bytes() + repr((seed, starts)).encode()
-        found: fp.Jump = made_once(
-            f"jump {sha256(asked).hexdigest()}", lambda: search(problem, seed=seed, starts=starts)
-        )
+    def jump(problem: fp.Problem, progress: Any = None, **options: Any) -> fp.Jump:
+        asked = fp.save_problem(problem, tmp_path / "asked.toml").read_bytes() + repr(sorted(options.items())).encode()
+        found: fp.Jump = made_once(f"jump {sha256(asked).hexdigest()}", lambda: search(problem, **options))
         return found
 
     monkeypatch.setattr(planner, "jump", jump)

@@ -151,8 +151,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     yield from ((name, shares.max()) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
-    efforts = [robot.layout.tree.joint[name].effort for name in robot.locked]
-    yield "held_torque", (np.abs(torques[:, locked]) / efforts).max(initial=0.0)
+    efforts = np.where(model.effortLimit > 0, model.effortLimit, np.inf)
+    yield "held_torque", (np.abs(torques[:, locked]) / efforts[locked]).max(initial=0.0)
     joints, (low, high) = state.planned(robot)[1:].T, np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):

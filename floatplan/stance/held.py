@@ -51,8 +51,13 @@ class HeldJoints:
     @cached_property
     def efforts(self) -> dict[str, float]:
         """N m, by joint."""
-        locked = [self.model.robot.layout.tree.joint[name] for name in self.model.robot.locked]
-        return {each.name: each.effort for each in locked if each.turns and each.effort < np.inf}
+        robot, found = self.model.robot, {}
+        for name in robot.locked:
+            column = robot.model.joints[robot.model.getJointId(name)].idx_v
+            effort = float(robot.model.effortLimit[column])
+            if 0 < effort < np.inf and self._data.J[3:, column].any():
+                found[name] = effort
+        return found
 
     def shares(self, names: Sequence[str], contacts: Sequence[Contact], forces: Sequence[Pair]) -> Any:
         """Torques over efforts, an expression (joints,) of y, v, a and forces.

@@ -104,7 +104,9 @@ class JumpView:
     @property
     def efforts(self) -> dict[str, float]:
         """What the locked joints can hold, N m; infinite where the file does not say."""
-        return {name: self.robot.layout.tree.joint[name].effort for name in self.robot.locked}
+        model = self.robot.model
+        efforts = {name: float(model.effortLimit[model.idx_vs[model.getJointId(name)]]) for name in self.robot.locked}
+        return {name: effort if effort > 0 else np.inf for name, effort in efforts.items()}
 
     @property
     def ground(self) -> float:
