@@ -37,8 +37,6 @@ Numbers in parentheses are the equations of the paper whose method this is: see 
 Public names are listed in ``__init__.pyi`` alone.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 from pathlib import Path

@@ -4,8 +4,6 @@ Checks return the value as it is kept, or raise: a dataclass that people make li
 them on their arguments. Results are short text for a prompt, and tables for notebooks.
 """
 
-from __future__ import annotations
-
 import html
 import math
 import os

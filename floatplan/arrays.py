@@ -1,7 +1,5 @@
 """Names for the array types that pass between the rooms, and the one place where arrays become read-only."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -3,8 +3,6 @@
 A row names its quantity as :class:`~floatplan.motion.dynamics.FlightState` does.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args

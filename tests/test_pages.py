@@ -30,7 +30,8 @@ EXTRAS = {
     "--scene": "viser",
     "example-robot-data:": "example_robot_data",
 }
-LONG = {"docs/in_flight.md", "docs/tutorial.md", "docs/howto/obstacles.md", "docs/howto/own_robot.md"}  # README: always
+LONG = {f"docs/{page}.md" for page in ("in_flight", "jump", "tutorial")}  # README: always
+LONG |= {f"docs/howto/{page}.md" for page in ("flip_in_mujoco", "obstacles", "own_robot")}
 VERDICTS = (
     "floatplan takeoff",
     "floatplan plan",

@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
+from long_cases import cases
 from needed import skip_or_fail
 
 from floatplan.pool import processes
@@ -73,7 +74,7 @@ def study_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("engine", ["processes", "dask"])
+@pytest.mark.parametrize("engine", cases(["processes", "dask"], {"dask"}))
 def test_a_study_executes_nothing_of_the_working_directory(here: Path, study_file: Path, engine: str) -> None:
     try:
         import distributed  # noqa: F401

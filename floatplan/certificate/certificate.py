@@ -4,8 +4,6 @@ What is proved depends on the record, the URDF and its meshes alone. A loaded ro
 around collision geometry, which the certificate takes as given. See ``docs/certificate.md`` for the statement.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 import threading

@@ -1,7 +1,5 @@
 """File formats of controllers, robots and simulators; SI units and radians in all of them."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """What exporters read: a plan or a whole jump, at the instants of a file, and the gains of who follows it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import cached_property

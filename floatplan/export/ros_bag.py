@@ -5,8 +5,6 @@ Foxglove, which takes JSON too, shows a robot from the standard messages. Writte
 by ``mcap-ros2-support``, whose own writer cannot keep messages for later listeners.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """How much corrections can do: the errors of momentum and of inertia from which the landing is still reached."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

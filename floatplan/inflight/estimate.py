@@ -14,8 +14,6 @@ masses alone wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses
 tucks and stretches: a filter of h alone would lag behind it. The angles, too, tell of h: by how the base turned.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A row is kept where its value is at least zero: one minus the share of a limit t
 margin over ``LENGTH_SCALE``, as in the planner's constraints.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

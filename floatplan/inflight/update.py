@@ -4,8 +4,6 @@ All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``pr
 read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass

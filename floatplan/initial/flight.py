@@ -1,7 +1,5 @@
 """A first flight of any robot: of a jump from standing to standing where one is found, else one afloat."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Which plane, joints and couplings of a robot a first flight takes; its feet, by names and by where the links are."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

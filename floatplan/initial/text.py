@@ -1,7 +1,5 @@
 """A first flight as a problem file: commented, in degrees, with what was found and what could be chosen otherwise."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -6,8 +6,6 @@ moments of inertia. Bodies whose angles differ by a constant, as the legs of a q
 are then one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

@@ -3,8 +3,6 @@
 Standard library alone: an installation runs it before there is anything else.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import os

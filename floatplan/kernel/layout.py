@@ -3,8 +3,6 @@
 Structures, enumerations and functions are written in the kernel's own header, which is read here.
 """
 
-from __future__ import annotations
-
 import ctypes
 import re
 import struct

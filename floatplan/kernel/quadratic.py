@@ -1,7 +1,5 @@
 """Quadratic programs by changes of the rows that are active, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from floatplan.arrays import Array, IntArray

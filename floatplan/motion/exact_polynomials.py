@@ -9,8 +9,6 @@ The b of (12) are powers of t in seconds. Of a polynomial of degree k that stays
 The basis is made of fractions. What is done for every plan is done in fixed point: whole numbers of ``2^-FIXED_POINT``.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable, Sequence

@@ -3,8 +3,6 @@
 All flights are in a plane until there is a second module; see :mod:`floatplan.motion.dynamics`.
 """
 
-from __future__ import annotations
-
 from floatplan.motion.planar.bounds import angular_momentum_interval, difficulties, impossibilities, inertia_extremes
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
 from floatplan.motion.planar.closed_form import Ballistics, Dynamics, ballistics, frame_from_com, tree_dynamics

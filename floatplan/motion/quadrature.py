@@ -5,8 +5,6 @@ Legendre coefficients fall geometrically, and their tail says whether the nodes 
 Theory and Approximation Practice, ch. 8 and 19).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import cached_property, lru_cache
 

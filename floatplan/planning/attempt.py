@@ -4,8 +4,6 @@ Attempts depend on the problem, the degrees, the seed and their own number alone
 and the answer is the same for the same seed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Many plans at once: batches through the compiled kernel, and what it does not solve through the search."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext

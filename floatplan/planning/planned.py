@@ -3,8 +3,6 @@
 Where there is no plan it says why: what is violated least in the nearest motion, and what no motion could mend.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import time

@@ -4,8 +4,6 @@ The search is given a problem that is tighter by the shortfall, begins where it 
 against the problem that was asked. The plan's record holds the latter alone.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ processes changes it. More solutions wanted make it longer, so that its best is 
 is given, it ends by the work done in its order.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

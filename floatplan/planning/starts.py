@@ -5,8 +5,6 @@ there is one that turns just enough. A batch of random motions is evaluated at o
 starts that violate the constraints least are followed first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache

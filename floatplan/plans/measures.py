@@ -4,8 +4,6 @@ A proof holds for what was asked. What the motion does to the ground and to the 
 asked for or not: it is a warning beside the verdict.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass

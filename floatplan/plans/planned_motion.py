@@ -1,7 +1,5 @@
 """The motion of a plan: a function of time, and what is measured of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce

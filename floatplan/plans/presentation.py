@@ -1,7 +1,5 @@
 """What is said of a plan, as text: the rows and tables that terminal, report and studio show alike."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

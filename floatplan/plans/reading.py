@@ -3,8 +3,6 @@
 Its robot is found again, read as it was read, and must be the same file as then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path

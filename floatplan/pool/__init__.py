@@ -5,8 +5,6 @@ BLAS is held to one thread while floatplan computes: a sum shared among threads 
 Nothing else is loaded with this module, so that processes may load while others do.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import signal

@@ -1,7 +1,5 @@
 """Problem files: their tables, TOML in, TOML out, and the same tables as plain data for plan files."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Mapping, Sequence

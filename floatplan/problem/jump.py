@@ -1,7 +1,5 @@
 """What is asked of a whole jump beside its flight: contacts, margins, friction, and what the flight keeps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby

@@ -3,8 +3,6 @@
 The ground is a horizontal line through the lowest point of the link that takes off, at t = 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """How far a robot leaves its plane: legs that swing apart roll the trunk, though their axes are in the plane."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from random import Random

@@ -4,8 +4,6 @@ At 1 kHz each motor gets the reference's feed-forward torque and joint feedback,
 At the rate of the corrections a :class:`~floatplan.inflight.replanner.Replanner` gets what was measured, late.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import time as clock

@@ -4,8 +4,6 @@ Every joint of the file moves, those that plans lock too, between its stops, and
 Links touch the ground alone, not one another.
 """
 
-from __future__ import annotations
-
 from math import atan2, pi, remainder
 from typing import Any
 

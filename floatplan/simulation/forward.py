@@ -4,8 +4,6 @@ Open loop, a replay with Pinocchio is integrated far more finely than anything i
 control loops, whose torques are held for a period, take the fixed steps of the classical Runge-Kutta method.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache

@@ -6,8 +6,6 @@ speed. Feedback compares what was measured, late, with what was wanted then. Wit
 the planner is used: the ground pushes as MuJoCo's contacts do.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

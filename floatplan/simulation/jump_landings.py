@@ -1,7 +1,5 @@
 """What became of a jump that was flown: how each flight landed, and the motion of one."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import asdict, dataclass, fields
 from typing import Any

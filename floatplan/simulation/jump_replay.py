@@ -1,7 +1,5 @@
 """Replay of whole jumps: perturbed robots fly one in MuJoCo with contact, with corrections in flight and without."""
 
-from __future__ import annotations
-
 import math
 import time as clock
 from collections import Counter

@@ -1,7 +1,5 @@
 """The robot for MuJoCo: the URDF's links and joints, on slide, slide, hinge at the base, or on a free joint."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ matrix, torques from RNEA. In flight the torques do not depend on gravity, on th
 so all of this is computed with the centre of mass at rest, the base at the origin and without gravity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any

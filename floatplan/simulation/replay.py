@@ -5,8 +5,6 @@ coefficients, the torques from inverse dynamics along them, and the landing from
 alone. The base is free, each joint that moves gets its own torque, and locked joints are rigid.
 """
 
-from __future__ import annotations
-
 import math
 import time as clock
 from dataclasses import asdict, dataclass

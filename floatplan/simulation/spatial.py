@@ -5,8 +5,6 @@ joints get the torques that the plan takes. Locked and coupled joints, which the
 are held by gains besides, as a robot's motors do.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Whether a jump holds between its nodes: its motion at 2 kHz, judged by Pinocchio alone."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass

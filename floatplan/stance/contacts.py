@@ -1,7 +1,5 @@
 """What a robot stands on: feet that are points, soles with heel and toe, and what has to stay above the ground."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 

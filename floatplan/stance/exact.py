@@ -8,8 +8,6 @@ with feet at rest and the robot in free fall; on one point alone, joints are cha
 All this is done on a fine grid, between which quintics are as good as exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Programs one after the other, each with what the solution before breaks: what is too near, what held joints bear."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The flight of a jump: an ordinary problem whose both ends are those of the stances, planned by :func:`plan`."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ such a joint move in the plane, and take about its origin p the moment
 with centres c_k, inertias I_k, and the plane's normal n; the joint's torque is the part of M along its axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The motion of a whole jump, stances and flight: its state at any time, forces, and the coordinates of a plan."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

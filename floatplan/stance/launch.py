@@ -1,7 +1,5 @@
 """Whether a robot can bring itself to a plan's takeoff, or to rest after its landing: the least limits that do."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -17,8 +17,6 @@ where the force acts: one form for places, rates, closures and moments. P itself
 momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre of mass.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias

@@ -1,7 +1,5 @@
 """The motion of a jump's stances, from what is saved: place of the base, forces of the contacts, and torques."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

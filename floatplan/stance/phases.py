@@ -1,7 +1,5 @@
 """Phases of a jump: which contacts stand when, for how long; and the standing posture at both ends."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

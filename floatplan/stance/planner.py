@@ -1,7 +1,5 @@
 """From a problem to a jump: one program over all phases, its flight planned, its stances made exact and checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

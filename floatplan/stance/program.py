@@ -14,8 +14,6 @@ factor, one more variable, that is no less than any share of a limit on torques,
 alone is a jump whose flight, of no intervals, is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The program is solved once more with room for each kind of limits, whose sum is 
 has to give stands in the way. It is the same program, with multiples of a few more variables added to its rows.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Chunks are planned by this process, a pool of processes, or the machines of a dask cluster.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import time

@@ -1,7 +1,5 @@
 """Study files: TOML in; a base problem, what varies of it, and how to plan it out."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

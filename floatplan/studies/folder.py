@@ -1,7 +1,5 @@
 """The folder of a study and its table: chunks written whole, resumed, merged into one table; one run at a time."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import io

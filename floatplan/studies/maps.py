@@ -4,8 +4,6 @@ Rows are put into the cells of a map, each of which shows its best one. The page
 all rows of its study and the robot that flies them.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Rows of a study: planned, measured, and put into a table. It depends on its index what a row is, not on its chunk."""
 
-from __future__ import annotations
-
 import pickle
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The tables of a study file, and the numbers of a problem file that a study can vary."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Whole jumps as pictures and pages show them: with what these ask of a plan, and with what pushes on the feet."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

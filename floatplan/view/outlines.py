@@ -3,8 +3,6 @@
 Places in the plane are complex, horizontal + i vertical, m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

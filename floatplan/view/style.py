@@ -1,7 +1,5 @@
 """The style of all pictures: colours that everyone can tell apart, sized for one column of a paper."""
 
-from __future__ import annotations
-
 import io
 import math
 import threading

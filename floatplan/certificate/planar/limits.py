@@ -1,7 +1,5 @@
 """What holds of the motion itself: limits for all times, both ends, (2), (3), (6), (13), and numbers given twice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Clearance to every obstacle and between links: from the tables of the plan file to findings."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

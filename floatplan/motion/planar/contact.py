@@ -3,8 +3,6 @@
 Where they do not exist, or are too fast, other h, durations and postures are tried, and told if they would help.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

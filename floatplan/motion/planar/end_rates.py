@@ -1,7 +1,5 @@
 """The rates at both ends of a flight: with a frame at rest where that is asked, and not into the ground."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 

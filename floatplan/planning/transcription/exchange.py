@@ -3,8 +3,6 @@
 The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Review 35 (1993), section 7).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache

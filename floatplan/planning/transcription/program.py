@@ -4,8 +4,6 @@ It minimises (17), or the time integral of a squared quantity. The search scales
 sensible motion of its class; :func:`objective_value` is the user's own, by which motions of different classes compare.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """The numbers that the search chooses, the motions they stand for, and the conditions (13) at both ends of these."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -5,8 +5,6 @@ that nq = nv and every angle is one unbounded number. ``JointModelPlanar`` carri
 ``JointModelComposite`` has wrong derivatives of RNEA in Pinocchio 4.1.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

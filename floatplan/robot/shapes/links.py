@@ -7,8 +7,6 @@ away from there, and the child then has the segment between the two as well. Ove
 convex hull, whose corners are kept beside the capsules; hulls of what moves as one have far fewer corners.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from collections.abc import Collection, Iterator, Mapping, Sequence

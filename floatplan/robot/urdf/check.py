@@ -4,8 +4,6 @@ An inertia counts as part of the rigid body that moves: links joined by fixed jo
 made-up inertia does no harm on a trunk; on a joint of its own it does.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Robots of the package ``example-robot-data`` are named ``example-robot-data:<path of the URDF in it>``.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import math

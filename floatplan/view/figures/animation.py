@@ -1,7 +1,5 @@
 """A flight as a short film: GIF by Pillow, MP4 where ffmpeg is installed."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import subprocess

@@ -3,8 +3,6 @@
 A chart of few curves is one picture; of many, small ones, each with its own limits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

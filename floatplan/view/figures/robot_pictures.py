@@ -1,7 +1,5 @@
 """Pictures of a robot: its shapes, and what joint rates within their limits make of a takeoff."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

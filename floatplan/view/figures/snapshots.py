@@ -3,8 +3,6 @@
 Side by side is the kinogram, read like text, for flights that stay in one place or turn over and over.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

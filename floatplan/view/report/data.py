@@ -4,8 +4,6 @@ The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` do
 a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

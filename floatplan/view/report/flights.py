@@ -1,7 +1,5 @@
 """The page of many flights: with and without corrections side by side, pictures, and how much can be corrected."""
 
-from __future__ import annotations
-
 import base64
 import html
 import math

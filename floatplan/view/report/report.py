@@ -5,8 +5,6 @@ JSON whose ``<``, ``>`` and ``&`` are escaped, which the page writes as text, ne
 security policy admits no script but its own, identified by their hashes, and no address of any kind.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -3,8 +3,6 @@
 A page without a graphics card computes every triangle, so that what cannot be seen is left out.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 from collections.abc import Sequence

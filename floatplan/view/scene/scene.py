@@ -4,8 +4,6 @@ The page is viser's player. World axes are those of the root link at orientation
 where the base is. The robot has one node for each body of the tree, and what is drawn of it hangs from these.
 """
 
-from __future__ import annotations
-
 import contextlib
 import html
 import io
