@@ -26,7 +26,8 @@ NARROW = 0.05  # [-] of its middle is half of a range at least
 LIGHT = 0.05  # [-] of the weight is the friction that gives at least
 FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
 NEARLY = 1e-3  # [-] what is off without counting
-IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150, "max_cpu_time": 40.0}
+IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150, "max_cpu_time": 20.0}
+ORACLES = ("quality-function", "probing")  # of which the second finds what the first does not, and the other way about
 IPOPT |= {"mu_min": 1e-4, "adaptive_mu_globalization": "never-monotone-mode", "mumps_pivot_order": 0}
 
 
@@ -90,23 +91,24 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     room[np.arange(len(take)), index[take]] = signs * sizes[take]
     least = np.where(kinds == "duration", low / MOST, low - MOST * sizes)
     box = np.where(loose, (least, high + MOST * sizes), (low, high))[:, m:]
-    found = _relaxed(program, take, room)(
-        x0=np.concatenate((program.guess(), program.separation.start, np.full(len(names), FIRST))),
-        lbx=np.append(box[0], np.zeros(len(names))),
-        ubx=np.append(box[1], [1.0 if name == "ground" else MOST for name in names]),
-        lbg=np.where(signs < 0, -np.inf, low[take]),
-        ubg=np.where(signs > 0, np.inf, high[take]),
-    )["x"][: len(raw)]
-    values = np.append(np.asarray(evaluate(found)).ravel(), np.asarray(found).ravel())
-    shares = np.maximum(low - values, values - high) / sizes
-    worst = [int(np.where(loose & (index == row), shares, 0.0).argmax()) for row in range(len(names))]
-    gives = [
-        Given(labels[at], str(kinds[at]), float(shares[at]), float(sizes[at])) for at in worst if shares[at] > NEARLY
-    ]
-    return sorted(gives, key=lambda each: -each.share) if shares[~loose].max() < NEARLY else []
+    for oracle in ORACLES:
+        found = _relaxed(program, take, room, oracle)(
+            x0=np.concatenate((program.guess(), program.separation.start, np.full(len(names), FIRST))),
+            lbx=np.append(box[0], np.zeros(len(names))),
+            ubx=np.append(box[1], [1.0 if name == "ground" else MOST for name in names]),
+            lbg=np.where(signs < 0, -np.inf, low[take]),
+            ubg=np.where(signs > 0, np.inf, high[take]),
+        )["x"][: len(raw)]
+        values = np.append(np.asarray(evaluate(found)).ravel(), np.asarray(found).ravel())
+        shares = np.maximum(low - values, values - high) / sizes
+        if shares[~loose].max() < NEARLY:
+            worst = [int(np.where(loose & (index == row), shares, 0.0).argmax()) for row in range(len(names))]
+            gives = (Given(labels[at], str(kinds[at]), float(shares[at]), float(sizes[at])) for at in worst)
+            return sorted((each for each in gives if each.share > NEARLY), key=lambda each: -each.share)
+    return []
 
 
-def _relaxed(program: JumpProgram, take: IntArray, room: Array) -> Any:
+def _relaxed(program: JumpProgram, take: IntArray, room: Array, oracle: str) -> Any:
     """A solver of a program whose rows, then variables, are taken in an order, with multiples of more variables."""
     ca, solver = casadi(), program.stated[0]
     goal, rows, slopes, bends = (solver.get_function(f"nlp_{name}") for name in ("f", "g", "jac_g", "hess_l"))
@@ -121,7 +123,7 @@ def _relaxed(program: JumpProgram, take: IntArray, room: Array) -> Any:
         "jac_g": ca.Function("jac_g", [both, none], [values, slope]),
         "hess_lag": ca.Function("hess_lag", [both, none, factor, weights], [bend]),
         "print_time": False,
-        "ipopt": IPOPT,
+        "ipopt": IPOPT | {"mu_oracle": oracle},
     }
     cost = SMOOTH * goal(raw, none) + ca.sum1(both[n:])
     return ca.nlpsol("relief", "ipopt", {"x": both, "f": cost, "g": values}, options)
