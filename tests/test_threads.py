@@ -59,7 +59,7 @@ def told(code: str, wanted: str | None, folder: Path, *arguments: str) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
 
 
-@pytest.mark.parametrize("name", cases(PROBLEMS, {"moving_hoop"}))
+@pytest.mark.parametrize("name", cases(PROBLEMS, {"moving_hoop", "obstacle_hard"}))
 def test_plans_are_the_same_bit_for_bit(name: str, tmp_path: Path) -> None:
     problem = str(ROOT / "problems" / f"{name}.toml")
     one, *others = (told(ANSWERS, wanted, tmp_path / f"{wanted}", problem) for wanted in ("1", "2", None))
@@ -67,6 +67,7 @@ def test_plans_are_the_same_bit_for_bit(name: str, tmp_path: Path) -> None:
     assert all(other == one for other in others)
 
 
+@pytest.mark.long
 def test_studies_are_the_same_bit_for_bit(tmp_path: Path) -> None:
     try:
         import pyarrow  # noqa: F401

@@ -202,7 +202,7 @@ class TestWrites:
     @pytest.mark.parametrize(
         ("arguments", "file"),
         [
-            (["init", "urdf/acrobat.urdf", "-q"], "acrobat.toml"),
+            pytest.param(["init", "urdf/acrobat.urdf", "-q"], "acrobat.toml", marks=pytest.mark.long),
             (["info", "urdf/gymnast.urdf", "--shapes", "a.png"], "a.png"),
             (["bounds", "problems/gallery/go2.toml", "--picture", "a.png"], "a.png"),
             (["schema", "-o", "a.json"], "a.json"),

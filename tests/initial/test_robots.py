@@ -34,6 +34,7 @@ def test_feet(urdf):
     assert all(frame in pair for frame, pair in zip(found, zip(FEET[urdf], other, strict=True), strict=True))
 
 
+@pytest.mark.long
 @needs_robots
 def test_fingers_stay_locked_and_legs_choose_the_plane():
     chosen = chosen_robot(PREFIX + WITH_HANDS)

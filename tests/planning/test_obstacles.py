@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from forward_problems import GRADES, forward_problem
 from independent import Look, clearance, violations_seen
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.motion.planar.closed_form import ballistics
@@ -73,7 +74,7 @@ def test_problem_file_is_planned_and_holds_at_every_instant(planned: Planned, na
     check_plan(planned(name), tmp_path)
 
 
-@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("grade", cases(GRADES, {"hard"}))
 def test_problems_built_around_a_motion_are_solved(grade: str, tmp_path: Path) -> None:
     """Among them two where links sweep past an obstacle so fast that a coarse look misses it."""
     problems = (forward_problem(seed, grade) for seed in range(200, 260))

@@ -20,6 +20,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> list[Witness]:
     return [witness_problem(seed, folder) for seed in SEEDS]
 
 
+@pytest.mark.long
 def test_together_they_have_every_feature(drawn: list[Witness]) -> None:
     problems = [witness.problem for witness in drawn]
     texts = [problem.robot.xml for problem in problems]

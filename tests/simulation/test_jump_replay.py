@@ -54,6 +54,7 @@ def test_without_grip_strength_or_feedback_it_does_not_land(changed: dict[str, A
     assert not flown.landed
 
 
+@pytest.mark.long
 def test_seeds_and_corrections() -> None:
     jump, perturb = backflip(), f"mass=5%,armature=0.004,{LATE}"
     first, again, other = (fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=seed) for seed in (3, 3, 4))

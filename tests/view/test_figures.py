@@ -117,6 +117,7 @@ def test_two_plans_are_compared_where_one_runs_into_something(handstand: fp.Plan
     assert worst_passage(among(ground), handstand) == (handstand.duration / 2, None)
 
 
+@pytest.mark.long
 def test_ten_joints_have_a_picture_each(root: Path, tmp_path: Path) -> None:
     """With its own curve, limit and proved peak; a limit that is far away is a number."""
     plan = flight(root, "chain10")
