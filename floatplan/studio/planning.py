@@ -198,9 +198,9 @@ class Planning:
         """Ask for a plan; return the question's number. What older questions still wait for is dropped."""
         number = self._newest.number + 1 if self._newest else 1
         question = self._newest = Question(number, problem, with_map, time.monotonic())
-        self._plans.do("plan", lambda: self._plan(question))
         if self._settling:
             self._thorough.stop()
+        self._plans.do("plan", lambda: self._plan(question))  # after that: it would stop what settles this question
         return number
 
     def close(self) -> None:
