@@ -24,6 +24,7 @@ from floatplan.studio.page import Studio
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.long
 def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
     folder = tmp_path / "made"
     problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
