@@ -19,6 +19,12 @@ Output = Annotated[Path | None, option("DIR", "Where files go; beside the plan i
 STIFFNESS = (
     "Stiffness of the joints, N m/rad, of all or by name; of a jump that of a bandwidth of 100 rad/s if left out."
 )
+ERRORS = (
+    "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, rise, "
+    "noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
+    "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms."
+)
+FLIGHTS = "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too."
 DAMPING = "Their damping, N m s/rad; the critical one if left out."
 
 
@@ -48,15 +54,7 @@ def replay(
     engine: Annotated[
         str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
     ] = None,
-    perturb: Annotated[
-        str,
-        option(
-            "h=1%,..",
-            "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of "
-            "h, inertia, torque, rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
-            "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
-        ),
-    ] = "",
+    perturb: Annotated[str, option("h=1%,..", ERRORS)] = "",
     feedback: Annotated[
         float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
     ] = None,
@@ -77,15 +75,7 @@ def replay(
     authority: Annotated[
         bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
     ] = False,
-    output: Annotated[
-        Path | None,
-        option(
-            "DIR",
-            "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
-            "--output",
-            "-o",
-        ),
-    ] = None,
+    output: Annotated[Path | None, option("DIR", FLIGHTS, "--output", "-o")] = None,
     save: common.Save = False,
     json_output: common.Json = False,
 ) -> None:
@@ -97,16 +87,12 @@ def replay(
     from floatplan.cli.asked import gain
     from floatplan.cli.results import check_directory
     from floatplan.simulation.forward import check_engine
-    from floatplan.simulation.replay import STEP
 
     checked = check_engine(engine or "pinocchio")
     plan = common.read_motion(motion_file, urdf)
     of_jumps = {"friction": friction, "kp": kp, "kd": kd}
     of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
-    beside, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
-    for name, value in beside.items():
-        if value is not None:
-            raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
+    _leave_out(of_jumps if isinstance(plan, fp.Plan) else of_plans, "jumps" if isinstance(plan, fp.Plan) else "plans")
     if output is not None:
         check_directory(output)
     if not isinstance(plan, fp.Plan):
@@ -121,12 +107,26 @@ def replay(
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
+    kept = motion_file if save else None
+    _fly_once(plan, kept, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
+
+
+def _leave_out(options: dict[str, Any], kind: str) -> None:
+    """Refuse every one of ``options`` that was given: they are for motions of another ``kind``."""
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
+
+
+def _fly_once(plan: fp.Plan, kept: str | None, json_output: bool, *, step: float | None, **options: Any) -> NoReturn:
+    """Fly a plan, keep what came of it in the file ``kept`` where there is one, and print."""
+    from floatplan.simulation.replay import STEP
+
     with progress("flying"):
-        longest = STEP if step is None else step
-        flown = fp.replay(plan, engine=checked, perturb=perturb, feedback=feedback, step=longest, seed=seed)
+        flown = fp.replay(plan, step=STEP if step is None else step, **options)
     facts = flown.to_dict()
-    if save:
-        plan.record.with_checks(replay=facts).save(motion_file)
+    if kept is not None:
+        plan.record.with_checks(replay=facts).save(kept)
     common.finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
 
 
