@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element
 
@@ -29,7 +29,7 @@ from floatplan.certificate.planar.solids import (
 )
 from floatplan.certificate.planar.urdf import Joint, Link, Placement, Urdf, number, turn
 from floatplan.errors import FloatplanError, InputError
-from floatplan.files import parsed_xml
+from floatplan.files import LARGEST_URDF, check_depth, check_hash, parsed_xml, read_regular
 
 Given: TypeAlias = Mapping[str, str]
 
@@ -39,7 +39,8 @@ TURNED = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}  # num
 PLACED = f"name pos childclass class user {' '.join(TURNED)}"
 KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "compiler": "angle eulerseq inertiafromgeom inertiagrouprange settotalmass boundmass boundinertia balanceinertia "
-    "coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread saveinertial alignfree",
+    "coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread saveinertial "
+    "alignfree",
     "frame": PLACED,
     "body": f"{PLACED} sleep simple",
     "inertial": f"{PLACED} mass diaginertia fullinertia",
@@ -70,8 +71,44 @@ class _Solid(NamedTuple):
     inertia: Any
 
 
-def read_mjcf(content: bytes, path: Path) -> Urdf:
-    """Read the content of an MJCF file; the path is for messages.
+def whole_mjcf(content: bytes, path: Path, hashes: Mapping[str, str]) -> Element:
+    """Return the root element of an MJCF file, and in it what it includes: files by their paths from its folder.
+
+    Raises
+    ------
+    InputError
+        A file is missing, is not MJCF, or has another SHA-256 than that of its name in ``hashes``.
+    NotReadError
+        A file has no hash there.
+    """
+    root = _mjcf(content, path)
+    waiting, names = [root], set[str]()
+    while waiting:
+        parent = waiting.pop()
+        for place in reversed(range(len(parent))):
+            if parent[place].tag == "include":
+                name = PurePath(parent[place].get("file", "")).as_posix()
+                if name not in hashes or name in names:
+                    raise NotReadError(f'the included "{name}"', ": it has no hash of its own in the plan")
+                names.add(name)
+                included = read_regular(path.parent / name, LARGEST_URDF, "an MJCF file")
+                check_hash(included, hashes[name], path.parent / name)
+                parent[place : place + 1] = list(_mjcf(included, path.parent / name))
+                waiting.append(parent)
+        waiting += [child for child in parent if len(child)]
+    check_depth(root, Element)
+    return root
+
+
+def _mjcf(content: bytes, path: Path) -> Element:
+    root = parsed_xml(content, path)
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise InputError(f"is not MJCF: its root element is <{root.tag}>, not <mujoco>", source=path)
+    return root
+
+
+def read_mjcf(root: Element, path: Path) -> Urdf:
+    """Read a whole MJCF file; the path is for messages.
 
     The root link is the one body of the world that moves: by a free joint, or by two slides and a hinge in a plane. A
     joint moves a link that stands at its anchor, to which the next one or the body is fixed.
@@ -85,9 +122,6 @@ def read_mjcf(content: bytes, path: Path) -> Urdf:
     """
     try:
         with flint.ctx.workprec(PRECISION):
-            root = parsed_xml(content, path)
-            if root.tag != "mujoco":
-                raise InputError(f"is not MJCF: its root element is <{root.tag}>, not <mujoco>")
             return _Reading(root).world()
     except InputError as error:
         raise error.within(path) from None
@@ -113,7 +147,11 @@ class _Reading:
         self.classes: dict[str, dict[str, Given]] = {"main": {}}
         for section in root.findall("default"):
             self.read_class(section, "main")
-        self.unnamed = 0
+        worlds = root.findall("worldbody")
+        everything = [element for world in worlds for element in world.iter()]
+        self.bodies = {element.get("name") for element in everything if element.tag == "body"} | {"world"}
+        self.hinges = {element.get("name") for element in everything if element.tag in ("joint", "freejoint")}
+        self.count = 0
 
     def read_class(self, section: Element, name: str) -> None:
         """Read defaults, then those of the classes within, which begin with them."""
@@ -167,14 +205,16 @@ class _Reading:
 
     def body(self, element: Element, name: str, frame: Placement, parent: str = "") -> str:
         """Read a body and those below it, and return its name."""
-        self.unnamed += "name" not in element.attrib
-        own, place = element.get("name", f"body_{self.unnamed}"), self.placement(_known(element))
+        self.count += 1
+        own, place = _named(element.attrib, f"body{self.count}", self.bodies), self.placement(_known(element))
         joints, geoms, inertial, shaped = [], [], None, False
         parts = list(self.contents(element, name, Placement()))
         for inner, kind, around in parts:
             given = _over(self.classes[kind].get(inner.tag, {}), _known(inner))
             if inner.tag in ("joint", "freejoint"):
-                joints.append(self.joint({**given, "type": "free"} if inner.tag == "freejoint" else given, around))
+                called = _named(inner.attrib, f"{own}_joint", self.hinges)
+                kind = {"type": "free"} if inner.tag == "freejoint" else {}
+                joints.append(self.joint({**given, **kind, "name": called}, around))
             elif inner.tag == "geom":
                 shaped = True
                 geoms += self.geom(given, around, own)
@@ -197,9 +237,8 @@ class _Reading:
     def hold(self, body: str, parent: str, place: Placement, joints: list[tuple[Joint, Any]]) -> None:
         """Add a body's joints, each with a link at its anchor, to the last of which it is fixed."""
         for joint, anchor in joints:
-            if joint.kind == "free" or not joint.name:
-                reason = "only a body at the top can be free" if joint.name else "has no name"
-                raise InputError(reason, element=f'joint "{joint.name}" of "{body}"')
+            if joint.kind == "free":
+                raise InputError("only a body at the top can be free", element=f'joint "{joint.name}"')
             link = f"{body}/{joint.name}"
             self.add(Link(link, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, False))
             self.joints.append(replace(joint, parent=parent, child=link, origin=place * joint.origin))
@@ -218,11 +257,11 @@ class _Reading:
         self.moves = True
         kinds = {"hinge": "revolute", "slide": "prismatic", "free": "free"}
         if kind not in kinds:
-            raise NotReadError(f'joint "{given.get("name", "")}", of type "{kind}",')
+            raise NotReadError(f'joint "{given["name"]}", of type "{kind}",')
         anchor = frame.point(_column(given.get("pos", "0 0 0")))
         axis = frame.rotation * unit(_column(given.get("axis", "0 0 1")))
         armature = float(number(given.get("armature", "0")))
-        joint = Joint(given.get("name", ""), kinds[kind], "", "", Placement(translation=anchor), axis, None, armature)
+        joint = Joint(given["name"], kinds[kind], "", "", Placement(translation=anchor), axis, None, armature)
         back = joint.motion(-reference * self.per_angle if kind == "hinge" else -reference)
         return replace(joint, origin=joint.origin * back), anchor
 
@@ -324,6 +363,15 @@ def _over(base: Given, own: Given) -> dict[str, str]:
     kept = {key: value for key, value in base.items() if not (turned and key in TURNED)}
     first, size = own.get("size", "").split(), base.get("size", "").split()
     return {**kept, **own, "size": " ".join([*first, *size[len(first) :]])}
+
+
+def _named(given: Given, otherwise: str, taken: set[str | None]) -> str:
+    """The name of an element, or one that it is given here, which no other has."""
+    name = given.get("name") or otherwise
+    while not given.get("name") and name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
 def _known(element: Element) -> Given:
