@@ -1,14 +1,14 @@
 """Random MJCF models, small, with many features crossed: what two readers of one format are compared on."""
 
-from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
+import numpy.typing as npt
 
 SOLIDS = ("sphere", "capsule", "cylinder", "box", "ellipsoid")
 
 
-def words(numbers: Sequence[float]) -> str:
+def words(numbers: npt.ArrayLike) -> str:
     return " ".join(repr(round(float(number), 4)) for number in np.atleast_1d(numbers))
 
 
@@ -112,8 +112,8 @@ class RandomModel:
             given["group"] = str(rng.integers(0, 6))
         return given
 
-    def _geom(self, body: Element) -> None:
-        given = self.solid() | ({"class": str(self.rng.choice(self.classes))} if self.maybe() else {})
+    def _geom(self, body: Element, **more: str) -> None:
+        given = self.solid() | more | ({"class": str(self.rng.choice(self.classes))} if self.maybe() else {})
         if self.maybe(0.3):
             given.pop("mass", None)
         if given["type"] != "sphere" and self.maybe(0.4):
@@ -169,7 +169,8 @@ class RandomModel:
             around = SubElement(around, "frame", self.placement(self.planar)) if self.maybe() else around
         if depth and around is not body:
             self._joints(around, depth)
-        for _ in range(int(self.rng.integers(1, 4))):
+        self._geom(body, group="0")  # MuJoCo takes no body that moves and has no mass
+        for _ in range(int(self.rng.integers(0, 3))):
             self._geom(around if self.maybe() else body)
         if depth < 3:
             for _ in range(int(self.rng.integers(1, 3))):

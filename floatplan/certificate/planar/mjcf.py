@@ -170,6 +170,8 @@ class _Reading:
     def world(self) -> Urdf:
         """The body at the top that moves, with those below it; the masses of all bodies add up to what is asked."""
         tops = []
+        self.links: dict[str, Link]
+        self.joints: list[Joint]
         for section in self.root.findall("worldbody"):
             for element, name, frame in self.contents(section, "main", Placement()):
                 if element.tag == "body":
@@ -207,28 +209,29 @@ class _Reading:
         """Read a body and those below it, and return its name."""
         self.count += 1
         own, place = _named(element.attrib, f"body{self.count}", self.bodies), self.placement(_known(element))
-        joints, geoms, inertial, shaped = [], [], None, False
         parts = list(self.contents(element, name, Placement()))
+        joints: list[tuple[Joint, Any]] = []
+        shapes: list[tuple[Given, Placement]] = []
+        solid = _Solid(flint.arb(0), place, flint.arb_mat(3, 3))  # MuJoCo puts a mass there that boundmass asks for
+        weighed = False
         for inner, kind, around in parts:
             given = _over(self.classes[kind].get(inner.tag, {}), _known(inner))
             if inner.tag in ("joint", "freejoint"):
+                free = {"type": "free"} if inner.tag == "freejoint" else {}
                 called = _named(inner.attrib, f"{own}_joint", self.hinges)
-                kind = {"type": "free"} if inner.tag == "freejoint" else {}
-                joints.append(self.joint({**given, **kind, "name": called}, around))
+                joints.append(self.joint({**given, **free, "name": called}, around))
             elif inner.tag == "geom":
-                shaped = True
-                geoms += self.geom(given, around, own)
+                shapes.append((given, around))
             elif inner.tag == "inertial":
-                inertial = self.inertial(given)
-        if geoms and (inertial is None or self.from_geoms == "true"):
-            inertial = _together(geoms)
-        nothing = _Solid(flint.arb(0), place, flint.arb_mat(3, 3))  # MuJoCo puts a mass there that boundmass asks for
-        solid = self.bounded(inertial or nothing, own)
+                solid, weighed = self.inertial(given), True
+        if self.from_geoms == "true" or (self.from_geoms == "auto" and not weighed):
+            solid = _together([geom for shape in shapes for geom in self.geom(*shape, own)]) or solid
+        solid = self.bounded(solid, own)
         if parent:
             self.hold(own, parent, frame * place, joints)
         else:
             _check_base([joint for joint, _ in joints], own)
-        self.add(Link(own, *solid, bool(solid.mass > 0), shaped))
+        self.add(Link(own, solid.mass, solid.center, solid.inertia, bool(solid.mass > 0), bool(shapes)))
         for inner, kind, around in parts:
             if inner.tag == "body":
                 self.body(inner, kind, around, own)
@@ -296,7 +299,7 @@ class _Reading:
     def geom(self, given: Given, frame: Placement, body: str) -> list[_Solid]:
         """What a geom adds to a body, where it counts."""
         low, high = map(int, self.settings.get("inertiagrouprange", "0 5").split())
-        counts = low <= int(given.get("group", "0")) <= high and self.from_geoms != "false"
+        counts = low <= int(given.get("group", "0")) <= high
         kind, weight = given.get("type", "sphere"), number(given.get("mass", given.get("density", "1000")))
         if not counts or weight.is_zero() or kind in ("plane", "hfield"):
             return []
@@ -311,7 +314,7 @@ class _Reading:
             size = [size[0], half, half] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
         else:
             placed = self.placement(given)
-        volume, squares = SOLIDS[kind](*size, given.get("shellinertia") == "true")
+        volume, squares = SOLIDS[kind](size[0], size[1], size[2], given.get("shellinertia") == "true")
         mass = weight if "mass" in given else weight * volume
         solid = _Solid(mass, frame * placed, diagonal([mass * (sum(squares) - square) for square in squares]))
         return [solid] if volume > SMALLEST and mass > SMALLEST else []
@@ -345,8 +348,10 @@ def _check_base(joints: list[Joint], body: str) -> None:
         raise InputError("its slides do not span the plane in which its hinge turns", element=f'body "{body}"')
 
 
-def _together(solids: list[_Solid]) -> _Solid:
-    """All of them as one."""
+def _together(solids: list[_Solid]) -> _Solid | None:
+    """All of them as one, None of none."""
+    if not solids:
+        return None
     mass = sum((solid.mass for solid in solids), start=flint.arb(0))
     center = sum((solid.center.translation * solid.mass for solid in solids), start=flint.arb_mat(3, 1)) * (1 / mass)
     inertia = flint.arb_mat(3, 3)
