@@ -21,47 +21,67 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
-from floatplan.motion.quadrature import gauss_legendre
+from floatplan.arrays import Array, IntArray, read_only
+from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import cross_matrix, exponential
 
-SWEEPS = 12  # of Newton's method; more than it ever takes where it comes to an end
+SWEEPS = 12  # of Newton's method; more than it takes where it comes to an end
 SETTLED = 1e-13  # [-] of |h|: a step of mu below which Newton's method has ended
 LARGEST = 1e6  # [-] of |h|: beyond it the motion cannot be integrated in these cells
 
 
+class NotIntegrable(ArithmeticError):
+    """A motion is too wild for the cells."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """C cells of equal length, each with the same S Gauss stages.
-
-    Attributes
-    ----------
-    count : C
-    stages : (S,), in [0, 1] of a cell
-    weights : (S,), for integrals over a cell
-    integrals : (S, S), of Butcher: integrals from a cell's beginning to its stages
-    """
+    """C cells of equal length, each with the same S Gauss stages."""
 
     count: int
-    stages: Array
-    weights: Array
-    integrals: Array
+    gauss: GaussLegendre
+
+    @cached_property
+    def stages(self) -> int:
+        """Number S."""
+        return len(self.gauss.nodes)
 
     @cached_property
     def s(self) -> Array:
-        """All instants (C S,), fractions of the flight."""
-        return read_only((np.arange(self.count)[:, None] + self.stages).ravel() / self.count)
+        """All C S stages, fractions of the flight."""
+        return read_only((np.arange(self.count)[:, None] + self.gauss.nodes).ravel() / self.count)
+
+    @cached_property
+    def integrals(self) -> Array:
+        """Butcher's matrix (S, S): integrals from a cell's beginning to its stages."""
+        return read_only(self.gauss.integrals(self.gauss.nodes))
+
+    def place(self, instants: Array) -> tuple[IntArray, Array]:
+        """The cell of each instant (K,) of [0, 1], and the integrals (K, S) from its beginning to the instant."""
+        cell = np.minimum((instants * self.count).astype(np.int64), self.count - 1)
+        return cell, self.gauss.integrals(instants * self.count - cell)
 
 
 @lru_cache(maxsize=16)
 def cells(count: int, stages: int) -> Cells:
     """Return so many cells with so many stages each."""
-    gauss = gauss_legendre(stages)
-    return Cells(count, gauss.nodes, gauss.weights, read_only(gauss.integrals(gauss.nodes)))
+    return Cells(count, gauss_legendre(stages))
 
 
-class NotIntegrable(ArithmeticError):
-    """A motion is too wild for the cells."""
+@dataclass(frozen=True, eq=False)
+class Spun:
+    """Rotations from the identity by collocation in each cell: quaternions' rates (C, S, 4), and what they lead to."""
+
+    rates: Array
+    step: float
+
+    def after(self, cell: IntArray | slice, integrals: Array) -> Array:
+        """Rotations (K, 3, 3) in cells, after integrals (K, S) from their beginnings."""
+        quaternions = self.step * np.einsum("ks,ksa->ka", integrals, self.rates[cell])
+        quaternions[:, 3] += 1.0
+        unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+        across = cross_matrix(unit[:, :3])
+        return np.asarray(np.eye(3) + 2 * unit[:, 3, None, None] * across + 2 * across @ across)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +90,32 @@ class Turning:
 
     Attributes
     ----------
-    attitudes : (K, 3, 3)
+    borders, ends : (C, 3, 3)
+        Attitudes at the cells' beginnings and ends.
+    attitudes : (K, 3, 3), at the stages
+    inverse_inertia : (K, 3, 3), 1/(kg m^2)
     rates : (K, 3) rad/s
         omega, in the base's axes.
-    ends : (C, 3, 3)
-        Attitudes at the cells' ends.
+    angular_momentum : (3,) kg m^2/s
     """
 
     cells: Cells
     duration: float
     angular_momentum: Array
+    borders: Array
     inverse_inertia: Array
     attitudes: Array
     rates: Array
     ends: Array
+    spun: tuple[Spun, ...]
+
+    def at(self, instants: Array) -> Array:
+        """Attitudes (L, 3, 3) at instants (L,) of [0, 1]."""
+        cell, integrals = self.cells.place(instants)
+        attitudes = self.borders[cell]
+        for spun in self.spun:
+            attitudes = attitudes @ spun.after(cell, integrals)
+        return np.asarray(attitudes)
 
     @cached_property
     def mobility(self) -> Array:
@@ -91,22 +123,48 @@ class Turning:
         return np.asarray(self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2))
 
     @cached_property
+    def pulled(self) -> Array:
+        """M [h]x (C, S, 3, 3), 1/s."""
+        shape = (self.cells.count, self.cells.stages, 3, 3)
+        return np.asarray((self.mobility @ cross_matrix(self.angular_momentum)).reshape(shape))
+
+    @cached_property
+    def _system(self) -> Array:
+        """Matrices (C, 3 S, 3 S) of the stages' equations ``zeta_j - step sum_k A_jk pulled_k zeta_k = ..``."""
+        size = 3 * self.cells.stages
+        system = -self.step * np.einsum("jk,ckab->cjakb", self.cells.integrals, self.pulled)
+        return np.asarray(system.reshape(-1, size, size) + np.eye(size))
+
+    @property
+    def step(self) -> float:
+        """Length of a cell, s."""
+        return self.duration / self.cells.count
+
+    @cached_property
     def carried(self) -> tuple[Array, Array]:
         """How small turns go on in each cell: transitions (C, 3, 3), and weights (C, S, 3, 3) of g at the stages.
 
         A turn zeta at a cell's beginning becomes ``transition zeta + sum_j weight_j g_j`` at its end.
         """
-        count, stages = self.cells.count, len(self.cells.stages)
-        step = self.duration / count
-        pulled = (self.mobility @ cross_matrix(self.angular_momentum)).reshape(count, stages, 3, 3)
-        # weights = step b^T (1 - step K A)^-1 of the stages' equations zeta_j = zeta + step sum A_jk (K_k zeta_k + g_k)
-        system = -step * np.einsum("cjab,jk->cjakb", pulled, self.cells.integrals)
-        system = system.reshape(count, 3 * stages, 3 * stages)
-        system += np.eye(3 * stages)
-        right = np.kron(self.cells.weights[:, None], np.eye(3)) * step
-        weights = np.linalg.solve(np.swapaxes(system, 1, 2), np.broadcast_to(right, (count, *right.shape)))
-        weights = np.swapaxes(weights, 1, 2).reshape(count, 3, stages, 3).transpose(0, 2, 1, 3)
-        return np.eye(3) + np.einsum("cjab,cjbd->cad", weights, pulled), weights
+        count, stages = self.cells.count, self.cells.stages
+        integrals, weights = self.cells.integrals, self.cells.gauss.weights
+        ended = np.einsum("j,cjab->cajb", weights, self.pulled).reshape(count, 3, 3 * stages)
+        through = np.swapaxes(np.linalg.solve(np.swapaxes(self._system, 1, 2), np.swapaxes(ended, 1, 2)), 1, 2)
+        through = through.reshape(count, 3, stages, 3)
+        of_g = self.step**2 * np.einsum("cajb,jk->ckab", through, integrals)
+        of_g += self.step * weights[:, None, None] * np.eye(3)
+        return np.eye(3) + self.step * through.sum(axis=2), of_g
+
+    def transport(self, drifts: Array, cell: IntArray, integrals: Array) -> Array:
+        """Small turns (L, 3, c) in cells, after integrals (L, S), that c drifts (K, 3, c) at the stages make."""
+        count, stages = self.cells.count, self.cells.stages
+        transitions, weights = self.carried
+        drifts = drifts.reshape(count, stages, 3, -1)
+        borders = small_turns(transitions, np.einsum("csab,csbd->cad", weights, drifts))
+        right = self.step * np.einsum("jk,ckad->cjad", self.cells.integrals, drifts) + borders[:-1, None]
+        inner = np.linalg.solve(self._system, right.reshape(count, 3 * stages, -1)).reshape(drifts.shape)
+        growth = drifts + self.pulled @ inner
+        return np.asarray(borders[cell] + self.step * np.einsum("ls,lsad->lad", integrals, growth[cell]))
 
 
 def turn(
@@ -129,26 +187,107 @@ def turn(
     NotIntegrable
         The motion is too wild for the cells.
     """
-    shape = (cells.count, len(cells.stages))
-    step = duration / cells.count
+    count, stages, step = cells.count, cells.stages, duration / cells.count
     inverse = np.linalg.inv(inertia)
     still = -np.einsum("kab,kb->ka", inverse, relative)
-    swings, swung = _turned(cells, step, still.reshape(*shape, 3))
-    attitudes, ends = borders[:, None] @ swings, borders @ swung
-    carried = np.zeros((*shape, 3))
+    spun = (_spun(cells, step, still.reshape(count, stages, 3)),)
+    swings, swung = _ended(cells, spun[0])
+    attitudes, ends, rates = borders[:, None] @ swings, borders @ swung, still
     if angular_momentum.any():
-        seen = swings @ inverse.reshape(*shape, 3, 3) @ np.swapaxes(swings, 2, 3)
+        seen = swings @ inverse.reshape(count, stages, 3, 3) @ np.swapaxes(swings, 2, 3)
         momentum = _momentum(cells, step, seen, np.swapaxes(borders, 1, 2) @ angular_momentum)
         carried = np.einsum("csab,csb->csa", seen, momentum)
-        drifts, drifted = _turned(cells, step, carried)
+        spun = (_spun(cells, step, carried), *spun)
+        drifts, drifted = _ended(cells, spun[0])
         attitudes, ends = borders[:, None] @ drifts @ swings, borders @ drifted @ swung
-        carried = np.einsum("csba,csb->csa", swings, carried)
-    rates = still + carried.reshape(-1, 3)
-    return Turning(cells, duration, angular_momentum, inverse, attitudes.reshape(-1, 3, 3), rates, ends)
+        rates = still + np.einsum("csba,csb->csa", swings, carried).reshape(-1, 3)
+    attitudes = attitudes.reshape(-1, 3, 3)
+    return Turning(cells, duration, angular_momentum, borders, inverse, attitudes, rates, ends, spun)
 
 
-def _turned(cells: Cells, step: float, rates: Array) -> tuple[Array, Array]:
-    """Rotations (C, S, 3, 3) at the stages and (C, 3, 3) at the end, from the identity, by body rates (C, S, 3)."""
+def turn_from(
+    cells: Cells, duration: float, inertia: Array, relative: Array, angular_momentum: Array, start: Array
+) -> Turning:
+    """Integrate (S1) from an attitude (3, 3) at takeoff on: cells without gaps; otherwise as :func:`turn`."""
+    count, stages, step = cells.count, cells.stages, duration / cells.count
+    inverse = np.linalg.inv(inertia)
+    still = -np.einsum("kab,kb->ka", inverse, relative)
+    spun = (_spun(cells, step, still.reshape(count, stages, 3)),)
+    swings, swung = _ended(cells, spun[0])
+    before = _products(swung)
+    attitudes, ends, rates, borders = before[:-1, None] @ swings, before[1:], still, before[:-1]
+    if angular_momentum.any():
+        seen = attitudes @ inverse.reshape(count, stages, 3, 3) @ np.swapaxes(attitudes, 2, 3)
+        momentum = _chained_momentum(cells, step, seen, start.T @ angular_momentum)
+        carried = np.einsum("csab,csb->csa", seen, momentum)
+        rates = still + np.einsum("csba,csb->csa", attitudes, carried).reshape(-1, 3)
+        spun = (_spun(cells, step, np.einsum("cba,csb->csa", borders, carried)), *spun)
+        drifts, drifted = _ended(cells, spun[0])
+        borders = _products(drifted @ swung)[:-1]
+        attitudes, ends = borders[:, None] @ drifts @ swings, borders @ drifted @ swung
+    borders, attitudes, ends = start @ borders, start @ attitudes.reshape(-1, 3, 3), start @ ends
+    return Turning(cells, duration, angular_momentum, borders, inverse, attitudes, rates, ends, spun)
+
+
+def _products(rotations: Array) -> Array:
+    """Products (C + 1, 3, 3) of the first rotations (C, 3, 3), one after the other: of none, of one, ..."""
+    products = np.empty((len(rotations) + 1, 3, 3))
+    products[0] = np.eye(3)
+    for k, rotation in enumerate(rotations):
+        np.matmul(products[k], rotation, out=products[k + 1])
+    return products
+
+
+def _chained_momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
+    """Solve mu' = mu x (J mu) over all cells: mu (C, S, 3) from J (C, S, 3, 3) and mu at takeoff (3,)."""
+    count, stages = seen.shape[:2]
+    mu = np.repeat(_guessed(step, seen[:, stages // 2], start)[:, None], stages, axis=1)
+    size, eye, weights = float(np.linalg.norm(start)), np.eye(3 * stages), step * cells.gauss.weights
+    ones = np.broadcast_to(np.tile(np.eye(3), (stages, 1)), (count, 3 * stages, 3))
+    for _ in range(SWEEPS):
+        turning = np.einsum("csab,csb->csa", seen, mu)
+        growth, slope = np.cross(mu, turning), cross_matrix(mu) @ seen - cross_matrix(turning)
+        system = -step * np.einsum("jk,ckab->cjakb", cells.integrals, slope).reshape(count, 3 * stages, 3 * stages)
+        behind = step * np.einsum("jk,cka->cja", cells.integrals, growth) - mu
+        right = np.concatenate((behind.reshape(count, -1, 1), ones), axis=2)
+        moves = np.linalg.solve(system + eye, right).reshape(count, stages, 3, 4)
+        grown = np.einsum("j,cjab,cjbd->cad", weights, slope, moves)
+        grown[..., 0] += np.einsum("j,cja->ca", weights, growth)
+        starts = np.empty((count, 3))
+        at = start
+        for cell in range(count):
+            starts[cell] = at
+            at = at + grown[cell, :, 0] + grown[cell, :, 1:] @ at
+        change = moves[..., 0] + np.einsum("csab,cb->csa", moves[..., 1:], starts)
+        mu = mu + change
+        largest = float(abs(change).max())
+        if largest < SETTLED * size:
+            return mu
+        if not largest < LARGEST * size:
+            break
+    raise NotIntegrable
+
+
+def _guessed(step: float, seen: Array, start: Array) -> Array:
+    """mu (C, 3) in the middle of each cell, by J (C, 3, 3) there, cell after cell by the midpoint rule."""
+    middles = np.empty((len(seen), 3))
+    mu = start
+    for cell, inertia in enumerate(seen):
+        middles[cell] = _rotation(-step / 2 * (inertia @ mu)) @ mu
+        mu = _rotation(-step * (inertia @ middles[cell])) @ mu
+    return middles
+
+
+def _rotation(turn: Array) -> Array:
+    """Rotation (3, 3) by a vector (3,), rad: Cayley's, whose error is of third order."""
+    x, y, z = (turn / 2).tolist()
+    scale = 2 / (1 + x * x + y * y + z * z)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + scale * (across + across @ across))
+
+
+def _spun(cells: Cells, step: float, rates: Array) -> Spun:
+    """Rotations from the identity, in each cell, by body rates (C, S, 3): a linear equation for the quaternion."""
     count, stages, _ = rates.shape
     x, y, z = np.moveaxis(rates, 2, 0) / 2
     zero = np.zeros_like(x)
@@ -156,26 +295,24 @@ def _turned(cells: Cells, step: float, rates: Array) -> tuple[Array, Array]:
     spin = spin.reshape(count, stages, 4, 4)  # p' = spin p of a quaternion x, y, z, w
     system = -step * np.einsum("jk,ckab->cjakb", cells.integrals, spin).reshape(count, 4 * stages, 4 * stages)
     system += np.eye(4 * stages)
-    start = np.tile([0.0, 0.0, 0.0, 1.0], stages)
-    inner = np.linalg.solve(system, np.broadcast_to(start[:, None], (count, 4 * stages, 1)))[..., 0]
-    inner = inner.reshape(count, stages, 4)
-    end = start[:4] + step * np.einsum("j,cjab,cjb->ca", cells.weights, spin, inner)
-    return _matrices(inner), _matrices(end)
+    start = np.broadcast_to(np.tile([0.0, 0.0, 0.0, 1.0], stages)[:, None], (count, 4 * stages, 1))
+    inner = np.linalg.solve(system, start).reshape(count, stages, 4, 1)
+    return Spun((spin @ inner)[..., 0], step)
 
 
-def _matrices(quaternions: Array) -> Array:
-    """Rotations (..., 3, 3) of quaternions (..., 4) x, y, z, w of about unit length."""
-    unit = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    across = cross_matrix(unit[..., :3])
-    return np.asarray(np.eye(3) + 2 * unit[..., 3, None, None] * across + 2 * across @ across)
+def _ended(cells: Cells, spun: Spun) -> tuple[Array, Array]:
+    """Rotations (C, S, 3, 3) at the stages, and (C, 3, 3) at the cells' ends."""
+    rows = np.concatenate((cells.integrals, cells.gauss.weights[None]))
+    cell = np.repeat(np.arange(cells.count), len(rows))
+    rotations = spun.after(cell, np.tile(rows, (cells.count, 1))).reshape(cells.count, len(rows), 3, 3)
+    return rotations[:, :-1], rotations[:, -1]
 
 
 def _momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
     """Solve mu' = mu x (J mu) in all cells: mu (C, S, 3) from J (C, S, 3, 3) and mu at their beginnings (C, 3)."""
     count, stages = seen.shape[:2]
     mu = np.repeat(start[:, None], stages, axis=1)
-    size = np.linalg.norm(start, axis=1).max()
-    eye = np.eye(3 * stages)
+    size, eye = float(np.linalg.norm(start, axis=1).max()), np.eye(3 * stages)
     for _ in range(SWEEPS):
         turning = np.einsum("csab,csb->csa", seen, mu)
         defect = mu - start[:, None] - step * np.einsum("jk,cka->cja", cells.integrals, np.cross(mu, turning))
