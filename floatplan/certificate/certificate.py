@@ -32,7 +32,7 @@ from floatplan.certificate.planar.limits import (
 )
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.errors import InputError, naming
-from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
+from floatplan.plans.reading import Recorded, check_meshes, checked, find_robot, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
 from floatplan.pool import one_thread
@@ -72,7 +72,7 @@ def certify(
     urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
     record, file, robot = recorded(plan)
     with naming(file):
-        path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
+        path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf)
         record = checked(record)
         shapes: list[Sequence[LinkShape] | None] = [None, None]
         unknown: list[str] = []

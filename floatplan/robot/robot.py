@@ -25,6 +25,7 @@ from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture, urdf_path
+from floatplan.tables import RobotKind
 
 NAME = optional(text)
 NAMES = many(text, "names")
@@ -69,6 +70,7 @@ class Robot:
     layout : how links are gathered into bodies
     reference_name : of the reference posture in an SRDF file, where one was named
     tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
+    kind : "urdf" or "mjcf", what its file is
     """
 
     name: str
@@ -98,6 +100,7 @@ class Robot:
     layout: TreeLayout
     tilt: float
     reference_name: str | None = None
+    kind: RobotKind = "urdf"
 
     @classmethod
     @one_thread
