@@ -7,8 +7,8 @@ of the motion's free part along the motions without gaps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,16 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import JointMotion, SinePolynomials, basis
-from floatplan.motion.spatial.attitude import Cells, NotIntegrable, Turning, cells, moved, small_turns, turn, turn_from
+from floatplan.motion.spatial.attitude import (
+    Cells,
+    IntegrationError,
+    Turning,
+    cells,
+    moved,
+    small_turns,
+    turn,
+    turn_from,
+)
 from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.motion.spatial.rotations import logarithm
 
@@ -80,7 +89,7 @@ class LiftedFlight:
 
 @dataclass(frozen=True, eq=False)
 class LiftedMotion:
-    """A motion in cells, and the gaps (C, 3), rad, from the cells' ends to the next borders, and at last to the goal."""
+    """A motion in cells; ``gaps`` (C, 3), rad, go from the cells' ends to the next borders, at last to the goal."""
 
     flight: LiftedFlight
     x: Array
@@ -171,7 +180,7 @@ def descend(motion: LiftedMotion, allowed: Callable[[LiftedMotion], bool]) -> tu
         try:
             other, more, closed = close(motion.moved(change, turns), CORRECTIONS)
             flown += more + 1
-        except NotIntegrable:
+        except IntegrationError:
             closed = False
         smaller = closed and float(np.linalg.norm(other.x[:free])) < size * (1 - LEAST_GAIN) and allowed(other)
         if smaller:
@@ -226,7 +235,7 @@ def close(motion: LiftedMotion, most_steps: int = STEPS) -> tuple[LiftedMotion, 
             flown += 1
             try:
                 other = motion.moved(length * change, length * turns)
-            except NotIntegrable:
+            except IntegrationError:
                 other = None
             if other is not None and _size(*motion.step(other.gaps)) <= (1 - GAIN * length) ** 2 * before:
                 break

@@ -30,7 +30,7 @@ SETTLED = 1e-13  # [-] of |h|: a step of mu below which Newton's method has ende
 LARGEST = 1e6  # [-] of |h|: beyond it the motion cannot be integrated in these cells
 
 
-class NotIntegrable(ArithmeticError):
+class IntegrationError(ArithmeticError):
     """A motion is too wild for the cells."""
 
 
@@ -184,13 +184,13 @@ def turn(
 
     Raises
     ------
-    NotIntegrable
+    IntegrationError
         The motion is too wild for the cells.
     """
     count, stages, step = cells.count, cells.stages, duration / cells.count
-    inverse = np.linalg.inv(inertia)
+    inverse: Array = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
     still = -np.einsum("kab,kb->ka", inverse, relative)
-    spun = (_spun(cells, step, still.reshape(count, stages, 3)),)
+    spun: tuple[Spun, ...] = (_spun(cells, step, still.reshape(count, stages, 3)),)
     swings, swung = _ended(cells, spun[0])
     attitudes, ends, rates = borders[:, None] @ swings, borders @ swung, still
     if angular_momentum.any():
@@ -210,9 +210,9 @@ def turn_from(
 ) -> Turning:
     """Integrate (S1) from an attitude (3, 3) at takeoff on: cells without gaps; otherwise as :func:`turn`."""
     count, stages, step = cells.count, cells.stages, duration / cells.count
-    inverse = np.linalg.inv(inertia)
+    inverse: Array = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
     still = -np.einsum("kab,kb->ka", inverse, relative)
-    spun = (_spun(cells, step, still.reshape(count, stages, 3)),)
+    spun: tuple[Spun, ...] = (_spun(cells, step, still.reshape(count, stages, 3)),)
     swings, swung = _ended(cells, spun[0])
     before = _products(swung)
     attitudes, ends, rates, borders = before[:-1, None] @ swings, before[1:], still, before[:-1]
@@ -241,7 +241,7 @@ def _products(rotations: Array) -> Array:
 def _chained_momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
     """Solve mu' = mu x (J mu) over all cells: mu (C, S, 3) from J (C, S, 3, 3) and mu at takeoff (3,)."""
     count, stages = seen.shape[:2]
-    mu = np.repeat(_guessed(step, seen[:, stages // 2], start)[:, None], stages, axis=1)
+    mu: Array = np.repeat(_guessed(step, seen[:, stages // 2], start)[:, None], stages, axis=1)
     size, eye, weights = float(np.linalg.norm(start)), np.eye(3 * stages), step * cells.gauss.weights
     ones = np.broadcast_to(np.tile(np.eye(3), (stages, 1)), (count, 3 * stages, 3))
     for _ in range(SWEEPS):
@@ -265,11 +265,11 @@ def _chained_momentum(cells: Cells, step: float, seen: Array, start: Array) -> A
             return mu
         if not largest < LARGEST * size:
             break
-    raise NotIntegrable
+    raise IntegrationError
 
 
 def _guessed(step: float, seen: Array, start: Array) -> Array:
-    """mu (C, 3) in the middle of each cell, by J (C, 3, 3) there, cell after cell by the midpoint rule."""
+    """Mu (C, 3) in the middle of each cell, by J (C, 3, 3) there, cell after cell by the midpoint rule."""
     middles = np.empty((len(seen), 3))
     mu = start
     for cell, inertia in enumerate(seen):
@@ -311,7 +311,7 @@ def _ended(cells: Cells, spun: Spun) -> tuple[Array, Array]:
 def _momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
     """Solve mu' = mu x (J mu) in all cells: mu (C, S, 3) from J (C, S, 3, 3) and mu at their beginnings (C, 3)."""
     count, stages = seen.shape[:2]
-    mu = np.repeat(start[:, None], stages, axis=1)
+    mu: Array = np.repeat(start[:, None], stages, axis=1)
     size, eye = float(np.linalg.norm(start, axis=1).max()), np.eye(3 * stages)
     for _ in range(SWEEPS):
         turning = np.einsum("csab,csb->csa", seen, mu)
@@ -325,7 +325,7 @@ def _momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
             return mu
         if not largest < LARGEST * size:
             break
-    raise NotIntegrable
+    raise IntegrationError
 
 
 def small_turns(transitions: Array, drifts: Array) -> Array:

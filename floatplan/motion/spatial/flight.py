@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightGrid, Partials
 from floatplan.motion.sine_polynomial import JointMotion
-from floatplan.motion.spatial.attitude import Cells, NotIntegrable, Turning, cells, turn_from
+from floatplan.motion.spatial.attitude import Cells, IntegrationError, Turning, cells, turn_from
 from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.motion.spatial.rotations import cross_matrix, logarithm
 from floatplan.problem.parts import Obstacle
@@ -115,11 +115,9 @@ class SpatialBaseMotion:
             flight = self.flight
             try:
                 found.append(
-                    turn_from(
-                        self.grid.cells, flight.duration, inertia[own], relative[own], h, flight.initial_attitude
-                    )
+                    turn_from(self.grid.cells, flight.duration, inertia[own], relative[own], h, flight.initial_attitude)
                 )
-            except NotIntegrable:
+            except IntegrationError:
                 found.append(None)
         return found
 
@@ -128,7 +126,7 @@ class SpatialBaseMotion:
         """How the base turns in a single motion."""
         (turning,) = self.turnings
         if turning is None:
-            raise NotIntegrable
+            raise IntegrationError
         return turning
 
     @cached_property
@@ -145,7 +143,7 @@ class SpatialBaseMotion:
 
     @cached_property
     def rate(self) -> Array:
-        """omega (S K, 3), rad/s, in the base's axes."""
+        """Omega (S K, 3), rad/s, in the base's axes."""
         inertia, joint_map = self.maps
         h = np.repeat(self.angular_momentum, len(self.grid.s), axis=0)
         left = np.einsum("kba,kb->ka", self.attitude, h) - np.einsum("kan,kn->ka", joint_map, self.joints.velocities)
@@ -223,13 +221,16 @@ class SpatialBaseMotion:
         """Return the same motion with the attitudes asked for at takeoff and landing."""
         other = replace(self)
         attitude = self.attitude.copy()
-        attitude[self.grid.s == 0], attitude[self.grid.s == 1] = self.flight.initial_attitude, self.flight.final_attitude
+        attitude[self.grid.s == 0], attitude[self.grid.s == 1] = (
+            self.flight.initial_attitude,
+            self.flight.final_attitude,
+        )
         other.__dict__.update(maps=self.maps, turnings=self.turnings, attitude=attitude)
         return other
 
     @cached_property
     def _inverse_inertia(self) -> Array:
-        return np.linalg.inv(self.maps[0])
+        return np.asarray(np.linalg.inv(self.maps[0]), dtype=np.float64)
 
     @cached_property
     def _slopes(self) -> Array:

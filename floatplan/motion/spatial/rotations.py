@@ -6,6 +6,8 @@ A rotation matrix R (..., 3, 3) takes vectors of the body to the world. A small 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -41,6 +43,7 @@ def unwrapped_angles(axes: str, rotations: Array) -> Array:
     The second is between -90 and 90 degrees where the three axes differ (Yeadon's somersault, tilt and twist), between
     0 and 180 where the third is the first again.
     """
-    angles = Rotation.from_matrix(rotations).as_euler(axes.upper(), suppress_warnings=True)
+    sequence: Any = axes.upper()
+    angles: Array = Rotation.from_matrix(rotations).as_euler(sequence, suppress_warnings=True)
     angles[:, [0, 2]] = np.unwrap(angles[:, [0, 2]], axis=0)
-    return np.asarray(angles)
+    return angles
