@@ -271,7 +271,8 @@ def _segments(
         start = points[name]
         places = [local(start.body, origin) for joint, origin in joints if name in (joint.parent, joint.child)]
         ends = [Point(start.body, place) for place in places if not abs(place - start.local) < SHORTEST]
-        segments[name] = tuple((start, end) for end in ends or ([start] if link.has_inertial else []))
+        ends = [] if link.frame else ends or ([start] if link.has_inertial else [])
+        segments[name] = tuple((start, end) for end in ends)
     return segments
 
 
