@@ -28,7 +28,8 @@ def xacro(tmp_path):
     )
     file = tmp_path / "gymnast.urdf.xacro"
     file.write_text(
-        f'<robot name="gymnast" {XACRO}><xacro:include filename="links.xacro"/><xacro:links mass="${{1.5 * 2}}"/></robot>'
+        f'<robot name="gymnast" {XACRO}><xacro:include filename="links.xacro"/>'
+        '<xacro:links mass="${1.5 * 2}"/></robot>'
     )
     return file
 

@@ -37,5 +37,5 @@ if __name__ == "__main__":
     except BaseException as error:
         cause = getattr(error, "exc", None) or error  # of xacro's own
         sys.exit(f"{type(cause).__name__}: {' '.join(str(error).split())}")
-    with open(answer, "wb") as stream:
+    with os.fdopen(answer, "wb") as stream:
         stream.write(content)
