@@ -249,11 +249,10 @@ def choose_joints(
         resting = _resting(tree, {**kept, **user_locked}, mimics)
     rest = {name: position for name, position in resting.items() if name not in moving}
     if joints is None:
-        silent = [name for name in rest if name not in user_locked and signs.get(name) == 0.0]
-        listed = [f"{name} = {rest[name]:g}" for name in silent]
-        warnings += _warning("locked, because they do not turn about the plane's normal", listed)
-    warnings += _slides(tree, rest, user_locked)
-    return Choice(chosen, planned, followers, geared, rest, signs, resting, tuple(warnings))
+        silent = [f"{name} = {at:g}" for name, at in rest.items() if name not in user_locked and signs.get(name) == 0.0]
+        warnings += _warning("locked, because they do not turn about the plane's normal", silent)
+    warned = (*warnings, *_slides(tree, rest, user_locked))
+    return Choice(chosen, planned, followers, geared, rest, signs, resting, warned)
 
 
 def _in_space(
