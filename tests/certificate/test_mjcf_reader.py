@@ -116,7 +116,7 @@ def test_what_has_no_name_is_called_as_the_planner_calls_it():
     </body></body></worldbody></mujoco>"""
     joints = [joint.name for joint in read(text).joints if joint.kind != "fixed"]
     assert joints == ["body3_joint_", "body3_joint", "body4_joint", "body4_joint_"]
-    assert list(read(text).links) == ["body2", "body3", "body3_joint__link", "body4", "body4_joint_link"]
+    assert list(read(text).links) == ["body2", "body3", "body3/body3_joint_", "body4", "body4/body4_joint"]
 
 
 ROBOT = """<mujoco>{sections}<worldbody><body name="torso"{torso}><freejoint/>{in_torso}<geom size="0.2"/>

@@ -39,8 +39,8 @@ TURNED = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}  # num
 PLACED = f"name pos childclass class user {' '.join(TURNED)}"
 KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "compiler": "angle eulerseq inertiafromgeom inertiagrouprange settotalmass boundmass boundinertia balanceinertia "
-    "fusestatic coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread saveinertial "
-    "alignfree",
+    "fusestatic coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread "
+    "saveinertial alignfree",
     "frame": PLACED,
     "body": f"{PLACED} sleep simple gravcomp",
     "inertial": f"{PLACED} mass diaginertia fullinertia",
@@ -256,12 +256,12 @@ class _Reading:
                 raise NotReadError(f'joint "{joint.name}", of kind {joint.kind},')
             child = body
             if joint is not joints[-1][0] or any(not part.is_zero() for part in anchor.entries()):
-                child = _named({}, f"{joint.name}_link", self.bodies)
+                child = _named({}, f"{body}/{joint.name}", self.bodies)
                 self.links[child] = Link(child, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, False, True)
             self.joints.append(replace(joint, parent=parent, child=child, origin=place * joint.origin))
             parent, place = child, Placement(translation=-1 * anchor)
         if parent != body:
-            fixed = _named({}, f"{body}_fixed", self.hinges)
+            fixed = _named({}, f"{body}/", self.hinges)
             self.joints.append(Joint(fixed, "fixed", parent, body, place, flint.arb_mat(3, 1), None, 0.0))
 
     def touches(self, given: Given) -> bool:
