@@ -40,7 +40,7 @@ def feet(robot: Robot, asked: str | None = None) -> tuple[str, ...]:
     low = [{body: frame for body, frame in of.items() if bottom[frame] <= lowest + room} for of in (named, others)]
     legs = low[0] or named or (low[1] if _over(robot, low[1].values(), room) else {})
     distinct: dict[tuple[float, ...], str] = {}
-    if asked in robot.frames:
+    if asked is not None and asked in robot.frames:
         distinct[tuple(tree.turns[robot.frames[asked].body].tolist())] = asked
     for body, frame in sorted(legs.items(), key=lambda leg: bottom[leg[1]]):
         distinct.setdefault(tuple(tree.turns[body].tolist()), frame)

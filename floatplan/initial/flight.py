@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat
-from floatplan.initial.asked import GRAVITY, Asked
+from floatplan.initial.asked import GRAVITY, Asked, wrong
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.planning.planner import plan
@@ -133,51 +133,36 @@ def asked_flight(
     asked: Asked,
     given: Mapping[str, Any],
     words: Mapping[str, str],
-    seed: int = 0,
-    progress: Callable[[str], None] | None = None,
+    seed: int,
+    progress: Callable[[str], None],
 ) -> tuple[ChosenRobot, FirstFlight]:
-    """Choose a robot and search for a flight as it is asked; where there is none, tell what stands in the way.
+    """Choose a robot and search for a first flight as asked; where there is none, say without what there is one.
 
     Parameters
     ----------
     source : path of the robot
-    asked : of the flight
-    given : of the robot, keyword arguments of ``Robot.from_urdf``
-    words : how each of these was typed
-    seed, progress : as of :func:`first_flight`
-
-    Raises
-    ------
-    InputError, NoFlightError
-        As of :func:`first_flight`, and :func:`chosen_robot`.
+    asked, given : of the flight; of the robot, keyword arguments of ``Robot.from_urdf``
+    words : how the latter are typed
+    seed, progress : as of :func:`first_flight`, whose errors are raised
     """
     chosen = chosen_robot(source, given, asked.foot)
     try:
         return chosen, first_flight(chosen, asked, seed=seed, progress=progress)
     except NoFlightError as error:
-        every = {**asked.given, **words}
-        if not every:
-            raise
         vain = list[str]()
-        for name, word in list(every.items())[:MOST_LEFT_OUT]:
-            if progress:
-                progress(f"jump without {word}")
-            if _found_without(name, source, asked, given, seed):
+        for name, word in list({**asked.given, **words}.items())[:MOST_LEFT_OUT]:
+            progress(f"without {word}")
+            left = {key: value for key, value in given.items() if key != name}
+            try:
+                less = replace(asked, **({name: getattr(Asked, name)} if name in asked.given else {}))
+                first_flight(chosen_robot(source, left, less.foot), less, seed=seed, progress=progress, afloat=False)
+            except (InputError, NoFlightError):
+                vain.append(word)
+            else:
                 raise NoFlightError(f"{error} Without {word} a jump was found.") from None
-            vain.append(word)
-        raise NoFlightError(f"{error} Nor was a jump found without {', or without '.join(vain)}.") from None
-
-
-def _found_without(name: str, source: str | Path, asked: Asked, given: Mapping[str, Any], seed: int) -> bool:
-    """Whether a jump is found with one of the things left open that are asked."""
-    asked = asked.without(name) if name in asked.given else asked
-    try:
-        chosen = chosen_robot(source, {key: value for key, value in given.items() if key != name}, asked.foot)
-        asked.check(chosen)
-        turns = () if _no_jump(chosen) else asked.whole_turns(chosen)
-        return any(isinstance(_jump(chosen, each, asked, seed), FirstFlight) for each in turns)
-    except InputError:
-        return False
+        raise NoFlightError(
+            f"{error} Nor was one found without {', or without '.join(vain)}." if vain else error
+        ) from None
 
 
 def first_flight(
@@ -186,6 +171,7 @@ def first_flight(
     *,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
+    afloat: bool = True,
 ) -> FirstFlight:
     """Search for the flight of a jump, with a whole turn, else without; where none is found, for one in free fall.
 
@@ -198,6 +184,8 @@ def first_flight(
         Of the search's random numbers.
     progress : callable, optional
         Told in a few words what is tried.
+    afloat : bool
+        Whether a flight in free fall will do.
 
     Raises
     ------
@@ -211,8 +199,9 @@ def first_flight(
     asked.check(chosen)
     say = progress or (lambda _: None)
     reasons = _no_jump(chosen)
-    if reasons and asked.of_jump:
-        asked.refuse(asked.of_jump[0], f"it is about a jump. {reasons[0]}".removesuffix("."))
+    of_jump = [name for name in asked.given if name != "duration"]
+    if reasons and of_jump:
+        raise wrong(of_jump[0], f"it is about a jump. {reasons[0]}".removesuffix("."))
     turns = () if reasons else asked.whole_turns(chosen)
     for each in turns:
         what = {0: "without a turn", 1: "with a whole turn"}.get(abs(each), f"with {abs(each)} whole turns")
@@ -221,7 +210,7 @@ def first_flight(
         if isinstance(answer, FirstFlight):
             return replace(answer, reasons=tuple(reasons))
         reasons.append(f"A jump {what} was not found: {answer}")
-    if turns and asked.given:
+    if (turns and asked.given) or not afloat:
         raise NoFlightError(f"no jump was found with {' '.join(asked.given.values())}. {' '.join(reasons)}")
     return _first_afloat(chosen, asked, reasons, say)
 

@@ -80,8 +80,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
     if choices.get("locked"):
         slides = {joint.name for joint in robot.layout.tree.joints if not joint.turns}
-        pairs = {name: each if name in slides else _degrees(each) for name, each in choices["locked"].items()}
-        lines.append(f"locked = {_value(pairs)}")
+        held = {name: each if name in slides else _degrees(each) for name, each in choices["locked"].items()}
+        lines.append(f"locked = {_value(held)}")
     if robot.locked:
         lines += _comment(f"Locked: {', '.join(robot.locked)}.")
     if chosen.feet:
