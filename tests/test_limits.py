@@ -7,7 +7,7 @@ import re
 import pytest
 
 from floatplan import errors, files, tables
-from floatplan.export import ros_bag, table
+from floatplan.export import table
 from floatplan.planning import search
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
@@ -35,7 +35,7 @@ SIZES = {
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
     "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
-    "transforms of an export to MCAP: instants times joints that move": ros_bag.MOST_TRANSFORMS,
+    "places of links in an export to MCAP or of a reference motion: instants times links": table.MOST_PLACES,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
     "bandwidth of a replay's feedback": f"{forward.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
