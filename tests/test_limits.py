@@ -16,6 +16,7 @@ from floatplan.robot.urdf import check, tree
 from floatplan.simulation import closed_loop, forward
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
+from floatplan.studies import study
 
 SIZES = {
     "planned joints": resolution.MOST_JOINTS,
@@ -27,6 +28,7 @@ SIZES = {
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
     "processes of a search or a study, threads of a batch": search.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
+    "motions that a study writes": study.MOST_MOTIONS,
     "keys that a study varies": study_file.MOST_VARIED,
     "solved starts of a search, and of a study's row": search.MOST_SOLVED,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,

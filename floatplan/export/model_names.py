@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, fromstring
 
-from floatplan.errors import InputError, naming
+from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import MOVING
@@ -17,20 +17,11 @@ MOST_NAMED = 8  # in a message
 
 @dataclass(frozen=True)
 class ModelNames:
-    """What a model has, in its order.
-
-    Attributes
-    ----------
-    joints : names of the joints of one degree of freedom
-    bodies : names of the links
-    root : name of the joint by which it floats; None where the file has none, "" where it has no name
-    path : the file
-    """
+    """Names of joints of one degree of freedom and of links, in a model's order; ``root`` is that of its free joint."""
 
     joints: tuple[str, ...]
     bodies: tuple[str, ...]
-    root: str | None = None
-    path: Path | None = None
+    root: str = "root"  # as the models of LocoMuJoCo have it; a URDF names none
 
     def order_beside(self, robot: Robot) -> str:
         """Say whether joints and bodies are in another order here than in a robot's own file."""
@@ -42,7 +33,7 @@ class ModelNames:
             if moved
             else "joints and bodies are in the same order as"
         )
-        return f"its {said} in the robot's file" + ("; what was written has its order" if moved else "")
+        return f"its {said} in the robot's file" + ("; what is written has its order" if moved else "")
 
 
 def own_names(robot: Robot) -> ModelNames:
@@ -53,8 +44,7 @@ def own_names(robot: Robot) -> ModelNames:
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
     """Return the names in a model, URDF or MJCF, that is to read a motion of the robot with the names ``own``.
 
-    Of an MJCF the tree of most joints is the robot. Links of the robot that the model has not, such as those that it
-    fused with others, are left out.
+    In an MJCF the robot is what hangs together by most joints. Links of ``own`` that a model has fused are left out.
 
     Raises
     ------
@@ -62,54 +52,47 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
         The file cannot be read, or MuJoCo is not installed; one of both has a joint that the other has not; or, where
         bodies matter, it has a body that the robot has not.
     """
-    path = Path(path)
-    root = parsed_xml(read_regular(path, LARGEST_URDF, "a URDF or MJCF file"), path)
+    root = parsed_xml(read_regular(path, LARGEST_URDF, "a URDF or MJCF file"), Path(path))
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
-    names = replace(_in_urdf(root) if root.tag == "robot" else _in_mjcf(path), path=path)
+    names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(path)
     if not with_bodies:
         names = replace(names, bodies=tuple(name for name in names.bodies if name in own.bodies))
-    pairs = (
-        ("the motion has no joint", names.joints, own.joints),
-        ("the model has no joint", own.joints, names.joints),
-        ("the motion has no body", names.bodies, own.bodies),
+    lacking = (
+        ("the motion has no joint", [name for name in names.joints if name not in own.joints]),
+        ("the model has no joint", [name for name in own.joints if name not in names.joints]),
+        ("the motion has no body", [name for name in names.bodies if name not in own.bodies]),
+        (
+            "the model names twice",
+            [name for kind in (names.joints, names.bodies) for name in kind if kind.count(name) > 1],
+        ),
     )
-    lacking = [(what, [f'"{name}"' for name in wanted if name not in there]) for what, wanted, there in pairs]
     wrong = [
-        f"{what} {', '.join(each[:MOST_NAMED])}{' ..' * (len(each) > MOST_NAMED)}" for what, each in lacking if each
+        f"{what} {', '.join(each[:MOST_NAMED])}{', ..' * (len(each) > MOST_NAMED)}" for what, each in lacking if each
     ]
-    if wrong or len(names.joints) != len(own.joints) or len(set(names.bodies)) != len(names.bodies):
-        advice = "give the model of the same robot, or rename them in it"
-        raise InputError("; ".join(wrong) or "names one twice", source=path, element="model", advice=advice)
+    if wrong:
+        raise InputError("; ".join(wrong), source=path, advice="give the model of the same robot, or rename them in it")
     return names
 
 
 def _in_urdf(root: Element) -> ModelNames:
-    joints = root.findall("joint")
-    floats = [joint for joint in joints if joint.get("type") == "floating"]
-    outside = {parent.get("link") for joint in floats for parent in joint.iterfind("parent")}
-    links = [link.get("name", "") for link in root.iterfind("link")]
-    return ModelNames(
-        tuple(joint.get("name", "") for joint in joints if joint.get("type") in MOVING),
-        tuple(name for name in links if name not in outside),
-        floats[0].get("name", "") if floats else None,
-    )
+    joints = (joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") in MOVING)
+    return ModelNames(tuple(joints), tuple(link.get("name", "") for link in root.iterfind("link")))
 
 
-def _in_mjcf(path: Path) -> ModelNames:
+def _in_mjcf(path: str | Path) -> ModelNames:
     """What MuJoCo reads; nothing is compiled, so that meshes need not be there."""
     mujoco = import_mujoco("model")
-    with naming(path):
-        try:
-            top = mujoco.MjSpec.from_file(str(path)).worldbody.bodies
-        except ValueError as error:
-            raise InputError(f"MuJoCo refuses it: {error}", element="model") from None
+    try:
+        top = mujoco.MjSpec.from_file(str(path)).worldbody.bodies
+    except ValueError as error:
+        raise InputError(f"MuJoCo refuses it: {error}", source=path) from None
     free, trees = mujoco.mjtJoint.mjJNT_FREE, [list(_from(base)) for base in top]
     tree = max(trees, key=lambda tree: sum(len(body.joints) for body in tree), default=[])
-    floats, joints = (
-        [j.name for body in tree for j in body.joints if (j.type == free) is is_free] for is_free in (True, False)
-    )
-    return ModelNames(tuple(joints), tuple(body.name for body in tree if body.name), floats[0] if floats else None)
+    joints = [(joint.name, joint.type == free) for body in tree for joint in body.joints]
+    floats = [name for name, is_free in joints if is_free]
+    of_joints = tuple(name for name, is_free in joints if not is_free)
+    return ModelNames(of_joints, tuple(body.name for body in tree if body.name), floats[0] if floats else "")
 
 
 def _from(body: Any) -> Iterator[Any]:

@@ -16,7 +16,6 @@ from floatplan.export.motion import Exported
 from floatplan.export.table import archive, check_size, frame_times, number_rows
 from floatplan.motion.flight import free_flyer
 
-FREE_JOINT = "root"  # its name in the models of LocoMuJoCo
 FREE, SLIDE, HINGE = 0, 2, 3  # MuJoCo's types of joints
 
 
@@ -63,16 +62,14 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
         The model that is to read it does not float by one joint with a name.
     """
     names, tree = motion.names, motion.robot.file_tree
-    root = FREE_JOINT if motion.model is None else names.root
-    if not root:
-        reason = "has no free joint" if root is None else "its free joint has no name, by which LocoMuJoCo finds it"
-        advice = 'give the root body <freejoint name="root"/>'
-        raise InputError(reason, source=names.path, element="model", advice=advice)
+    if not names.root:
+        reason, advice = "has no free joint with a name, by which LocoMuJoCo finds it", 'add <freejoint name="root"/>'
+        raise InputError(reason, element="model", advice=advice)
     frames = _frames(motion, rate)
     place, turn = frames["body_positions"][:, 0], frames["body_rotations"][:, 0]
     spin = Rotation.from_quat(turn, scalar_first=True).apply(frames["body_angular_velocities"][:, 0], inverse=True)
     arrays = {
-        "joint_names": np.array([root, *names.joints]),
+        "joint_names": np.array([names.root, *names.joints]),
         "jnt_type": np.array([FREE, *(HINGE if tree.joint[name].turns else SLIDE for name in names.joints)]),
         "njnt": np.int64(1 + len(names.joints)),
         "frequency": np.float64(rate),

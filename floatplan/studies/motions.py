@@ -136,7 +136,7 @@ def _sha256(path: str | Path) -> str | None:
 
 def _entries(index: Path, about: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
     """Entries by row of an index that was begun in the same way; none of another, or where there is none."""
-    with suppress(InputError, KeyError, TypeError, AttributeError):
+    with suppress(ValueError, KeyError, TypeError, AttributeError):
         content = read_json(index, LARGEST_INDEX, "an index of motions")
         if {key: content[key] for key in about} == about:
             return {int(entry["row"]): entry for entry in content["motions"] if entry["sha256"]}

@@ -179,7 +179,7 @@ class Study:
     def _row(self, index: int) -> int:
         """A row's index from 0."""
         count = len(self)
-        return whole(Range(-count, count - 1, ""))(index, "index") % count
+        return int(whole(Range(-count, count - 1, ""))(index, "index")) % count
 
 
 def _facts(file: StudyFile) -> dict[str, Any]:

@@ -311,13 +311,18 @@ def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan: fp.Plan, pair: fp.
             "isaac-amp",
             'name="left_knee"',
             'name="knee"',
-            'motion has no joint "knee"; the model has no joint "left_knee"',
+            "the motion has no joint knee; the model has no joint left_knee; give",
         ),
-        ("isaac-amp", "left_knee_link", "shank", 'the motion has no body "shank"'),
-        ("motion-csv", '<joint name="left_knee"/>', "", 'the model has no joint "left_knee"'),
-        ("motion-csv", '</body><body name="box">', '<joint name="tail"/></body><body name="box">', 'no joint "tail"'),
-        ("loco-mujoco", ' name="floating_base"', "", "its free joint has no name"),
-        ("loco-mujoco", '<freejoint name="floating_base"/>', "", "model: has no free joint"),
+        ("isaac-amp", "left_knee_link", "shank", "the motion has no body shank;"),
+        ("motion-csv", '<joint name="left_knee"/>', "", "the model has no joint left_knee;"),
+        (
+            "motion-csv",
+            '</body><body name="box">',
+            '<joint name="tail"/></body><body name="box">',
+            "the motion has no joint tail;",
+        ),
+        ("loco-mujoco", ' name="floating_base"', "", "has no free joint with a name"),
+        ("loco-mujoco", '<freejoint name="floating_base"/>', "", "has no free joint with a name"),
         ("isaac-amp", "mujoco>", "sdf>", "is neither a URDF nor an MJCF"),
         ("isaac-amp", "</worldbody>", "", "is not well-formed"),
         ("isaac-amp", "<worldbody>", "<worldbody><nonsense/>", "MuJoCo refuses it"),
@@ -337,8 +342,8 @@ def test_a_model_that_does_not_fit_is_told(
     run = floatplan("export", pair.save(tmp_path / "run" / "plan.json"), "-f", form, "--model", model)
     assert run.code == 2
     assert message in run.stderr
-    assert str(model) in run.stderr
-    assert run.stderr.count("\n") == 1
+    assert str(model) in run.stderr or "--model: " in run.stderr
+    assert run.stderr.count("error: ") == 1
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["plan.json"]
 
 
