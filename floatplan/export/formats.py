@@ -65,17 +65,9 @@ def export(
     Parameters
     ----------
     motion : Plan or Jump
-    form, path, rate : as of :meth:`floatplan.Plan.export`
+    form, path, rate, model : as of :meth:`floatplan.Plan.export`, which says what is refused
     kp, kd : float or mapping, optional
         Gains as of :func:`floatplan.export.motion.exported`.
-    model : path, optional
-        URDF or MJCF of what is to read the motion: joints and bodies are in its order.
-
-    Raises
-    ------
-    InputError
-        The format is unknown, or has no room for gains or for the order of a model; a number is wrong; the model has
-        other joints or bodies than the robot; or there is no motion.
     """
     known, names = format_of(form), names_of_model(form, model, motion.problem.robot)
     rate = known.rate if rate is None else rate
@@ -87,7 +79,7 @@ def export(
 
 
 def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNames | None:
-    """Return the names in a model that is to read a robot's motion, if there is one; errors as of :func:`export`."""
+    """Return the names in a model that is to read a robot's motion, if there is one, or refuse it."""
     known = format_of(form)
     if model is not None and not known.of_model:
         raise _no_room("the order of a model", form, [name for name, each in FORMATS.items() if each.of_model])

@@ -133,8 +133,7 @@ def exported(
     kp, kd : float or mapping, optional
         Stiffness, N m/rad, and damping, N m s/rad (N/m and N s/m of a joint that slides), of all joints or of some by
         name; what is left out is as said above.
-    model : ModelNames, optional
-        As of :class:`Exported`.
+    model : ModelNames, optional, as of :class:`Exported`
 
     Raises
     ------

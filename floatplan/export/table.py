@@ -50,13 +50,7 @@ def sample_times(duration: float, rate: float) -> Array:
 
 
 def check_size(instants: int, links: int, rate: float) -> None:
-    """Refuse files of more than ``MOST_PLACES`` places of links.
-
-    Raises
-    ------
-    InputError
-        There are more.
-    """
+    """Raise InputError where a file would have more than ``MOST_PLACES`` places of links."""
     if instants * links > MOST_PLACES:
         reason = f"{rate} Hz are {instants} instants of {links} links, more than {MOST_PLACES} places"
         raise InputError(reason, element="rate", advice="give a lower rate")

@@ -34,13 +34,7 @@ Row = Mapping[str, Any]  # of a study's table
 
 
 def row_plan(study: StudyFile, row: Row) -> Plan:
-    """Return a row's plan, rebuilt and proved; the nearest motion where none was found.
-
-    Raises
-    ------
-    InputError
-        The row's problem is wrong, or it has no motion.
-    """
+    """Return a row's plan, rebuilt and proved; errors as of :meth:`floatplan.studies.study.Study.plan`."""
     index = row["index"]
     family, seed = study.family(index, index + 1), row_seed(study.samples.seed, index)
     if row["coefficients"] is None:
@@ -61,8 +55,8 @@ def row_plan(study: StudyFile, row: Row) -> Plan:
 
 def row_jump(study: StudyFile, index: int) -> Jump:
     """Plan a row's whole jump once more; InputError where its problem is wrong."""
-    problem = study.family(index, index + 1)[0]
-    return jump(problem, seed=row_seed(study.samples.seed, index), starts=study.plan.starts, helps=False)
+    problem, seed = study.family(index, index + 1)[0], row_seed(study.samples.seed, index)
+    return jump(problem, seed=seed, starts=study.plan.starts, helps=False)
 
 
 def write_motions(
@@ -76,11 +70,8 @@ def write_motions(
     about = {"format": FORMAT, "study": study.digest(), **options, "units": study.units}
     about["model"] = _sha256(options["model"]) if options["model"] else None
     index, name = folder / INDEX, "{:07d}" + Path(format_of(options["form"]).file).suffix
-    done = {
-        row: entry
-        for row, entry in _entries(index, about).items()
-        if _sha256(folder / name.format(row)) == entry["sha256"]
-    }
+    known = _entries(index, about)
+    done = {row: known[row] for row in known if known[row]["sha256"] == _sha256(folder / name.format(row))}
     for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)):  # of another study, or without an entry
         if int(path.stem) not in done:
             path.unlink()
@@ -114,15 +105,9 @@ def _writer(study: StudyFile, folder: Path, name: str, options: Mapping[str, Any
             path = motion.export(path=folder / name.format(index), **options)
         except InputError as error:
             raise error.within(element=f"row {index}") from None
-        return {
-            "row": index,
-            "values": {key: row[key] for key in study.paths},
-            "file": path.name,
-            "status": row["status"],
-            "verdict": verdict,
-            "proved": verdict == "proved",
-            "sha256": _sha256(path),
-        }
+        entry = {"row": index, "values": {key: row[key] for key in study.paths}, "file": path.name}
+        told = {"status": row["status"], "verdict": verdict, "proved": verdict == "proved"}
+        return {**entry, **told, "sha256": _sha256(path)}
 
     return write
 

@@ -153,14 +153,8 @@ class Study:
 
         The folder has the format's name. ``index.json`` lists ``row``, ``values`` of the keys that vary, ``file``,
         ``status``, ``verdict`` and ``proved`` (of a jump, of its flight), ``sha256``. What is there is kept. Jumps are
-        planned once more, which takes as long as the study did.
-
-        Parameters
-        ----------
-        form, rate, model : as of :meth:`Plan.export`
-        jobs : as of :func:`study`
-        progress : callable, optional
-            Told how many are done, and of how many.
+        planned once more, which takes as long as the study did. ``jobs`` are as of :func:`study`, all else as of
+        :meth:`Plan.export`; ``progress`` is told how many are done, and of how many.
 
         Raises
         ------
