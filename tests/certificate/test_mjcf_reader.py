@@ -116,7 +116,7 @@ def test_what_has_no_name_is_called_as_the_planner_calls_it():
     </body></body></worldbody></mujoco>"""
     joints = [joint.name for joint in read(text).joints if joint.kind != "fixed"]
     assert joints == ["body3_joint_", "body3_joint", "body4_joint", "body4_joint_"]
-    assert list(read(text).links) == ["body2", "body3", "body3_joint__link", "body4", "body4_joint_link"]
+    assert list(read(text).links) == ["body2", "body3", "body3/body3_joint_", "body4", "body4/body4_joint"]
 
 
 ROBOT = """<mujoco>{sections}<worldbody><body name="torso"{torso}><freejoint/>{in_torso}<geom size="0.2"/>
@@ -171,16 +171,19 @@ class TestIncludes:
     ("parts", "named"),
     [
         ({"geom": ' mesh="foot"'}, "leg.*mesh"),
-        ({"sections": "<tendon/>"}, "<tendon>"),
-        ({"sections": "<equality/>"}, "<equality>"),
-        ({"sections": "<deformable/>"}, "<deformable>"),
+        ({"sections": '<tendon><fixed stiffness="1"/></tendon>'}, "<fixed>: stiffness"),
+        ({"sections": '<tendon><spatial range="0 1"/></tendon>'}, "<spatial>: range"),
+        ({"sections": '<default><tendon damping="1"/></default>'}, "<tendon>: damping"),
+        ({"sections": '<actuator><motor name="pull" tendon="rope"/></actuator>'}, "motor.*pull"),
+        ({"sections": '<equality><weld name="held"/></equality>'}, "weld.*held"),
+        ({"sections": '<equality><joint joint1="hip" active="true"/></equality>'}, "<joint>"),
+        ({"sections": '<deformable><flex name="cloth"/></deformable>'}, "flex.*cloth"),
         ({"sections": "<extension/>"}, "<extension>"),
-        ({"sections": '<compiler fusestatic="true"/>'}, "fusestatic"),
+        ({"sections": '<compiler passthrough="true"/>'}, "passthrough"),
         ({"sections": '<compiler coordinate="global"/>'}, "coordinate"),
         ({"joint": ' type="ball"'}, "hip.*ball"),
         ({"joint": ' type="free"'}, "hip.*free"),
         ({"joint": ' inertia="1"'}, "inertia"),
-        ({"torso": ' gravcomp="1"'}, "gravcomp"),
         ({"torso": ' mocap="true"'}, "mocap"),
         *[({"in_torso": f"<{tag}/>"}, tag) for tag in ("replicate", "attach", "composite", "flexcomp", "plugin")],
         ({"in_torso": '<frame><inertial pos="0 0 0" mass="1"/></frame>'}, "inertial"),
@@ -190,6 +193,8 @@ def test_what_is_not_read_is_named(parts, named):
     read(robot())
     read(robot(in_torso='<inertial pos="0 0 0" mass="1"/><geom type="mesh" mesh="trunk"/>'))
     read(robot(in_torso='<geom type="mesh" mesh="trunk" mass="0"/>'))
+    inert = "<tendon><fixed/></tendon><deformable><skin/></deformable>"
+    read(robot(sections=f'{inert}<equality><joint joint1="hip" active="false"/></equality>', torso=' gravcomp="1"'))
     with pytest.raises(NotReadError, match=named):
         read(robot(**parts))
 

@@ -39,10 +39,10 @@ TURNED = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}  # num
 PLACED = f"name pos childclass class user {' '.join(TURNED)}"
 KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "compiler": "angle eulerseq inertiafromgeom inertiagrouprange settotalmass boundmass boundinertia balanceinertia "
-    "coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread saveinertial "
-    "alignfree",
+    "fusestatic coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread "
+    "saveinertial alignfree",
     "frame": PLACED,
-    "body": f"{PLACED} sleep simple",
+    "body": f"{PLACED} sleep simple gravcomp",
     "inertial": f"{PLACED} mass diaginertia fullinertia",
     "freejoint": "name group align",
     "joint": "name class type pos axis ref range limited armature damping stiffness frictionloss margin springref "
@@ -51,9 +51,17 @@ KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "geom": f"{PLACED} type fromto size mass density shellinertia group mesh fitscale hfield contype conaffinity "
     "condim priority friction solmix solref solimp margin gap adhesion surfacevel fluidshape fluidcoef material rgba "
     "castshadow",
+    **dict.fromkeys(  # that do nothing: others pull, brake or have a range
+        ("tendon", "fixed", "spatial"),
+        "name class group width rgba material springlength springyield margin user solreflimit solimplimit "
+        "solreffriction solimpfriction",
+    ),
 }
 PASSED_OVER = ("site", "camera", "light")  # as are all sections but four
-SECTIONS = "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe"
+SECTIONS = (
+    "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe "
+    "tendon deformable equality"
+)
 
 
 class NotReadError(FloatplanError):
@@ -136,6 +144,13 @@ class _Reading:
         for section in root:
             if section.tag not in SECTIONS.split():
                 raise NotReadError(f"<{section.tag}>")
+        for tendon in root.iterfind("tendon/*"):
+            _known(tendon)
+        acting = [each for each in root.iterfind("equality/*") if each.get("active") != "false"]
+        acting += [each for each in root.iterfind("deformable/*") if each.tag != "skin"]
+        acting += [each for each in root.iterfind("actuator/*") if "tendon" in each.attrib]
+        if acting:
+            raise NotReadError(f'<{acting[0].tag}> "{acting[0].get("name", "")}"')
         self.root = root
         self.settings: dict[str, str] = {}
         for section in root.findall("compiler"):
@@ -161,7 +176,7 @@ class _Reading:
         """Read defaults, then those of the classes within, which begin with them."""
         own = self.classes[name]
         for element in section:
-            if element.tag in ("joint", "geom"):
+            if element.tag in ("joint", "geom", "tendon"):
                 own[element.tag] = _over(own.get(element.tag, {}), _known(element))
         for element in section.findall("default"):
             self.classes[element.attrib["class"]] = dict(own)
@@ -241,12 +256,12 @@ class _Reading:
                 raise NotReadError(f'joint "{joint.name}", of kind {joint.kind},')
             child = body
             if joint is not joints[-1][0] or any(not part.is_zero() for part in anchor.entries()):
-                child = _named({}, f"{joint.name}_link", self.bodies)
+                child = _named({}, f"{body}/{joint.name}", self.bodies)
                 self.links[child] = Link(child, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, False, True)
             self.joints.append(replace(joint, parent=parent, child=child, origin=place * joint.origin))
             parent, place = child, Placement(translation=-1 * anchor)
         if parent != body:
-            fixed = _named({}, f"{body}_fixed", self.hinges)
+            fixed = _named({}, f"{body}/", self.hinges)
             self.joints.append(Joint(fixed, "fixed", parent, body, place, flint.arb_mat(3, 1), None, 0.0))
 
     def touches(self, given: Given) -> bool:
