@@ -29,7 +29,7 @@ OF_ROBOT = (  # as they are
 OF_ENDS = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
-MOST_TURNS = 9
+MOST_TURNS = 2  # [-] of a jump; what asks for more is taken for degrees
 
 
 def robots(json_output: common.Json = False) -> None:
@@ -124,6 +124,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
     from floatplan.motion.flight import inertia_extremes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
+    from floatplan.robot.wheels import explain_wheels
 
     low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
@@ -142,6 +143,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
                 for shape in robot.shapes
             ],
             "out_of_plane_leak": leak,
+            "wheels": explain_wheels(robot),
             "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
         }
     )

@@ -18,8 +18,10 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, Limits, Motion, Posture
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import position_limits
+from floatplan.robot.wheels import wheels
 
 FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
+SPUN = 10 * math.tau  # [rad] that a wheel may turn either way
 MOTION = Motion(degree="auto", objective="acceleration")
 SWINGS = (1.0, 0.6, 0.3)  # [-] of half a joint's range
 WIDEST_SWING = math.radians(60)  # [rad]
@@ -35,11 +37,13 @@ CALMER = 0.8  # [-] of the acceleration that would just do
 
 
 def limits_of(chosen: ChosenRobot) -> Limits:
-    """Return the URDF's limits; where it gives no velocities, what is fast."""
+    """Return the URDF's limits; where it gives no velocities, what is fast; of wheels a range of many turns."""
     robot = chosen.robot
-    known = np.isfinite(robot.motor_velocity_limits).any()
+    spun = {name: (-SPUN, SPUN) for name in wheels(robot) if name in robot.joints}
     return Limits(
-        velocity="urdf" if known else FAST, torque="urdf" if np.isfinite(robot.motor_torque_limits).any() else "none"
+        position=spun or "urdf",
+        velocity="urdf" if np.isfinite(robot.motor_velocity_limits).any() else FAST,
+        torque="urdf" if np.isfinite(robot.motor_torque_limits).any() else "none",
     )
 
 
@@ -57,7 +61,8 @@ def turns_afloat(chosen: ChosenRobot, asked: float | None = None) -> Iterator[Pr
     start = np.deg2rad(np.round(np.rad2deg(start)))
     rates = np.minimum(robot.velocity_limits, FAST)
     directions = _directions(len(robot.joints))
-    room = np.minimum(np.where(directions > 0, high - start, start - low) / 2, WIDEST_SWING)
+    widest = np.where(high - low < SPUN, WIDEST_SWING, SPUN)
+    room = np.minimum(np.where(directions > 0, high - start, start - low) / 2, widest)
     turns = _turns(chosen, start, start + directions * room)
     best = int(np.abs(turns).argmax())
     for swing, slower in product(SWINGS, SLOWER if asked is None else (1.0,)):

@@ -17,8 +17,8 @@ from floatplan.initial.robots import ChosenRobot
 from floatplan.problem.file import urdf_from
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
-from floatplan.problem.resolution import position_limits
 from floatplan.robot.robot import Robot
+from floatplan.robot.wheels import explain_wheels
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
 WIDTH = 110  # [-] characters of a comment
@@ -79,11 +79,15 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     if "reference" in choices:
         lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
     if choices.get("locked"):
-        slides = {joint.name for joint in robot.layout.tree.joints if not joint.turns}
-        held = {name: each if name in slides else _degrees(each) for name, each in choices["locked"].items()}
+        turns = {joint.name for joint in robot.layout.tree.joints if joint.turns}
+        held = {name: _degrees(each) if name in turns else each for name, each in choices["locked"].items()}
         lines.append(f"locked = {_value(held)}")
-    if robot.locked:
-        lines += _comment(f"Locked: {', '.join(robot.locked)}.")
+    sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
+    turning = [name for name in robot.locked if name not in sliding]
+    told = [("Locked", turning), ("Held, because joints that slide are not planned", sliding)]
+    for words, names in told:
+        lines += _comment(f"{words}: {', '.join(names)}.") if names else []
+    lines += [line for told in explain_wheels(robot) for line in _comment(f"{told[0].upper()}{told[1:]}.")]
     if chosen.feet:
         lines += _comment(f"Feet: {', '.join(chosen.feet)}.")
     return lines
@@ -148,8 +152,13 @@ def _jump(jump: JumpRequest) -> list[list[str]]:
 def _limits(flight: FirstFlight) -> list[str]:
     limits, robot = flight.problem.limits, flight.problem.robot
     lines = ["[limits]"]
-    if not np.isfinite(position_limits(robot, limits) - robot.position_limits).all():
+    spun = limits.position if isinstance(limits.position, Mapping) else {}
+    ranged = np.isfinite(robot.position_limits).all(axis=1)
+    if not all(known or name in spun for name, known in zip(robot.joints, ranged, strict=True)):
         lines.append("# Joints without a range in the URDF have -180 to 180 degrees.")
+    if spun:
+        ranges = {name: [_degrees(end) for end in ends] for name, ends in spun.items()}
+        lines.append(f"position = {_value(ranges)}  # degrees: a wheel may turn on")
     fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the URDF gives none"
     lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)
     none = "# torque: the URDF gives none; a number is for all, N m"

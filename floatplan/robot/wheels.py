@@ -5,6 +5,8 @@ import numpy as np
 from floatplan.robot.robot import Robot
 
 ON_AXIS = 1e-3  # [m] that the centre of mass of a wheel is off its axis
+PLANNED = "planned in the range of limits.position, -180 to 180 degrees where it gives none"
+HELD = "held, as they do not turn about the plane's normal, or were left out: they spin neither in plans nor in proofs"
 
 
 def wheels(robot: Robot) -> dict[str, str]:
@@ -29,3 +31,11 @@ def wheels(robot: Robot) -> dict[str, str]:
             if np.linalg.norm(np.cross(away, joint.axis)) <= ON_AXIS:
                 found[joint.name] = joint.child
     return found
+
+
+def explain_wheels(robot: Robot) -> list[str]:
+    """Return what is done with the wheels: a sentence about those that are planned, one about those that are held."""
+    found = wheels(robot)
+    planned, held = ([name for name in found if (name in robot.locked) == locked] for locked in (False, True))
+    told = ((planned, PLANNED), (held, HELD))
+    return [f"wheels, which turn about their own centres of mass: {', '.join(of)}: {how}" for of, how in told if of]
