@@ -9,13 +9,13 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_args, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
 from floatplan.cli import INTERRUPTED
@@ -181,7 +181,39 @@ def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
     return InputError(error.reason, element=option, advice=error.advice) if known else error
 
 
-class Commands(TyperGroup):
+class AsTyped:
+    """A command that takes texts and paths as they are typed, and defaults as they are.
+
+    Typer loads pydantic to look at them, which takes longer than many a plan.
+    """
+
+    callback: Callable[..., Any] | None
+    get_params: Callable[[Any], Sequence[Any]]
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Read the words of the command line."""
+        hints = getattr(self.callback, "__annotations__", {})
+        for parameter in self.get_params(ctx):
+            kinds = [kind for hint in get_args(hints.get(parameter.name))[:1] for kind in (hint, *get_args(hint))]
+            kind = next((kind for kind in (str, Path) if kind in kinds), None)
+            vars(parameter)["process_value"] = functools.partial(_value, parameter, kind, parameter.process_value)
+        return super().parse_args(ctx, args)  # type: ignore[misc]
+
+
+def _value(parameter: Any, kind: type | None, read: Callable[..., Any], ctx: Any, value: Any) -> Any:
+    """The value of a parameter that holds a ``kind`` of text, from a word or a default; others are read by typer."""
+    if isinstance(value, str) and kind is not None:
+        value = kind(value)
+    elif not isinstance(value, bool | int | float | Path | None) or (value is None and parameter.required):
+        return read(ctx, value)
+    return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
+
+
+class Command(AsTyped, TyperCommand):
+    """A command."""
+
+
+class Commands(AsTyped, TyperGroup):
     """The commands; what is wrong with the words of a command line is said on one short line, as all else is."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
