@@ -9,10 +9,10 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -32,6 +32,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
 
+AS_TYPED: Mapping[Any, type] = {str: str, str | None: str, Path: Path, Path | None: Path}
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -182,26 +183,19 @@ def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
 
 
 class AsTyped:
-    """A command that takes texts and paths as they are typed, and defaults as they are.
+    """A command that takes texts, paths and defaults as they are: to look at them typer would load pydantic."""
 
-    Typer loads pydantic to look at them, which takes longer than many a plan.
-    """
-
-    callback: Callable[..., Any] | None
-    get_params: Callable[[Any], Sequence[Any]]
-
-    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+    def parse_args(self: Any, ctx: Any, args: list[str]) -> list[str]:
         """Read the words of the command line."""
         hints = getattr(self.callback, "__annotations__", {})
-        for parameter in self.get_params(ctx):
-            kinds = [kind for hint in get_args(hints.get(parameter.name))[:1] for kind in (hint, *get_args(hint))]
-            kind = next((kind for kind in (str, Path) if kind in kinds), None)
-            vars(parameter)["process_value"] = functools.partial(_value, parameter, kind, parameter.process_value)
-        return super().parse_args(ctx, args)  # type: ignore[misc]
+        for each in self.get_params(ctx):
+            kind = AS_TYPED.get(getattr(hints.get(each.name), "__origin__", None))
+            vars(each)["process_value"] = functools.partial(_value, each, kind, each.process_value)
+        return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
 
 
 def _value(parameter: Any, kind: type | None, read: Callable[..., Any], ctx: Any, value: Any) -> Any:
-    """The value of a parameter that holds a ``kind`` of text, from a word or a default; others are read by typer."""
+    """The value of a parameter from a word, or from its default; what is a number, or missing, is left to typer."""
     if isinstance(value, str) and kind is not None:
         value = kind(value)
     elif not isinstance(value, bool | int | float | Path | None) or (value is None and parameter.required):

@@ -5,23 +5,19 @@ BLAS is held to one thread while floatplan computes: a sum shared among threads 
 Nothing else is loaded with this module, so that processes may load while others do.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
 from itertools import zip_longest
+from multiprocessing import get_context
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor, Future
-    from multiprocessing.connection import Connection
-    from multiprocessing.context import ForkServerContext
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -37,7 +33,7 @@ def get_ready(*modules: str) -> ForkServerContext:
 
     Every process is a copy of one that has loaded them, and the only one that an interpreter is started for.
     """
-    from multiprocessing import forkserver, get_context, resource_tracker
+    from multiprocessing import forkserver, resource_tracker
 
     context = get_context("forkserver")
     context.set_forkserver_preload(list(modules))
@@ -107,8 +103,6 @@ def in_order(pool: Executor | None, tasks: Sequence[tuple[Any, ...]], alone: Cal
     What is lost where the system kills a process, and all of it without a pool, is done by ``alone``, here, when its
     turn comes.
     """
-    from concurrent.futures import BrokenExecutor
-
     futures: list[Future[Any]] = []
     with suppress(BrokenExecutor):
         futures += [pool.submit(_do, *task) for task in tasks] if pool else []
@@ -127,7 +121,7 @@ def _do(*task: Any) -> Any:
     return _work(*task)
 
 
-def _begin(ended: Connection, prepare: Callable[..., Any] | None, given: tuple[Any, ...]) -> None:
+def _begin(ended: Any, prepare: Callable[..., Any] | None, given: tuple[Any, ...]) -> None:
     """Make a process ready: Ctrl-C is for the main one; where that lets go of its end of a pipe, this one goes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
