@@ -158,7 +158,7 @@ class Robot:
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
         source = source if isinstance(source, str) else as_path(source, "source")
-        path = urdf_path(source)
+        path = urdf_path(source, "urdf")
         with naming(path):
             plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
             given = (("armature", armature), ("damping", damping))
