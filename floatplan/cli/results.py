@@ -15,6 +15,8 @@ from floatplan.tables import LIMIT_TABLE
 
 PLAN, JUMP, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "jump.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
+DRAWN = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance")
+DRAWN += ("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height")  # of jumps
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
 
 
@@ -88,9 +90,7 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
         return
     from floatplan.export.formats import FORMATS
 
-    drawn = {"snapshots", "kinogram", "configuration", "momentum", "inertia", "clearance"} | {
-        row.title.lower() for row in LIMIT_TABLE.values()
-    }
+    drawn = {*DRAWN, *(row.title.lower() for row in LIMIT_TABLE.values())}
     made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
