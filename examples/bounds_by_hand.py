@@ -1,8 +1,8 @@
 """The interval for h by hand: equations (7) to (10) of the paper, for the gymnast's flight into a handstand.
 
-Angular momentum is kept: D_0 theta' + D_1 q_1' + D_2 q_2' = h (4). If no joint turned back on its way, each term, integrated
-over the flight, would lie between the change of its angle times the least and the greatest D_i that any joint angles give
-(7), (8). So would h T: an interval for h (9), whose middle (10) is a good choice.
+Angular momentum is kept: D_0 theta' + D_1 q_1' + D_2 q_2' = h (4). If no joint turned back on its way, each term,
+integrated over the flight, would lie between the change of its angle times the least and the greatest D_i that any
+joint angles give (7), (8). So would h T: an interval for h (9), whose middle (10) is a good choice.
 """
 
 import sys
@@ -39,7 +39,7 @@ print(f"floatplan's, enclosed: {plan.angular_momentum_bounds}, {plan.angular_mom
 OUT.mkdir(parents=True, exist_ok=True)
 with matplotlib.style.context(HERE / "examples.mplstyle"):
     figure = Figure(figsize=(7.0, 4.0))
-    maps, below = figure.subfigures(2, 1, height_ratios=(1.7, 1))
+    maps, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.7, 1))[:, 0]
     along = np.degrees(plan.joint_motion(np.linspace(0.0, plan.duration, 300))[0])
     for index, axes in enumerate(maps.subplots(1, 3, sharey=True)):
         shown = inertias[:, index].reshape(len(angles), -1).T
@@ -53,8 +53,8 @@ with matplotlib.style.context(HERE / "examples.mplstyle"):
         axes.grid(False)
         maps.colorbar(filled, ax=axes, shrink=0.9)
     axes = below.subplots()
-    for row, (name, *ends) in enumerate(zip((*names, "h"), *np.column_stack((terms, (low, high))), strict=True)):
-        axes.barh(row, ends[1] - ends[0], left=ends[0], height=0.55, color="#0072B2" if name != "h" else "#222222")
+    for height, ends in enumerate((*terms.T, (low, high))):
+        axes.barh(height, ends[1] - ends[0], left=ends[0], height=0.55, color="#222222" if height == 3 else "#0072B2")
     axes.plot((low + high) / 2, 3, "|", color="white", markersize=9)
     axes.margins(x=0.04)
     axes.set(yticks=range(4), yticklabels=(*names, "h (9)"), xlabel="kg m²/s")

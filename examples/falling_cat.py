@@ -1,7 +1,7 @@
 """A falling cat: no angular momentum at all, and yet the body turns while the joints come back to where they began.
 
-What turns it is the loop that the joints run through: the same loop run backwards turns it back, and a way there and back
-along the same line turns nothing. The picture shows the loop in the plane of the two joints.
+What turns it is the loop that the joints run through: the same loop run backwards turns it back, and a way there and
+back along the same line turns nothing. The picture shows the loop in the plane of the two joints.
 """
 
 import sys

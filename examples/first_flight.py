@@ -1,8 +1,8 @@
 """A first flight: a gymnast jumps from its feet into a handstand, and the plan is proved.
 
-A problem is a robot, a posture to start from, one to arrive at, and a flight between them. The answer is a motion of the
-joints; the body turns as the angular momentum makes it turn. The script leaves the plan, a page that plays it, and its
-picture.
+A problem is a robot, a posture to start from, one to arrive at, and a flight between them. The answer is a motion of
+the joints; the body turns as the angular momentum makes it turn. The script leaves the plan, a page that plays it,
+and its picture.
 """
 
 import sys

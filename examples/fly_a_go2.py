@@ -1,8 +1,9 @@
-"""A controller for a backflip: it reads a jump's file, flips a Go2 in MuJoCo, with contact, and corrects it in the air.
+"""A controller for a backflip: it reads a jump's file, flips a Go2 in MuJoCo, with contact, and corrects it in the
+air.
 
 Needs `floatplan[jump,replay,robots]`. Two commands write what a controller needs; the loop in `fly` is the one that
-runs on a robot, 500 times a second. Here a simulation stands in for sensors and motors: 5 % heavier than planned, with
-rotors that nobody told the plan of.
+runs on a robot, 500 times a second. Here a simulation stands in for sensors and motors: 5 % heavier than planned,
+with rotors that nobody told the plan of.
 """
 
 import subprocess
@@ -70,7 +71,7 @@ def on_the_ground() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def fly(correct: bool) -> tuple[float, bool, np.ndarray]:
-    """Fly with or without: by how many degrees touchdown is off, whether it stands in the end, and its pitch, degrees."""
+    """Fly with or without: by how much touchdown is off, degrees, whether it stands, and its pitch, degrees."""
     model, data = on_the_ground()
     places, rates = ([getattr(model.joint(name), key)[0] for name in names] for key in ("qposadr", "dofadr"))
     weakest, strongest = model.jnt_actfrcrange[[model.joint(name).id for name in names]].T

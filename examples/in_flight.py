@@ -1,7 +1,8 @@
-"""Corrections in flight: a gymnast takes off with a tenth too much angular momentum, and lands as planned all the same.
+"""Corrections in flight: a gymnast takes off with a tenth too much angular momentum, and lands as planned all the
+same.
 
-The loop in `fly` is the one that runs on a robot. Here a simulation stands in for sensors and motors: joints that do what
-they are told, and a base that turns as the angular momentum makes it turn.
+The loop in `fly` is the one that runs on a robot. Here a simulation stands in for sensors and motors: joints that do
+what they are told, and a base that turns as the angular momentum makes it turn.
 """
 
 import sys

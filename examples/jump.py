@@ -1,8 +1,8 @@
 """A whole jump: a gymnast stands on its foot, turns a somersault, and stands again, within its motors' limits.
 
-The flight is proved, the stances are checked 2000 times a second: torques, rates, friction, and that the foot only pushes.
-The pictures show the forces on the foot in their friction cones, and what of its motors the jump uses.
-Needs the extra `jump`.
+The flight is proved, the stances are checked 2000 times a second: torques, rates, friction, and that the foot only
+pushes. The pictures show the forces on the foot in their friction cones, and what of its motors the jump uses. Needs
+the extra `jump`.
 """
 
 import sys
@@ -16,7 +16,7 @@ PROBLEMS = Path(__file__).resolve().parents[1] / "problems"
 OUT = Path(sys.argv[1] if sys.argv[1:] else "runs/jump")
 
 jump = fp.jump(PROBLEMS / "jumps" / "gymnast.toml")
-assert jump.ok, jump.explanation
+assert jump.flight is not None, jump.explanation
 print(f"flight {fp.certify(jump.flight).verdict}; {jump.explanation}")
 for phase in jump.phases:
     standing = f"on {' and '.join(phase.contacts)}" if phase.contacts else "in the air"

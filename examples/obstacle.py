@@ -1,13 +1,14 @@
 """Something in the way: a pole, seen end on, in the path of the flight into a handstand; and a wall.
 
 There are several ways past; a search from several starts takes the best that it finds. The plan keeps its distance at
-every instant, also between those that the search looks at, and the proof says so. Where no plan is found, the answer says
-what is missing.
+every instant, also between those that the search looks at, and the proof says so. Where no plan is found, the answer
+says what is missing.
 """
 
 import sys
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -29,7 +30,7 @@ print(f"objective {free.objective_value:.3f} without, {around.objective_value:.3
 
 wall = fp.Bar(start=(1.5, 0.0), end=(1.5, 9.0), radius=0.02)
 blocked = fp.plan(replace(problem, obstacles=(wall,), name="blocked"))
-print(f"a wall: {blocked.explanation}")
+print(fill(f"a wall: {blocked.explanation.partition('. ')[0]}.", 90))
 
 OUT.mkdir(parents=True, exist_ok=True)
 drawn = around.figures(compare=free)

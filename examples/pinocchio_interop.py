@@ -1,7 +1,8 @@
 """A plan in Pinocchio: `plan.q`, `plan.v`, `plan.a` and `plan.tau` are in the order of its free-flyer model.
 
-So whatever is written on Pinocchio takes a plan as it is: here inverse dynamics, the centroidal momentum, the place of a
-frame, and the kinetic energy. What of that is not the flight of the centre of mass is what the motors put in and take out.
+So whatever is written on Pinocchio takes a plan as it is: here inverse dynamics, the centroidal momentum, the place
+of a frame, and the kinetic energy. What of that is not the flight of the centre of mass is what the motors put in and
+take out.
 """
 
 import sys
@@ -35,7 +36,7 @@ for q, v, a, tau in rows:
     pin.centerOfMass(model, data, q, v)
     energy.append(pin.computeKineticEnergy(model, data, q, v) - plan.robot.mass * data.vcom[0] @ data.vcom[0] / 2)
     power.append(tau[6:] @ v[6:])
-work = cumulative_trapezoid(power, times, initial=0.0)
+work = cumulative_trapezoid(np.array(power), times, initial=0)
 print(f"nothing pushes the base: {wrench:.1e} N and N m at most")
 print(f"the angular momentum is kept to {momentum:.1e} kg m^2/s")
 print(f"the work of the motors is the energy's change to {np.ptp(energy - work):.0e} J")

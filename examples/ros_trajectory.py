@@ -1,9 +1,9 @@
 """To ROS 2, and how many points it takes: a JointTrajectory, and what a controller makes of it between its points.
 
-A joint trajectory controller joins points by lines where they have positions alone, by cubics where they have velocities,
-and by polynomials of degree five where they have accelerations, as this file's do. In flight an error of the joints is
-more than that: the body turns by what the joints really do. What each way costs, over the rate of the points. Needs
-`pyyaml`.
+A joint trajectory controller joins points by lines where they have positions alone, by cubics where they have
+velocities, and by polynomials of degree five where they have accelerations, as this file's do. In flight an error of
+the joints is more than that: the body turns by what the joints really do. What each way costs, over the rate of the
+points. Needs `pyyaml`.
 """
 
 import sys
@@ -58,7 +58,7 @@ with matplotlib.style.context(HERE / "examples.mplstyle"):
     for name, miss in misses.items():
         axes.loglog(RATES, miss, "o-", label=name)
     axes.set(xlabel="points a second", ylabel="body off at landing (degrees)")
-    axes.set_xticks(RATES, RATES)
+    axes.set_xticks(RATES, map(str, RATES))
     axes.minorticks_off()
     axes.legend()
     figure.savefig(OUT / "ros_trajectory.png")

@@ -30,9 +30,8 @@ problem = fp.Problem(
 )
 plan = fp.plan(problem)
 certificate = fp.certify(plan)
-print(
-    f"{plan.status}, {certificate.verdict}: the antenna ends at most {max(map(abs, certificate.orientation_end)):.0e} rad off"
-)
+off = max(map(abs, certificate.orientation_end))
+print(f"{plan.status}, {certificate.verdict}: the antenna ends at most {off:.0e} rad off")
 
 # the same two postures, with every joint going straight from one to the other
 times = np.linspace(0.0, plan.duration, 400)

@@ -1,8 +1,9 @@
-"""A study: how weak may the motors be, and how long the flight? A table on disk, which is resumed and looked at later.
+"""A study: how weak may the motors be, and how long the flight? A table on disk, which is resumed and looked at
+later.
 
-A study file names a problem and what varies; `floatplan study` and `fp.study` plan every row, on all processors or many
-machines, in chunks that survive whatever happens. The table is Parquet, so whatever reads that can go on with it; any row
-is a plan, proved when asked for. Needs the extra `study`.
+A study file names a problem and what varies; `floatplan study` and `fp.study` plan every row, on all processors or
+many machines, in chunks that survive whatever happens. The table is Parquet, so whatever reads that can go on with
+it; any row is a plan, proved when asked for. Needs the extra `study`.
 """
 
 import sys
@@ -25,6 +26,7 @@ map = ["limits.torque.q1", "flight.duration", "utilisation"]
 
 
 def main() -> None:
+    """Plan all rows, look at the best."""
     OUT.mkdir(parents=True, exist_ok=True)
     file = OUT / "weak_motors.toml"
     file.write_text(STUDY, encoding="utf-8")
@@ -36,6 +38,7 @@ def main() -> None:
 
     (row,) = again.best(1, by="torque_peak.q1").to_pylist()
     plan = again.plan(row["index"])
+    assert plan.certificate is not None
     asked = f"T = {row['flight.duration']} s with {row['limits.torque.q1']:.1f} N m"
     print(f"the least torque of q1 is {row['torque_peak.q1']:.2f} N m: {asked}; {plan.certificate.verdict}")
     study.heatmap("limits.torque.q1", "flight.duration", "status").savefig(OUT / "study.png", dpi=200)

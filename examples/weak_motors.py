@@ -1,8 +1,8 @@
 """Weak motors: the same flight, with four fifths of the torque that it took without limits.
 
 The plan with limits pushes harder at the beginning, where there was room, so that less is left to stop at the end. A
-motor may also lose torque with speed, as all do: `fp.Motor` has a stall torque and a slope. Limits hold at every instant,
-and the proof says so.
+motor may also lose torque with speed, as all do: `fp.Motor` has a stall torque and a slope. Limits hold at every
+instant, and the proof says so.
 """
 
 import sys
