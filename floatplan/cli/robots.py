@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
-from typer.core import TyperCommand
 
 import floatplan as fp
 from floatplan.cli import common
@@ -79,7 +78,7 @@ def _lines(usable: list[dict[str, Any]], unusable: list[dict[str, Any]]) -> Iter
         yield f"More robots come with the extra robots; {install_advice('robots')}"
 
 
-class InfoCommand(TyperCommand):
+class InfoCommand(common.Command):
     """``--shapes`` lists, ``--shapes FILE.png`` draws."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
