@@ -172,9 +172,12 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     choices: dict[str, Any] = {name: getattr(record, name) for name in ("plane", "joints", "locked", *LOSSES)}
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_robot(record, plan_file) if urdf is None else urdf
-    robot = robot_as_asked(source, choices, plan_file, "robot.")
+    robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
     if robot.sha256 != record.sha256:
         raise _changed(f"the {record.kind.upper()}", f"robot.sha256 of {urdf or record.file}", plan_file)
+    for name in robot.files:
+        if record.meshes.get(name) != robot.files[name]:
+            raise _changed("what the MJCF is read with", f"robot.meshes of {name}", plan_file)
     if not record.resting:
         return robot
     if len(record.resting) != len(robot.joints):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -23,8 +23,9 @@ from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
+from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture, urdf_path
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
 from floatplan.tables import RobotKind
 
 NAME = optional(text)
@@ -71,6 +72,7 @@ class Robot:
     reference_name : of the reference posture in an SRDF file, where one was named
     tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
     kind : "urdf" or "mjcf", what its file is
+    files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
     """
 
     name: str
@@ -101,6 +103,7 @@ class Robot:
     tilt: float
     reference_name: str | None = None
     kind: RobotKind = "urdf"
+    files: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     @one_thread
@@ -150,18 +153,66 @@ class Robot:
         InputError
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
+        choices = {"plane": plane, "joints": joints, "coupled": coupled, "locked": locked, "reference": reference}
+        return cls._read(source, "urdf", **choices, armature=armature, damping=damping)
+
+    @classmethod
+    @one_thread
+    def from_mjcf(
+        cls,
+        source: str | Path,
+        *,
+        plane: str | None = None,
+        joints: Sequence[str] | None = None,
+        coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None,
+        locked: Mapping[str, float] | None = None,
+        reference: str | None = None,
+        armature: float | Mapping[str, float] | None = None,
+        damping: float | Mapping[str, float] | None = None,
+    ) -> Robot:
+        """Load a robot from an MJCF file, which MuJoCo compiles; parameters as of :meth:`from_urdf`.
+
+        Bodies are links with their own frames; the base is the body that a free joint, or joints that slide and turn,
+        move in the world, or else the one body that is held to it. Positions of joints are MuJoCo's, ``reference`` is
+        the name of a keyframe. Torque limits are those of the actuators, by gear and range of control or of force, and
+        the joint's ``actuatorfrcrange``. Shapes are of the geoms that can touch something.
+
+        Raises
+        ------
+        InputError
+            MuJoCo is not installed (extra ``mjcf``) or refuses the file; it has what cannot be planned: ball joints,
+            equality constraints, tendons that pull, flexible bodies, plugins, more than one body that moves in the
+            world; or as of :meth:`from_urdf`.
+        """
+        choices = {"plane": plane, "joints": joints, "coupled": coupled, "locked": locked, "reference": reference}
+        return cls._read(source, "mjcf", **choices, armature=armature, damping=damping)
+
+    @classmethod
+    def _read(
+        cls,
+        source: str | Path,
+        kind: RobotKind | None,
+        *,
+        plane: Any = None,
+        joints: Any = None,
+        coupled: Any = None,
+        locked: Any = None,
+        reference: Any = None,
+        **losses: Any,
+    ) -> Robot:
+        """Load a robot from a file of a kind, or of either; parameters and errors as of the classmethods."""
         source = source if isinstance(source, str) else as_path(source, "source")
         path = urdf_path(source)
         with naming(path):
             plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
-            given = (("armature", armature), ("damping", damping))
-            motors = {key: optional(for_all(number(key)))(value, key) for key, value in given}
+            motors = {key: optional(for_all(number(key)))(value, key) for key, value in losses.items()}
             joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
             if not isinstance(coupled, str):
                 coupled = optional(by_name(LEADER))(coupled, "coupled")
-            text = read_urdf(path)
+            text = read_source(path, kind)
             tree = check_urdf(text.root)
-            posture = None if reference is None else reference_posture(reference, tree, path)
+            tree = replace(tree, warnings=(*text.warnings, *tree.warnings))
+            posture = None if reference is None else reference_posture(reference, tree, text)
             choose = partial(choose_joints, tree, locked=locked, posture=posture)
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
@@ -212,6 +263,8 @@ class Robot:
             source=source,
             layout=layout,
             tilt=planar.largest_turn(written, tree),
+            kind=text.kind,
+            files=MappingProxyType(dict(text.files)),
         )
 
     @property
@@ -255,8 +308,8 @@ class Robot:
 
     @cached_property
     def meshes(self) -> Mapping[str, str]:
-        """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
-        return MappingProxyType(links.mesh_digests(self.layout.tree, self.path.parent))
+        """SHA-256 of the collision meshes that ``shapes`` are around, by their names in the file, and of ``files``."""
+        return MappingProxyType({**links.mesh_digests(self.layout.tree, self.path.parent), **self.files})
 
     @property
     def shapes(self) -> tuple[LinkCapsule, ...]:
@@ -336,23 +389,35 @@ class Robot:
         return f"Robot({self.name!r}, plane={self.plane.name!r}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
 
 
-def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:
-    """Return the robot of a URDF, as a problem file, a plan file or a command line asks for it.
+def read_robot(source: str | Path, kind: RobotKind | None = None, **choices: Any) -> Robot:
+    """Return the robot of a file of one kind, or of either; keyword arguments and errors of ``Robot.from_urdf``."""
+    return Robot._read(source, kind, **choices)
+
+
+def robot_as_asked(
+    source: str | Path,
+    choices: Mapping[str, Any],
+    asker: str | Path | None,
+    prefix: str,
+    kind: RobotKind | None = None,
+) -> Robot:
+    """Return the robot of a file, as a problem file, a plan file or a command line asks for it.
 
     Parameters
     ----------
-    urdf : path
+    source : path
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
+    asker : who gives them, such as a problem file; it has the blame for them, the robot's file that for all else
     prefix : of their names there, such as "robot."
+    kind : of the file, where that is said
 
     Raises
     ------
     InputError
-        As of ``Robot.from_urdf``.
+        As of ``Robot.from_urdf`` and ``Robot.from_mjcf``.
     """
     try:
-        return Robot.from_urdf(urdf, **choices)
+        return read_robot(source, kind, **choices)
     except InputError as error:
         word = (error.element or "").replace(".", " ").split(" ")[0]
         if asker is None or word not in choices or all(value is None for value in choices.values()):
