@@ -49,12 +49,10 @@ def robots(json_output: common.Json = False) -> None:
 
 def _facts(source: str) -> dict[str, Any]:
     """A robot in short, its legs coupled where it has pairs of them; or why it cannot be used as it is."""
-    from floatplan.robot.robot import read_robot
-
     reason = ""
     for coupled in ("mirror", None):
         try:
-            robot = read_robot(common.bundled(source), coupled=coupled)
+            robot = fp.Robot.from_file(common.bundled(source), coupled=coupled)
         except InputError as error:
             reason = error.reason
         else:

@@ -13,7 +13,7 @@ from floatplan.motion.flight import frame_from_com
 from floatplan.problem.parts import JointState
 from floatplan.problem.resolution import lowest_point
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
-from floatplan.robot.robot import Robot, read_robot
+from floatplan.robot.robot import Robot
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.tree import reference_postures, urdf_path
@@ -74,12 +74,12 @@ def _merit(chosen: ChosenRobot) -> tuple[bool, int, float, int]:
 
 
 def _loaded(source: str | Path, choices: dict[str, Any]) -> ChosenRobot:
-    robot = read_robot(source, **choices)
+    robot = Robot.from_file(source, **choices)
     carried = robot.tree.mass @ (robot.tree.turns != 0)  # kg, of the bodies that each planned joint turns
     kept = [joint for joint, mass in zip(robot.joints, carried, strict=True) if mass >= LIGHT * robot.mass]
     if kept and len(kept) < len(robot.joints):
         choices = {**choices, "joints": kept}
-        robot = read_robot(source, **choices)
+        robot = Robot.from_file(source, **choices)
     return ChosenRobot(robot, choices, feet(robot))
 
 

@@ -15,7 +15,8 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FILE, FORMAT, PlanRecord, RobotRecord, check_asked
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import PREFIX
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large

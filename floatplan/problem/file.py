@@ -18,7 +18,8 @@ from floatplan.keys import ANGLE, Key, Keyed, json_schema, read_tables, table_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import PREFIX
 from floatplan.tables import REST, ROBOT_KINDS, RobotKind
 
