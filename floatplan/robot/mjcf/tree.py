@@ -55,6 +55,10 @@ class MjcfTree:
         bodies = self.model.jnt_bodyid.tolist()
         return self._names("joint", self.model.njnt, lambda joint: f"{self.body_names[bodies[joint]]}_joint")
 
+    def slides(self, joint: int) -> bool:
+        """Whether a joint slides; it turns otherwise."""
+        return bool(self.model.jnt_type[joint] == import_mujoco().mjtJoint.mjJNT_SLIDE)
+
     def _names(self, kind: str, count: int, otherwise: Callable[[int], str]) -> dict[int, str]:
         given = {number: str(getattr(self.model, kind)(number).name) for number in range(count)}
         taken = set(given.values())
