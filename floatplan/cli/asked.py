@@ -14,7 +14,7 @@ from floatplan.problem.file import load_problem, load_robot, problem_from_dict, 
 from floatplan.problem.problem import Problem
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
-from floatplan.robot.urdf.tree import PREFIX
+from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST
 
 PLACE = "command line"
@@ -114,7 +114,7 @@ def gain(option: str, text: str | None) -> float | dict[str, float] | None:
 
 def is_robot(source: str) -> bool:
     """Whether the argument names a robot; a problem file otherwise."""
-    return source.startswith(PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
+    return is_address(source) or Path(source).suffix.lower() in (".urdf", ".xacro", ".xml")
 
 
 def named_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:

@@ -20,7 +20,7 @@ from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
-from floatplan.robot.urdf.tree import PREFIX
+from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST, ROBOT_KINDS, RobotKind
 
 Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]
@@ -305,7 +305,7 @@ def _robot(asked: RobotRequest, path: Path) -> Robot:
     asked.check("robot")
     kind: RobotKind = "urdf" if asked.mjcf is None else "mjcf"
     file = asked.urdf or asked.mjcf or ""
-    source = file if file.startswith(PREFIX) else path.parent / file
+    source = file if is_address(file) else path.parent / file
     return robot_as_asked(source, asked.choices(), path, "robot.", kind)
 
 
@@ -335,8 +335,8 @@ def _posture(state: JointState, rest: str) -> dict[str, Any]:
 
 
 def file_of(robot: Robot, path: Path) -> str:
-    """The robot's file as a file at a path names it: relative to its folder, or in example-robot-data."""
-    if robot.source.startswith(PREFIX):
+    """The robot's file as a file at a path names it: relative to its folder, or in another package."""
+    if is_address(robot.source):
         return robot.source
     return Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
 

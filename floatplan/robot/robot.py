@@ -206,7 +206,7 @@ class Robot:
         if unknown := choices.keys() - CHOICES:
             raise TypeError(f"there is no keyword argument {min(unknown)!r}")
         source = source if isinstance(source, str) else as_path(source, "source")
-        path = urdf_path(source)
+        path = urdf_path(source, kind)
         with naming(path):
             choices = {
                 name: check(choices.get(name, "planar" if name == "base" else None), name)

@@ -353,8 +353,9 @@ class MotionInFile:
 class FreeFlyer:
     """Where the joints are in ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
-    ``nq, nv`` are the sizes of a configuration and of a velocity; ``in_q, in_v`` (J,) the first entry of each joint in
-    them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in a configuration.
+    ``model`` is that one; ``nq, nv`` are the sizes of its configuration and its velocity; ``in_q, in_v`` (J,) the first
+    entry of each joint in them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in
+    a configuration.
 
     Raises
     ------
@@ -374,7 +375,8 @@ class FreeFlyer:
         for link in root.iter("link"):
             for collision in link.findall("collision"):  # of which some are of kinds that Pinocchio complains of
                 link.remove(collision)
-        model = pin.buildModelFromXML(tostring(root, encoding="unicode"), pin.JointModelFreeFlyer())
+        text = tostring(root, encoding="unicode")
+        self.model = model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         joints = [model.joints[model.getJointId(name)] for name in list(robot.model.names)[BASE + 1 :]]
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
