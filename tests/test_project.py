@@ -49,6 +49,16 @@ def test_help_imports_nothing_heavy() -> None:
     assert not set(HEAVY) & set(output)
 
 
+def test_a_plan_imports_only_what_it_uses(tmp_path: Path) -> None:
+    (tmp_path / "plan.json").touch()  # of an older run, of which pictures and other formats may have been made
+    code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
+    loaded = python("-c", code, "plan", "problems/handstand.toml", "--quiet", "-o", str(tmp_path)).split()
+    assert {"numpy", "pinocchio", "flint"} <= set(loaded)
+    assert not {*HEAVY, "pydantic", "multiprocessing.forkserver"} - {"numpy", "pinocchio", "proxsuite", "flint"} & set(
+        loaded
+    )
+
+
 @pytest.mark.parametrize("name", floatplan.__all__)
 def test_public_names_are_there(name: str) -> None:
     assert getattr(floatplan, name) is not None
