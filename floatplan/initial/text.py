@@ -153,7 +153,7 @@ def _limits(flight: FirstFlight) -> list[str]:
     limits, robot = flight.problem.limits, flight.problem.robot
     lines = ["[limits]"]
     spun = limits.position if isinstance(limits.position, Mapping) else {}
-    ranged = np.isfinite(robot.position_limits).all(axis=1)
+    ranged = (math.isfinite(low) and math.isfinite(high) for low, high in robot.position_limits.tolist())
     if not all(known or name in spun for name, known in zip(robot.joints, ranged, strict=True)):
         lines.append("# Joints without a range in the URDF have -180 to 180 degrees.")
     if spun:
