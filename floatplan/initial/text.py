@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.initial.flight import DIGITS, FAST, FirstFlight
 from floatplan.initial.robots import ChosenRobot
-from floatplan.problem.file import urdf_from
+from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
 from floatplan.problem.resolution import position_limits
@@ -59,7 +59,7 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
     lines = [
         "[robot]",
-        f"urdf = {_value(urdf_from(robot, path))}",
+        f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
     choices = chosen.choices
