@@ -94,8 +94,8 @@ def make_plan(
         explanation="",
         problem={"flight": {"duration": duration}},
         robot=RobotRecord(
-            urdf=str(robot.path),
-            sha256=hashlib.sha256(Path(str(robot.path)).read_bytes()).hexdigest(),
+            **{robot.kind: str(robot.path)},
+            sha256=hashlib.sha256(robot.path.read_bytes()).hexdigest(),
             joints=robot.joints,
             plane=robot.plane.name,
             coupled={name: asdict(coupling) for name, coupling in robot.coupled.items()},
