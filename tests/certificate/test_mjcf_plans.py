@@ -85,7 +85,9 @@ class TestNotRead:
         mesh = f'<asset><mesh name="shin" vertex="{corners}"/></asset><worldbody>'
         text = KANGAROO.read_text().replace("<worldbody>", mesh, 1)
         file = tmp_path / "meshed.xml"
-        file.write_text(re.sub(r'<geom name="shank"[^>]*>', '<geom name="shank" type="mesh" mesh="shin"/>', text))
+        file.write_text(
+            re.sub(r'<geom name="shank"[^>]*>', '<geom type="mesh" mesh="shin" contype="0" conaffinity="0"/>', text)
+        )
         write_mesh(tmp_path / "shin.obj", corners)
         file.write_text(file.read_text().replace(f'name="shin" vertex="{corners}"', 'name="shin" file="shin.obj"'))
         return file
@@ -142,4 +144,4 @@ def test_a_drawn_motion_is_proved(tmp_path, seed):
 
 @pytest.mark.long
 def test_drawn_motions_of_many_robots_are_proved(tmp_path):
-    assert sum(drawn_case(tmp_path, seed) for seed in range(60)) > 30
+    assert sum(drawn_case(tmp_path, seed) for seed in range(16)) > 8
