@@ -35,7 +35,7 @@ gravity = 9.81
 takeoff = { frame = "foot" }
 [[obstacles]]
 kind = "circle"
-center = [1.0, 1.0]
+center = [3.0, 3.0]
 radius = 0.1
 """
 Command = Callable[..., Any]
