@@ -103,12 +103,9 @@ def side_by_side(robot: Robot) -> dict[str, str]:
         parents = [int(tree.parent[each]) for each in (body, other)]
         if body in same or other in same or same.get(parents[1], parents[1]) != parents[0]:
             continue
-        values = [
-            [each[which] for each in (tree.anchor, tree.mass, tree.center, tree.inertia, tree.offsets)]
-            for which in (body, other)
-        ]
         ways = [tree.turns[each] - tree.turns[above] for each, above in zip((body, other), parents, strict=True)]
-        if np.allclose(*values, atol=ALIKE) and ways[0].sum() == ways[1].sum():
+        own = (tree.anchor, tree.mass, tree.center, tree.inertia, tree.offsets)
+        if all(abs(each[body] - each[other]) < ALIKE for each in own) and ways[0].sum() == ways[1].sum():
             same[other] = body
     joints = [robot.layout.tree.carrier[name].name for name in tree.names[1:]]
     return {joints[other - 1]: joints[body - 1] for other, body in same.items()}
