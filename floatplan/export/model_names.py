@@ -77,7 +77,8 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
 
 def _in_urdf(root: Element) -> ModelNames:
     joints = (joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") in MOVING)
-    return ModelNames(tuple(joints), tuple(link.get("name", "") for link in root.iterfind("link")))
+    links = (link.get("name", "") for link in root.iterfind("link") if link.get("type") != "frame")  # no body
+    return ModelNames(tuple(joints), tuple(links))
 
 
 def _in_mjcf(path: str | Path) -> ModelNames:

@@ -369,6 +369,9 @@ def test_the_command_tells_of_another_order(
 def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="no whole number"):
         export(pair, "isaac-amp", tmp_path / "file", rate=29.97)
+    for wrong in (np.inf, np.nan, -50.0):
+        with pytest.raises(InputError, match="Hz"):
+            export(pair, "isaac-amp", tmp_path / "file", rate=wrong)
     for form in ("isaac-amp", "motion-csv", "loco-mujoco"):
         with pytest.raises(InputError, match="one frame"):
             export(pair, form, tmp_path / "file", rate=1)
