@@ -58,18 +58,14 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
     names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(path)
     if not with_bodies:
         names = replace(names, bodies=tuple(name for name in names.bodies if name in own.bodies))
-    lacking = (
-        ("the motion has no joint", [name for name in names.joints if name not in own.joints]),
-        ("the model has no joint", [name for name in own.joints if name not in names.joints]),
-        ("the motion has no body", [name for name in names.bodies if name not in own.bodies]),
-        (
-            "the model names twice",
-            [name for kind in (names.joints, names.bodies) for name in kind if kind.count(name) > 1],
-        ),
-    )
-    wrong = [
-        f"{what} {', '.join(each[:MOST_NAMED])}{', ..' * (len(each) > MOST_NAMED)}" for what, each in lacking if each
-    ]
+    pairs = {
+        "the motion has no joint": (names.joints, own.joints),
+        "the model has no joint": (own.joints, names.joints),
+        "the motion has no body": (names.bodies, own.bodies),
+    }
+    lacking = {what: [name for name in wanted if name not in there] for what, (wanted, there) in pairs.items()}
+    told = {what: each[:MOST_NAMED] + [".."] * (len(each) > MOST_NAMED) for what, each in lacking.items() if each}
+    wrong = [f"{what} {', '.join(each)}" for what, each in told.items()]
     if wrong:
         raise InputError("; ".join(wrong), source=path, advice="give the model of the same robot, or rename them in it")
     return names
