@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -385,16 +386,29 @@ def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Pa
     ----------
     urdf : path
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
-    prefix : of their names there, such as "robot."
+    asker, prefix : as of :func:`blamed`
 
     Raises
     ------
     InputError
         As of ``Robot.from_urdf``.
     """
-    try:
+    with blamed(choices, asker, prefix):
         return Robot.from_urdf(urdf, **choices)
+
+
+@contextmanager
+def blamed(choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Iterator[None]:
+    """Let errors about choices, where one was made, name who made them.
+
+    Parameters
+    ----------
+    choices : keyword arguments of ``Robot.from_urdf``, None where left out
+    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
+    prefix : of their names there, such as "robot."
+    """
+    try:
+        yield
     except InputError as error:
         word = (error.element or "").replace(".", " ").split(" ")[0]
         if asker is None or word not in choices or all(value is None for value in choices.values()):
