@@ -1,18 +1,19 @@
 """Names and order of joints and bodies: of a robot's own file, and of the model of a program that reads a motion."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element, fromstring
 
-from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
+import numpy as np
+
+from floatplan.errors import InputError, naming
+from floatplan.robot.mjcf.compiled import compiled_mjcf
+from floatplan.robot.mjcf.text import whole_mjcf
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import MOVING
-from floatplan.simulation.mujoco_model import import_mujoco
+from floatplan.robot.urdf.tree import MOVING, read_xml
 
 MOST_NAMED = 8  # in a message
+FREE = 7  # numbers of a free joint's configuration
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ def own_names(robot: Robot) -> ModelNames:
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
     """Return the names in a model, URDF or MJCF, that is to read a motion of the robot with the names ``own``.
 
-    In an MJCF the robot is what hangs together by most joints. Links of ``own`` that a model has fused are left out.
+    In an MJCF the robot is what hangs together by most joints, but for those of its base, which floats here. Links of
+    ``own`` that a model has fused are left out.
 
     Raises
     ------
@@ -52,10 +54,10 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
         The file cannot be read, or MuJoCo is not installed; one of both has a joint that the other has not; or, where
         bodies matter, it has a body that the robot has not.
     """
-    root = parsed_xml(read_regular(path, LARGEST_URDF, "a URDF or MJCF file"), Path(path))
+    _, root = read_xml(Path(path))
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
-    names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(path)
+    names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(root, Path(path))
     if not with_bodies:
         names = replace(names, bodies=tuple(name for name in names.bodies if name in own.bodies))
     pairs = {
@@ -77,23 +79,12 @@ def _in_urdf(root: Element) -> ModelNames:
     return ModelNames(tuple(joints), tuple(links))
 
 
-def _in_mjcf(path: str | Path) -> ModelNames:
-    """What MuJoCo reads; nothing is compiled, so that meshes need not be there."""
-    mujoco = import_mujoco("model")
-    try:
-        top = mujoco.MjSpec.from_file(str(path)).worldbody.bodies
-    except ValueError as error:
-        raise InputError(f"MuJoCo refuses it: {error}", source=path) from None
-    free, trees = mujoco.mjtJoint.mjJNT_FREE, [list(_from(base)) for base in top]
-    tree = max(trees, key=lambda tree: sum(len(body.joints) for body in tree), default=[])
-    joints = [(joint.name, joint.type == free) for body in tree for joint in body.joints]
-    floats = [name for name, is_free in joints if is_free]
-    of_joints = tuple(name for name, is_free in joints if not is_free)
-    return ModelNames(of_joints, tuple(body.name for body in tree if body.name), floats[0] if floats else "")
-
-
-def _from(body: Any) -> Iterator[Any]:
-    """A body and all that it carries, in the order of MuJoCo's numbers."""
-    yield body
-    for each in body.bodies:
-        yield from _from(each)
+def _in_mjcf(root: Element, path: Path) -> ModelNames:
+    with naming(path):
+        model = compiled_mjcf(whole_mjcf(root, path))
+    base = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=1).argmax()  # it carries most joints
+    bodies = (model.body(body).name for body in np.flatnonzero(model.body_rootid == base))
+    joints = [model.joint(joint) for joint in np.flatnonzero(model.body_rootid[model.jnt_bodyid] == base)]
+    free = [joint.name for joint in joints if len(joint.qpos0) == FREE]
+    moving = (joint.name for joint in joints if joint.bodyid[0] != base)
+    return ModelNames(tuple(moving), tuple(name for name in bodies if name), free[0] if free else "")

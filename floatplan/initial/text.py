@@ -14,7 +14,7 @@ import numpy as np
 from floatplan.initial.afloat import FAST
 from floatplan.initial.flight import DIGITS, FirstFlight
 from floatplan.initial.robots import ChosenRobot
-from floatplan.problem.file import urdf_from
+from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
 from floatplan.robot.robot import Robot
@@ -64,7 +64,7 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
     lines = [
         "[robot]",
-        f"urdf = {_value(urdf_from(robot, path))}",
+        f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
     choices = chosen.choices
