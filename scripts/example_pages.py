@@ -24,7 +24,7 @@ SHOWN = {  # the pages' order
     "Many flights": ("sweep", "study"),
     "Is it true?": ("certificate", "mujoco_playback", "in_flight"),
     "From standing to standing": ("jump", "fly_a_go2"),
-    "With others": ("pinocchio_interop", "ros_trajectory", "reference_motion"),
+    "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion"),
     "How it works": ("bounds_by_hand", "the_method"),
 }
 DRAWN_ELSEWHERE = {"handstand": "../images/handstand.png", "the_method": "../images/obstacle.png"}
