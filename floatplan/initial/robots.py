@@ -25,7 +25,7 @@ LIGHT = 0.01  # [-] of the robot's mass: joints that carry less, such as fingers
 
 @dataclass(frozen=True, eq=False)
 class ChosenRobot:
-    """A robot, the keys of ``[robot]`` beside ``urdf`` that choose it, and its feet, the rearmost first."""
+    """A robot, the keys of ``[robot]`` beside its file that choose it, and its feet, the rearmost first."""
 
     robot: Robot
     choices: Mapping[str, Any]
@@ -44,7 +44,7 @@ def chosen_robot(source: str | Path, given: Mapping[str, Any] | None = None, foo
     Raises
     ------
     InputError
-        The file is not a sound URDF, or in none of the planes does the robot keep to it.
+        The file is not sound, or in none of the planes does the robot keep to it.
     """
     given = given or {}
     if "locked" in given and "coupled" not in given:
