@@ -111,6 +111,7 @@ def package(tmp_path, monkeypatch):
         "tumbler_description": f"print('Cloning ...')\nURDF_PATH = {str(GYMNAST)!r}\n",
         "tumbler_mj_description": f"MJCF_PATH = {str(KANGAROO)!r}\n",
         "absent_description": f"URDF_PATH = {str(tmp_path / 'absent.urdf')!r}\n",
+        "silent_description": "import os\nos._exit(0)\n",
         "slow_description": "import subprocess\nsubprocess.run(['sleep', '60'])\n",
         "unreachable_description": "import subprocess\nsubprocess.run(['git', 'clone', 'https://localhost:1/a', "
         "'nowhere'], check=True)\n",
@@ -150,6 +151,7 @@ class TestDescriptions:
             ("tumblr_description", "has no tumblr_description; it has tumbler_description"),
             ("absent_description", "gives no URDF of it; it gives URDF_PATH"),
             ("tumbler_mj_description", "gives no URDF of it; it gives MJCF_PATH"),
+            ("silent_description", "ended with 0, and said nothing; bring it here first"),
             ("unreachable_description", "robot_descriptions pull unreachable_description"),
         ],
     )
