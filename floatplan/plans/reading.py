@@ -61,7 +61,7 @@ def checked(record: PlanRecord) -> PlanRecord:
     """
     check_depth(vars(record))
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
-    check_finite({**stated, "robot": record.robot.to_dict()})
+    check_finite({**stated, "robot": vars(record.robot)})
     written = _record(record.to_dict())
     check_asked(written)
     return written
