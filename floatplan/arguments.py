@@ -13,7 +13,7 @@ from dataclasses import MISSING, fields
 from itertools import count, islice
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -214,13 +214,13 @@ def many(check: Check, of: str, count: int | None = None) -> Check:
     return each
 
 
-def pair(check: Check, of: str = "numbers", count: Literal[2, 3] = 2) -> Check:
-    """Two of what a check lets through, or three, kept as a tuple."""
+def pair(check: Check, of: str = "numbers", count: int = 2) -> Check:
+    """Two of what a check lets through, or three or four, kept as a tuple."""
 
     def each(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
         if items is None or len(items) != count:
-            raise InputError(f"{value!r} is not {'two' if count == 2 else 'three'} {of}", element=element)
+            raise InputError(f"{value!r} is not {('two', 'three', 'four')[count - 2]} {of}", element=element)
         return tuple(check(item, f"{element}[{index}]") for index, item in enumerate(items))
 
     return each

@@ -146,12 +146,14 @@ def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     flight = problem.flight
-    takeoff = complex(*problem.takeoff.position) - frame_from_com(problem.robot, problem.takeoff_frame, problem.initial)
+    takeoff = complex(*problem.takeoff.place_in_plane) - frame_from_com(
+        problem.robot, problem.takeoff_frame, problem.initial
+    )
     landing = frame_from_com(problem.robot, problem.landing_frame, problem.final)
     height_change = problem.landing_height - landing.imag - takeoff.imag
     vertical_velocity = height_change / flight.duration + flight.gravity * flight.duration / 2
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),
-        velocity0=read_only([flight.horizontal_velocity, vertical_velocity]),
+        velocity0=read_only([flight.speed_in_plane, vertical_velocity]),
         gravity=float(flight.gravity),
     )

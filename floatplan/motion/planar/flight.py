@@ -259,7 +259,7 @@ def momentum_set(problem: Problem) -> MomentumSet:
     A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
     """
     low, high = angular_momentum_interval(problem)
-    asked = problem.flight.angular_momentum
+    asked = problem.flight.momentum_in_plane
     centre = (low + high) / 2 if isinstance(asked, str) else float(asked)
     if asked != "free":
         return MomentumSet(read_only([centre]), read_only(np.empty((1, 0))))
