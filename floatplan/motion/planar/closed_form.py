@@ -109,22 +109,25 @@ def tree_dynamics(tree: PlanarTree) -> Dynamics:
 
 @dataclass(frozen=True, eq=False)
 class Ballistics:
-    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical)."""
+    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
+
+    In space x, y and z, the last of which is the vertical.
+    """
 
     position0: Array
     velocity0: Array
     gravity: float
 
     def positions(self, times: Array) -> Array:
-        """Places (N, 2), m, at times (N,), s."""
+        """Places (N, 2) or (N, 3), m, at times (N,), s."""
         path = self.position0 + times[:, None] * self.velocity0
-        path[:, 1] -= self.gravity * times**2 / 2
+        path[:, -1] -= self.gravity * times**2 / 2
         return np.asarray(path)
 
     def velocities(self, times: Array) -> Array:
-        """Velocities (N, 2), m/s, at times (N,), s."""
+        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
         velocities = np.tile(self.velocity0, (len(times), 1))
-        velocities[:, 1] -= self.gravity * times
+        velocities[:, -1] -= self.gravity * times
         return velocities
 
 

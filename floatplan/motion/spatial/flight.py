@@ -12,11 +12,15 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightGrid, Partials
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.motion.spatial.attitude import Cells, IntegrationError, Turning, cells, turn_from
-from floatplan.motion.spatial.dynamics import SpatialDynamics
+from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
 from floatplan.motion.spatial.rotations import cross_matrix, logarithm
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.attitude import Attitude
+from floatplan.problem.parts import JointState, Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
 
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages, by levels
+WORK_OF_A_BODY = 100  # [instants of one body of a plane]: what an instant of one in space costs
 NO_SHAPES = "the distances of a robot in space are not known yet"
 TINY = 1e-300  # keeps a quotient of zeros from being none
 
@@ -318,6 +322,33 @@ class SpatialBaseMotion:
     def pair_partials(self, first: tuple[int, ...], second: tuple[int, ...]) -> Partials:
         """Not known yet."""
         raise NotImplementedError(NO_SHAPES)
+
+
+@lru_cache(maxsize=16)
+def spatial_dynamics(robot: Robot) -> SpatialDynamics:
+    """Return a robot's dynamics, prepared once."""
+    return SpatialDynamics(robot.model, robot.reference[BASE + 1 :], robot.selection[BASE:])
+
+
+@lru_cache(maxsize=8)
+def spatial_flight(problem: Problem) -> SpatialFlight:
+    """Prepare a problem's flight once for all motions."""
+    robot = problem.robot
+    start, goal = (attitude_of(state) for state in (problem.initial, problem.final))
+    return SpatialFlight(
+        spatial_dynamics(robot),
+        robot.transmission[BASE:],
+        start.matrix,
+        goal.matrix,
+        problem.flight.duration,
+        bodies=WORK_OF_A_BODY * robot.model.njoints,
+    )
+
+
+def attitude_of(state: JointState) -> Attitude:
+    """The attitude of a state in space."""
+    assert state.attitude is not None, "the robot flies in space"
+    return state.attitude
 
 
 def left_jacobian_inverse(turn: Array) -> Array:
