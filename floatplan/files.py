@@ -1,5 +1,6 @@
 """Files: JSON read strictly, plain data, and files that are written whole or not at all."""
 
+import hashlib
 import json
 import math
 import os
@@ -57,6 +58,13 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
     if state.st_size > largest or len(content) > largest:
         raise InputError(f"is larger than {largest // 1_000_000} MB, as no {kind.partition(' ')[2]} is", source=path)
     return content
+
+
+def check_hash(content: bytes, digest: str, path: Path) -> None:
+    """Refuse the content of a file whose SHA-256 is not the one that a plan recorded."""
+    if hashlib.sha256(content).hexdigest() != digest:
+        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
+        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
 
 
 def runs_folder(name: str, otherwise: str) -> Path:
