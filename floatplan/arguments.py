@@ -346,6 +346,11 @@ def shortened(values: Iterable[float], digits: int = 4) -> str:
     return ", ".join(numbers if more <= 0 else [*numbers[:MOST_NUMBERS], f"... ({more} more)"])
 
 
+def in_line(value: float | Iterable[float], digits: int = 4) -> str:
+    """A number, or the numbers of a vector in brackets."""
+    return f"({shortened(value, digits)})" if isinstance(value, Iterable) else f"{value:.{digits}g}"
+
+
 class Outlined:
     """A dataclass that shows its fields, or what ``shown`` names, one a line; arrays by their shapes and ranges."""
 

@@ -92,6 +92,10 @@ class BaseMotion(Protocol):
     def residual(self) -> Array:
         """By how much the attitude at landing misses the goal (S, e), rad."""
 
+    @property
+    def missed(self) -> float:
+        """The largest of them, of a single motion, rad; infinite where whole turns are not those asked for."""
+
     def transport(self, drift: Array) -> Array:
         """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make; of a single motion, S = 1."""
 
@@ -245,6 +249,10 @@ class WholeMotion(Protocol):
     @property
     def missed(self) -> float:
         """By how much the attitude at landing misses the goal, rad."""
+
+    @property
+    def orientation_at_ends(self) -> Mapping[str, Any]:
+        """What plan files say of the orientation: at the start, at the end and of the goal."""
 
     def state(self, instants: Array) -> FlightState:
         """State at times (N,) s within the flight."""

@@ -94,7 +94,7 @@ def impossibilities(problem: Problem) -> list[str]:
 
 
 def motion_into_ground(problem: Problem, angular_momentum: Array) -> Sequence[InputError]:
-    """What on the ground moves down at takeoff, or up at landing, for h (e,) kg m^2/s; nothing is known of it in space."""
+    """What on the ground moves down at takeoff, or up at landing, for h (e,) kg m^2/s; not known in space."""
     return list(planar_ends.motion_into_ground(problem, angular_momentum)) if problem.robot.in_plane else []
 
 

@@ -154,8 +154,11 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
 
 
 def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
-    """Links below the horizontal line on which the robot took off; without gravity there is no such line."""
-    if plan.ballistics.gravity == 0:
+    """Links below the horizontal line on which the robot took off; without gravity there is no such line.
+
+    In space heights are not measured yet.
+    """
+    if plan.ballistics.gravity == 0 or plan.robot.in_plane is None:
         return
     takeoff = plan.problem.takeoff_frame.link
     try:
@@ -247,9 +250,12 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
     """Angles that are asked for and so large that degrees may have been meant: of the base, and of each joint."""
     start, goal = problem.initial, problem.final
-    base = max(abs(start.orientation), abs(goal.orientation), abs(goal.orientation - start.orientation))
+    first, last = (
+        np.array([end.orientation if end.attitude is None else end.attitude.angles or 0.0]) for end in (start, goal)
+    )
+    base = float(max(np.abs(first).max(), np.abs(last).max(), np.abs(last - first).max()))
     joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
-    for name, angle in zip((problem.robot.tree.names[0], *problem.robot.joints), (base, *joints), strict=True):
+    for name, angle in zip((problem.robot.joint_tree.root, *problem.robot.joints), (base, *joints), strict=True):
         if angle > MOST_TURNS + ROUNDING:
             message = (
                 f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"

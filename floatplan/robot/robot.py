@@ -229,11 +229,14 @@ class Robot:
             The robot flies in space.
         """
         if self.in_plane is None:
-            reason = "the robot flies in space, and this is for flights in a plane, yet"
-            raise InputError(
-                reason, source=self.source, element="robot.base", advice='base = "planar" flies in a plane'
-            )
+            raise self.not_in_plane
         return self.in_plane
+
+    @property
+    def not_in_plane(self) -> InputError:
+        """What is said of a robot that flies in space where only flights in a plane are known, yet."""
+        reason, advice = "the robot flies in space, and this is for flights in a plane, yet", "leave base out"
+        return InputError(reason, source=self.source, element="robot.base", advice=advice)
 
     @property
     def plane(self) -> Plane:

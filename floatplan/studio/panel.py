@@ -156,7 +156,7 @@ class Controls:
 
     def _flight(self) -> None:
         answer, problem = self._session.view.answer, self._session.view.problem
-        low, high = (0.0, 1.0) if answer is None else answer.plan.angular_momentum_bounds
+        low, high = (answer and answer.plan.angular_momentum_bounds) or (0.0, 1.0)
         half = max(high - low, abs(low), abs(high), 0.1)
         present, speed = problem.flight.duration, problem.flight.speed_in_plane
         self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)

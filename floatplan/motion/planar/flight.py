@@ -150,6 +150,11 @@ class PlanarBaseMotion:
         turned = self.flight.duration * (self.node_rates @ self.grid.weights)
         return (turned - self.flight.change)[:, None]
 
+    @property
+    def missed(self) -> float:
+        """The residual of a single motion, without its sign, rad."""
+        return abs(float(self.residual[0, 0]))
+
     def transport(self, drift: Array) -> Array:
         """Integrals (K, 1, c) of drifts (N, 1, c)."""
         return np.asarray(self.flight.duration * (self.grid.integrals @ drift[:, 0, :]))[:, None, :]

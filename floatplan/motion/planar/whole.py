@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -71,6 +73,12 @@ class PlanarMotion:
         """Orientation at the end of the flight, rad."""
         rule, rates = self._orientation_rates
         return float(self.problem.initial.orientation + self.problem.flight.duration * (rule.weights @ rates))
+
+    @property
+    def orientation_at_ends(self) -> Mapping[str, Any]:
+        """Orientations, rad, at the start, at the end and of the goal."""
+        start, goal = self.problem.initial.orientation, self.problem.final.orientation
+        return {"start": start, "end": self.final_orientation, "goal": goal}
 
     @property
     def missed(self) -> float:

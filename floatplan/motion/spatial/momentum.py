@@ -38,10 +38,8 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
         return MomentumSet(read_only(suggested), read_only(np.empty((3, 0))))
     size = float(np.linalg.norm(suggested))
     if size == 0.0:
-        inertia = _PlainMotion(problem).inertia
-        return MomentumSet(
-            read_only(suggested), read_only(np.eye(3) * ALONG * np.trace(inertia) / 3 / problem.flight.duration)
-        )
+        reach = ALONG * np.trace(_PlainMotion(problem).inertia) / 3 / problem.flight.duration
+        return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
     beside = np.linalg.svd(along[None])[2][1:]
     axes = np.stack((ALONG * along, *(ACROSS * each for each in beside)), axis=1)
@@ -125,7 +123,7 @@ class _PlainMotion:
         return best
 
     def turning(self, axis: Array, angle: float, axes: str) -> Array:
-        """The h along an axis (3,) of the world with which the first of the angles about axes changes by so much, rad."""
+        """The h along an axis (3,) of the world with which the first angle about axes changes by so much, rad."""
         low, of_low = 0.0, 0.0
         start = self.flight.initial_attitude
         high = angle / self.flight.duration * float(axis @ self.mean_inertia(start) @ axis)
@@ -141,6 +139,5 @@ class _PlainMotion:
 
     def _turned(self, h: Array, axes: str) -> float:
         turning = self.fly(h).turning
-        attitudes = np.concatenate((turning.borders[:1], turning.attitudes, turning.ends[-1:]))
-        angles = unwrapped_angles(axes, attitudes)
+        angles = unwrapped_angles(axes, turning.way)
         return float(angles[-1, 0] - angles[0, 0])

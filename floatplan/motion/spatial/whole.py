@@ -5,7 +5,10 @@ World: the root link's axes at the identity, z up; the origin is the problem's.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +21,7 @@ from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn_from
 from floatplan.motion.spatial.dynamics import BASE
-from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics
+from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics, spatial_flight
 from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
 from floatplan.pool import one_thread
 from floatplan.problem.parts import JointState
@@ -100,7 +103,7 @@ class SpatialMotion:
         return np.where(same[:, None], -found, found)
 
     def state(self, instants: Array) -> FlightState:
-        """State at times (N,) s within the flight; the orientation is a quaternion (N, 4), rates are in the base's axes."""
+        """State at times (N,) s within the flight: quaternions (N, 4), and rates in the base's axes."""
         robot = self.problem.robot
         positions, velocities, accelerations = self.joints.at(instants)
         inertia, joint_map = self.dynamics.momentum_maps(positions)
@@ -145,20 +148,23 @@ class SpatialMotion:
         return np.pad(self.dynamics.torques(*moved), ((0, 0), (BASE, 0)))
 
     @property
+    def orientation_at_ends(self) -> Mapping[str, Any]:
+        """Quaternions x, y, z, w at the start, at the end and of the goal, with w not negative."""
+        start, goal = (attitude_of(state).quaternion for state in (self.problem.initial, self.problem.final))
+        end = Rotation.from_matrix(self.turning.ends[-1]).as_quat(canonical=True)
+        named = (("start", start), ("end", read_only(end)), ("goal", goal))
+        return {name: {"quaternion_xyzw": quaternion} for name, quaternion in named}
+
+    @property
     def missed(self) -> float:
         """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
-        goal = attitude_of(self.problem.final)
-        missed = float(np.linalg.norm(logarithm(goal.matrix.T[None] @ self.turning.ends[-1:])))
-        if goal.angles is None:
-            return missed
-        turns = self.angles(goal.axes or "")[-1] - goal.angles
-        return max(missed, float(np.abs(turns[[0, 2]]).max())) if np.abs(turns[[0, 2]]).max() > 1.0 else missed
+        flight = spatial_flight(self.problem)
+        missed = float(np.linalg.norm(logarithm(flight.final_attitude.T[None] @ self.turning.ends[-1:])))
+        return math.inf if flight.wrong(self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
         """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
-        turning = self.turning
-        attitudes = np.concatenate((turning.borders[:1], turning.attitudes, turning.ends[-1:]))
-        found = unwrapped_angles(axes, attitudes)
+        found = unwrapped_angles(axes, self.turning.way)
         asked = attitude_of(self.problem.initial).angles_about(axes)
         found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
         return found
