@@ -38,6 +38,7 @@ from floatplan.plans.record import PlanRecord, RobotRecord
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
 from floatplan.pool import one_thread
 from floatplan.robot.robot import LinkCapsule, Robot
+from floatplan.robot.urdf.packages import robot_content
 from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
@@ -74,7 +75,7 @@ def certify(
     urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
     record, file, robot = recorded(plan)
     with naming(file):
-        path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf)
+        path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
         record = checked(record)
         if record.in_space:
             return _undecided(record.robot, NOT_IN_SPACE)
@@ -124,7 +125,7 @@ def prove(
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
         try:
-            robot = kept_robot(path, record.robot)
+            robot = kept_robot(robot_content(path), path, record.robot)
         except NotReadError as error:
             return _undecided(record.robot, str(error))
         try:

@@ -13,7 +13,7 @@ from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.tree import PREFIX
+from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST
 
 PLACE = "command line"
@@ -113,7 +113,7 @@ def gain(option: str, text: str | None) -> float | dict[str, float] | None:
 
 def is_robot(source: str) -> bool:
     """Whether the argument names a robot; a problem file otherwise."""
-    return source.startswith(PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
+    return is_address(source) or Path(source).suffix.lower() in (".urdf", ".xacro", ".xml")
 
 
 def named_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:

@@ -65,6 +65,7 @@ def flag(text: str, *names: str) -> Any:
     return typer.Option(*names, help=text)
 
 
+MODEL = "URDF or MJCF of what reads a reference motion: the file has its joints and bodies, in its order."
 RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
@@ -243,6 +244,15 @@ def read_motion(path: str, urdf: str | None) -> fp.Plan | fp.Jump:
 def tell(quiet: bool) -> Callable[[str], None]:
     """What prints words on stderr, in a line each, or nothing."""
     return lambda words: None if quiet else typer.echo(escaped(words), err=True)
+
+
+def check_model(form: str, model: str | None, robot: fp.Robot, quiet: bool) -> None:
+    """Refuse a format, or a model that is not the robot's; say whether that has another order."""
+    from floatplan.export.formats import names_of_model
+
+    names = names_of_model(form, model, robot)
+    if names is not None:
+        tell(quiet)(f"{model}: {names.order_beside(robot)}")
 
 
 def print_path(path: Path, *, err: bool = False) -> None:

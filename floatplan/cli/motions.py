@@ -229,6 +229,7 @@ def export(
     rate: Annotated[float | None, option("HZ", "Instants per second; left out, what suits the format.")] = None,
     kp: Annotated[str | None, option("K|J=K,..", STIFFNESS)] = None,
     kd: Annotated[str | None, option("K|J=K,..", DAMPING)] = None,
+    model: Annotated[str | None, option("FILE", common.MODEL)] = None,
     output: Annotated[Path | None, option("FILE", "The file; beside the plan if left out.", "--output", "-o")] = None,
     urdf: common.Urdf = None,
     quiet: common.Quiet = False,
@@ -244,7 +245,8 @@ def export(
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
     motion = common.read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
+    common.check_model(form, model, motion.problem.robot, quiet)
     with progress("exporting", quiet):
-        path = motion.export(form, path, rate, kp=stiffness, kd=damping)
+        path = motion.export(form, path, rate, kp=stiffness, kd=damping, model=model)
     if not quiet:
         common.print_path(path)

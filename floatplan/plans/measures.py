@@ -205,7 +205,7 @@ def _contacts(contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
 def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
     """Joints that leave the URDF's ranges or turn faster than it allows, each of a group on its own."""
     for joint in (*robot.joints, *robot.coupled):
-        written = robot.layout.tree.joint[joint]
+        written = robot.joint_tree.joint[joint]
         leader, ratio, offset = _coupling(robot, joint)
         low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
         below, above = (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
@@ -234,7 +234,7 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 ' limits.torque = "urdf" keeps it.'
             )
             yield PlanWarning("torque", joint, float(torque), float(limit), "N m", float(instant), message)
-    joints = robot.layout.tree.joint
+    joints = robot.joint_tree.joint
     if not any(math.isfinite(joints[name].effort) for name in robot.locked):
         return
     for name, (torque, instant) in plan.holding_torques.items():

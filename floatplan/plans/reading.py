@@ -16,7 +16,7 @@ from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FILE, FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.tree import PREFIX
+from floatplan.robot.urdf.tree import is_address
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
@@ -223,7 +223,7 @@ def find_robot(record: RobotRecord, plan_file: str | Path | None) -> str:
         It is in none of these places.
     """
     file = record.file
-    if plan_file is None or file.startswith(PREFIX) or is_file(Path(file)):
+    if plan_file is None or is_address(file) or is_file(Path(file)):
         return file
     for name in (Path(file).name, file):
         path = Path(plan_file).parent / name
@@ -236,7 +236,7 @@ def find_robot(record: RobotRecord, plan_file: str | Path | None) -> str:
 def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
     values: dict[str, Any] = {name: dict(getattr(robot, name)) for name in ("locked", "meshes", *LOSSES)}
-    values[robot.kind] = robot.source if robot.source.startswith(PREFIX) else str(robot.path.resolve())
+    values[robot.kind] = robot.source if is_address(robot.source) else str(robot.path.resolve())
     return RobotRecord(
         sha256=robot.sha256,
         joints=robot.joints,

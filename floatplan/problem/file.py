@@ -19,7 +19,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Base, Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.tree import PREFIX
+from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST
 
 Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]
@@ -292,7 +292,7 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
 
 def _robot(asked: RobotRequest, path: Path) -> Robot:
     asked.check("robot")
-    source = asked.urdf if asked.urdf.startswith(PREFIX) else path.parent / asked.urdf
+    source = asked.urdf if is_address(asked.urdf) else path.parent / asked.urdf
     return robot_as_asked(source, asked.choices(), path, "robot.")
 
 
@@ -325,7 +325,7 @@ def _posture(state: JointState, rest: str) -> dict[str, Any]:
 
 def urdf_from(robot: Robot, path: Path) -> str:
     """The robot's URDF as a file at a path names it: relative to its folder, or in example-robot-data."""
-    if robot.source.startswith(PREFIX):
+    if is_address(robot.source):
         return robot.source
     return Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
 

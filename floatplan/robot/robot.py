@@ -158,7 +158,7 @@ class Robot:
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
         source = source if isinstance(source, str) else as_path(source, "source")
-        path = urdf_path(source)
+        path = urdf_path(source, "urdf")
         with naming(path):
             plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
             given = (("armature", armature), ("damping", damping))
@@ -252,6 +252,16 @@ class Robot:
     def frames(self) -> Mapping[str, Frame]:
         """Links' and joints' origins by name, on the bodies of ``tree``; refused in space."""
         return MappingProxyType(dict(self.layout.frames()))
+
+    @property
+    def model_joints(self) -> tuple[str, ...]:
+        """Names of the joints of ``model`` that move, in its order."""
+        return tuple(self.model.names)[1 + len(set(self.model.names) - self.joint_tree.joint.keys() - {"universe"}) :]
+
+    @property
+    def up(self) -> Array:
+        """Unit vector (3,) against gravity, in the root link's axes where it is not turned."""
+        return read_only((0.0, 0.0, 1.0) if self.in_plane is None else self.in_plane.plane.vertical)
 
     @property
     def frame_names(self) -> list[str]:

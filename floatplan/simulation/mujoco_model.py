@@ -21,10 +21,10 @@ ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask 
 BASE = ("base_horizontal", "base_vertical", "base_orientation")
 
 
-def import_mujoco() -> ModuleType:
+def import_mujoco(element: str = "engine") -> ModuleType:
     """Return the module, which then writes no log of its warnings; InputError where it is not installed."""
     with ONE_AT_A_TIME:
-        mujoco = import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
+        mujoco = import_optional("mujoco", name="MuJoCo", element=element, extra="replay")
         if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
             mujoco.set_mju_user_warning(_ignore)
     return mujoco

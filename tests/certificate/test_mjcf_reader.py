@@ -116,7 +116,7 @@ def test_what_has_no_name_is_called_as_the_planner_calls_it():
     </body></body></worldbody></mujoco>"""
     joints = [joint.name for joint in read(text).joints if joint.kind != "fixed"]
     assert joints == ["body3_joint_", "body3_joint", "body4_joint", "body4_joint_"]
-    assert [name for name in read(text).links if "/" not in name] == ["body2", "body3", "body4"]
+    assert list(read(text).links) == ["body2", "body3", "body3/body3_joint_", "body4", "body4/body4_joint"]
 
 
 ROBOT = """<mujoco>{sections}<worldbody><body name="torso"{torso}><freejoint/>{in_torso}<geom size="0.2"/>
@@ -171,15 +171,19 @@ class TestIncludes:
     ("parts", "named"),
     [
         ({"geom": ' mesh="foot"'}, "leg.*mesh"),
-        ({"sections": "<tendon/>"}, "<tendon>"),
-        ({"sections": "<equality/>"}, "<equality>"),
-        ({"sections": "<deformable/>"}, "<deformable>"),
+        ({"sections": '<tendon><fixed stiffness="1"/></tendon>'}, "<fixed>: stiffness"),
+        ({"sections": '<tendon><spatial range="0 1"/></tendon>'}, "<spatial>: range"),
+        ({"sections": '<default><tendon damping="1"/></default>'}, "<tendon>: damping"),
+        ({"sections": '<actuator><motor name="pull" tendon="rope"/></actuator>'}, "motor.*pull"),
+        ({"sections": '<equality><weld name="held"/></equality>'}, "weld.*held"),
+        ({"sections": '<equality><joint joint1="hip" active="true"/></equality>'}, "<joint>"),
+        ({"sections": '<deformable><flex name="cloth"/></deformable>'}, "flex.*cloth"),
         ({"sections": "<extension/>"}, "<extension>"),
-        ({"sections": '<compiler fusestatic="true"/>'}, "fusestatic"),
+        ({"sections": '<compiler passthrough="true"/>'}, "passthrough"),
         ({"sections": '<compiler coordinate="global"/>'}, "coordinate"),
-        ({"joint": ' type="ball"'}, 'hip.*"ball"'),
+        ({"joint": ' type="ball"'}, "hip.*ball"),
+        ({"joint": ' type="free"'}, "hip.*free"),
         ({"joint": ' inertia="1"'}, "inertia"),
-        ({"torso": ' gravcomp="1"'}, "gravcomp"),
         ({"torso": ' mocap="true"'}, "mocap"),
         *[({"in_torso": f"<{tag}/>"}, tag) for tag in ("replicate", "attach", "composite", "flexcomp", "plugin")],
         ({"in_torso": '<frame><inertial pos="0 0 0" mass="1"/></frame>'}, "inertial"),
@@ -189,6 +193,8 @@ def test_what_is_not_read_is_named(parts, named):
     read(robot())
     read(robot(in_torso='<inertial pos="0 0 0" mass="1"/><geom type="mesh" mesh="trunk"/>'))
     read(robot(in_torso='<geom type="mesh" mesh="trunk" mass="0"/>'))
+    inert = "<tendon><fixed/></tendon><deformable><skin/></deformable>"
+    read(robot(sections=f'{inert}<equality><joint joint1="hip" active="false"/></equality>', torso=' gravcomp="1"'))
     with pytest.raises(NotReadError, match=named):
         read(robot(**parts))
 
@@ -207,8 +213,6 @@ def test_what_is_not_read_is_named(parts, named):
         (robot(torso=' quat="0 0 0 0"'), "no length"),
         (robot(torso=' euler="0 0 a"'), "a"),
         (robot().replace('"leg"', '"torso"'), "two of this name"),
-        (robot().replace("<freejoint/>", '<joint name="a"/>'), "not fly"),
-        (robot().replace('<joint name="hip" axis="0 1 0"/>', '<joint name="hip" type="free"/>'), "top"),
         (robot(sections="<worldbody><body><freejoint/></body></worldbody>"), "has 2 bodies"),
     ],
 )
@@ -220,22 +224,26 @@ def test_what_is_wrong_is_one_error(text, reason):
 
 
 @pytest.mark.parametrize(
-    ("joints", "flies"),
+    "joints",
     [
-        (("slide 1 0 0", "slide 0 0 1", "hinge 0 1 0"), True),
-        (("hinge 0 -3 0", "slide 1 0 1", "slide 0 0 1"), True),
-        (("slide 1 0 0", "slide 1 0 0", "hinge 0 1 0"), False),
-        (("slide 1 0 0", "slide 0 0 1", "hinge 0 1 0.1"), False),
-        (("slide 1 0 0", "slide 0 0 1"), False),
-        (("slide 1 0 0", "slide 0 0 1", "slide 0 1 0"), False),
+        ("slide 1 0 0", "slide 0 0 1", "hinge 0 1 0"),
+        ("hinge 0 -3 0", "slide 1 0 1", "slide 0 0 1"),
+        ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "ball 0 0 1"),
+        ("hinge 0 1 0",),
+        (),
     ],
 )
-def test_a_base_moves_in_a_plane_by_two_slides_and_a_hinge(joints, flies):
+def test_a_base_floats_however_the_world_holds_it(joints):
     words = [each.partition(" ") for each in joints]
     text = "".join(f'<joint name="{k}" type="{kind}" axis="{axis}"/>' for k, (kind, _, axis) in enumerate(words))
-    text = robot().replace("<freejoint/>", text)
-    if flies:
-        assert [joint.name for joint in read(text).joints if joint.kind != "fixed"] == ["hip"]
-    else:
-        with pytest.raises(InputError, match=r"fly|slides"):
-            read(text)
+    free, held = read(robot()), read(robot().replace("<freejoint/>", text))
+    assert free.root == held.root == "torso"
+    assert [joint.name for joint in held.joints] == [joint.name for joint in free.joints] == ["hip"]
+
+
+def test_the_robot_is_the_one_body_of_the_world_that_floats():
+    table = '<worldbody><body name="table"><geom size="1"/></body></worldbody>'
+    assert set(read(robot(sections=table)).links) == {"torso", "leg"}
+    moving = table.replace("<geom", "<joint/><geom")
+    with pytest.raises(InputError, match="2 that move"):
+        read(robot(sections=moving))

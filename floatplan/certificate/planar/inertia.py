@@ -28,7 +28,7 @@ from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.mjcf import read_mjcf, whole_mjcf
 from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
 from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, check_hash, read_regular
+from floatplan.files import check_hash
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
@@ -39,21 +39,24 @@ MOST = 8  # robots kept
 _kept: dict[str, PlanarRobot] = {}
 
 
-def kept_robot(path: Path, record: RobotRecord) -> PlanarRobot:
+def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
     """Return the robot of a record; what follows from its file's content and the record's roles is kept.
 
-    The file is read, and its hash compared with the record's, every time, and so are those that an MJCF includes. For
-    one thread at a time, as proofs are.
+    The content's hash is compared with the record's every time, and so are those of the files that an MJCF includes.
+    For one thread at a time, as proofs are.
+
+    Parameters
+    ----------
+    content : of the file at ``path``; of a xacro file, the URDF that it makes
 
     Raises
     ------
     InputError
-        The file cannot be read, or has another SHA-256; or as :func:`planar_robot` and the readers,
+        The content has another SHA-256; or as :func:`planar_robot` and the readers,
         :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`~floatplan.certificate.planar.mjcf.read_mjcf`.
     NotReadError
         The readers lack what the file has.
     """
-    content = read_regular(path, LARGEST_URDF, "a robot's file")
     check_hash(content, record.sha256, path)
     included = whole_mjcf(content, path, record.meshes) if record.kind == "mjcf" else None
     roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
@@ -272,7 +275,8 @@ def _segments(
         start = points[name]
         places = [local(start.body, origin) for joint, origin in joints if name in (joint.parent, joint.child)]
         ends = [Point(start.body, place) for place in places if not abs(place - start.local) < SHORTEST]
-        segments[name] = tuple((start, end) for end in ends or ([start] if link.has_inertial else []))
+        ends = [] if link.frame else ends or ([start] if link.has_inertial else [])
+        segments[name] = tuple((start, end) for end in ends)
     return segments
 
 

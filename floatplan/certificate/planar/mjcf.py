@@ -18,7 +18,6 @@ import flint
 from floatplan.certificate.enclosure import PRECISION
 from floatplan.certificate.planar.solids import (
     SOLIDS,
-    cross,
     diagonal,
     dot,
     of_axes,
@@ -34,15 +33,16 @@ from floatplan.files import LARGEST_URDF, check_depth, check_hash, parsed_xml, r
 Given: TypeAlias = Mapping[str, str]
 
 SMALLEST = 1e-14  # [kg, m^3] MuJoCo takes a smaller mass or volume of a geom for none
-SKEW = 1e-9  # [-] between axes of unit length that are at right angles but for rounding
+KINDS = {"hinge": "revolute", "slide": "prismatic"}
+TURNS = {"revolute", "ball"}
 TURNED = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}  # numbers of each form of an orientation
 PLACED = f"name pos childclass class user {' '.join(TURNED)}"
 KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "compiler": "angle eulerseq inertiafromgeom inertiagrouprange settotalmass boundmass boundinertia balanceinertia "
-    "coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread saveinertial "
-    "alignfree",
+    "fusestatic coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread "
+    "saveinertial alignfree",
     "frame": PLACED,
-    "body": f"{PLACED} sleep simple",
+    "body": f"{PLACED} sleep simple gravcomp",
     "inertial": f"{PLACED} mass diaginertia fullinertia",
     "freejoint": "name group align",
     "joint": "name class type pos axis ref range limited armature damping stiffness frictionloss margin springref "
@@ -51,9 +51,17 @@ KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "geom": f"{PLACED} type fromto size mass density shellinertia group mesh fitscale hfield contype conaffinity "
     "condim priority friction solmix solref solimp margin gap adhesion surfacevel fluidshape fluidcoef material rgba "
     "castshadow",
+    **dict.fromkeys(  # that do nothing: others pull, brake or have a range
+        ("tendon", "fixed", "spatial"),
+        "name class group width rgba material springlength springyield margin user solreflimit solimplimit "
+        "solreffriction solimpfriction",
+    ),
 }
 PASSED_OVER = ("site", "camera", "light")  # as are all sections but four
-SECTIONS = "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe"
+SECTIONS = (
+    "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe "
+    "tendon deformable equality"
+)
 
 
 class NotReadError(FloatplanError):
@@ -110,8 +118,8 @@ def _mjcf(content: bytes, path: Path) -> Element:
 def read_mjcf(root: Element, path: Path) -> Urdf:
     """Read a whole MJCF file; the path is for messages.
 
-    The root link is the one body of the world that moves: by a free joint, or by two slides and a hinge in a plane. A
-    joint moves a link that stands at its anchor, to which the next one or the body is fixed.
+    The root link is the body of the world that floats: by a free joint, or by joints that slide and turn; else the one
+    that moves, or that has a mass.
 
     Raises
     ------
@@ -136,6 +144,13 @@ class _Reading:
         for section in root:
             if section.tag not in SECTIONS.split():
                 raise NotReadError(f"<{section.tag}>")
+        for tendon in root.iterfind("tendon/*"):
+            _known(tendon)
+        acting = [each for each in root.iterfind("equality/*") if each.get("active") != "false"]
+        acting += [each for each in root.iterfind("deformable/*") if each.tag != "skin"]
+        acting += [each for each in root.iterfind("actuator/*") if "tendon" in each.attrib]
+        if acting:
+            raise NotReadError(f'<{acting[0].tag}> "{acting[0].get("name", "")}"')
         self.root = root
         self.settings: dict[str, str] = {}
         for section in root.findall("compiler"):
@@ -148,16 +163,20 @@ class _Reading:
         for section in root.findall("default"):
             self.read_class(section, "main")
         worlds = root.findall("worldbody")
-        everything = [element for world in worlds for element in world.iter()]
-        self.bodies = {element.get("name") for element in everything if element.tag == "body"} | {"world"}
-        self.hinges = {element.get("name") for element in everything if element.tag in ("joint", "freejoint")}
+        self.bodies = {"world", *(body.get("name") for world in worlds for body in world.iter("body"))}
+        tags = ("joint", "freejoint")
+        self.hinges = {joint.get("name") for world in worlds for tag in tags for joint in world.iter(tag)}
+        self.paired = {pair.get(end) for pair in root.iterfind("contact/pair") for end in ("geom1", "geom2")}
+        self.links: dict[str, Link] = {}
+        self.joints: list[Joint] = []
+        self.held: list[str] = []
         self.count = 0
 
     def read_class(self, section: Element, name: str) -> None:
         """Read defaults, then those of the classes within, which begin with them."""
         own = self.classes[name]
         for element in section:
-            if element.tag in ("joint", "geom"):
+            if element.tag in ("joint", "geom", "tendon"):
                 own[element.tag] = _over(own.get(element.tag, {}), _known(element))
         for element in section.findall("default"):
             self.classes[element.attrib["class"]] = dict(own)
@@ -168,27 +187,25 @@ class _Reading:
         return number(self.settings.get(key, default))
 
     def world(self) -> Urdf:
-        """The body at the top that moves, with those below it; the masses of all bodies add up to what is asked."""
+        """The robot in the world; the masses of all bodies add up to what is asked."""
         tops = []
-        self.links: dict[str, Link]
-        self.joints: list[Joint]
         for section in self.root.findall("worldbody"):
             for element, name, frame in self.contents(section, "main", Placement()):
                 if element.tag == "body":
-                    self.links, self.joints, self.moves = {}, [], False
-                    tops.append((self.body(element, name, frame), self.links, tuple(self.joints), self.moves))
-        asked = self.setting("settotalmass", "-1")
-        scale = flint.arb(1)
+                    self.links, self.joints, self.held = {}, [], []
+                    self.body(element, name, frame)
+                    tops.append((self.links, self.joints, self.held))
+        asked, scale = self.setting("settotalmass", "-1"), flint.arb(1)
         if asked > 0:
-            scale = asked / sum(link.mass for _, links, _, _ in tops for link in links.values())
-        moving = [(root, links, joints) for root, links, joints, moves in tops if moves]
-        if len(moving) != 1:
-            raise InputError(f"has {len(moving)} bodies at the top that move, where one robot flies")
-        ((root, links, joints),) = moving
-        scaled = {
-            name: replace(link, mass=link.mass * scale, inertia=link.inertia * scale) for name, link in links.items()
-        }
-        return Urdf(scaled, joints, root)
+            scale = asked / sum(link.mass for links, _, _ in tops for link in links.values())
+        floating = [top for top in tops if "free" in top[2] or (top[2].count("prismatic") > 1 and {*top[2]} & TURNS)]
+        moving = [top for top in tops if top[2] or any(joint.kind != "fixed" for joint in top[1])]
+        robots = floating or moving or [top for top in tops if any(link.mass > 0 for link in top[0].values())]
+        if len(robots) != 1 or len(moving) > 1:
+            raise InputError(f"has {len(robots)} bodies that could be the robot, and {len(moving)} that move")
+        links, joints, _ = robots[0]
+        scaled = [replace(link, mass=link.mass * scale, inertia=link.inertia * scale) for link in links.values()]
+        return Urdf({link.name: link for link in scaled}, tuple(joints), next(iter(links)))
 
     def contents(self, element: Element, name: str, frame: Placement) -> Iterator[tuple[Element, str, Placement]]:
         """What is in a body, in frames too: each with its class, and the frame around it in the body's."""
@@ -205,67 +222,62 @@ class _Reading:
             else:
                 yield inner, own, frame
 
-    def body(self, element: Element, name: str, frame: Placement, parent: str = "") -> str:
-        """Read a body and those below it, and return its name."""
+    def body(self, element: Element, name: str, frame: Placement, parent: str = "") -> None:
+        """Read a body and those below it; without a parent it is the base, whose joints to the world do not count."""
         self.count += 1
         own, place = _named(element.attrib, f"body{self.count}", self.bodies), self.placement(_known(element))
-        parts = list(self.contents(element, name, Placement()))
-        joints: list[tuple[Joint, Any]] = []
-        shapes: list[tuple[Given, Placement]] = []
+        parts = [
+            (inner, kind, around, _over(self.classes[kind].get(inner.tag, {}), _known(inner)))
+            for inner, kind, around in self.contents(element, name, Placement())
+        ]
+        geoms = [(given, around) for inner, _, around, given in parts if inner.tag == "geom"]
         solid = _Solid(flint.arb(0), place, flint.arb_mat(3, 3))  # MuJoCo puts a mass there that boundmass asks for
-        weighed = False
-        for inner, kind, around in parts:
-            given = _over(self.classes[kind].get(inner.tag, {}), _known(inner))
-            if inner.tag in ("joint", "freejoint"):
-                free = {"type": "free"} if inner.tag == "freejoint" else {}
-                called = _named(inner.attrib, f"{own}_joint", self.hinges)
-                joints.append(self.joint({**given, **free, "name": called}, around))
-            elif inner.tag == "geom":
-                shapes.append((given, around))
-            elif inner.tag == "inertial":
-                solid, weighed = self.inertial(given), True
-        if self.from_geoms == "true" or (self.from_geoms == "auto" and not weighed):
-            solid = _together([geom for shape in shapes for geom in self.geom(*shape, own)]) or solid
-        solid = self.bounded(solid, own)
+        written = [self.inertial(given) for inner, _, _, given in parts if inner.tag == "inertial"]
+        counted = self.from_geoms == "true" or (self.from_geoms == "auto" and not written)
+        solids = [each for given, around in geoms if counted for each in self.geom(given, around, own)]
+        solid = self.bounded(_together(solids) if solids else [solid, *written][-1], own)
+        if own in self.links:
+            raise InputError("there are two of this name", element=f'body "{own}"')
+        touches = any(self.touches(given) for given, _ in geoms)
+        self.links[own] = Link(own, solid.mass, solid.center, solid.inertia, bool(solid.mass > 0), touches)
+        joints = [self.joint(inner, given, around, own) for inner, _, around, given in parts if "joint" in inner.tag]
         if parent:
-            self.hold(own, parent, frame * place, joints)
+            self.carry(own, parent, frame * place, joints)
         else:
-            _check_base([joint for joint, _ in joints], own)
-        self.add(Link(own, solid.mass, solid.center, solid.inertia, bool(solid.mass > 0), bool(shapes)))
-        for inner, kind, around in parts:
+            self.held = [joint.kind for joint, _ in joints]
+        for inner, kind, around, _ in parts:
             if inner.tag == "body":
                 self.body(inner, kind, around, own)
-        return own
 
-    def hold(self, body: str, parent: str, place: Placement, joints: list[tuple[Joint, Any]]) -> None:
-        """Add a body's joints, each with a link at its anchor, to the last of which it is fixed."""
+    def carry(self, body: str, parent: str, place: Placement, joints: list[tuple[Joint, Any]]) -> None:
+        """Add what carries a body: its joints, each with a link at its anchor where that is not the body's frame."""
         for joint, anchor in joints:
-            if joint.kind == "free":
-                raise InputError("only a body at the top can be free", element=f'joint "{joint.name}"')
-            link = f"{body}/{joint.name}"
-            self.add(Link(link, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, False))
-            self.joints.append(replace(joint, parent=parent, child=link, origin=place * joint.origin))
-            parent, place = link, Placement(translation=-1 * anchor)
-        self.joints.append(Joint(f"{body}/", "fixed", parent, body, place, flint.arb_mat(3, 1), None, 0.0))
+            if joint.kind not in ("revolute", "prismatic"):
+                raise NotReadError(f'joint "{joint.name}", of kind {joint.kind},')
+            child = body
+            if joint is not joints[-1][0] or any(not part.is_zero() for part in anchor.entries()):
+                child = _named({}, f"{body}/{joint.name}", self.bodies)
+                self.links[child] = Link(child, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, False, True)
+            self.joints.append(replace(joint, parent=parent, child=child, origin=place * joint.origin))
+            parent, place = child, Placement(translation=-1 * anchor)
+        if parent != body:
+            fixed = _named({}, f"{body}/", self.hinges)
+            self.joints.append(Joint(fixed, "fixed", parent, body, place, flint.arb_mat(3, 1), None, 0.0))
 
-    def add(self, link: Link) -> None:
-        """Add a link, which has a name of its own."""
-        if link.name in self.links:
-            raise InputError("there are two of this name", element=f'body "{link.name}"')
-        self.links[link.name] = link
+    def touches(self, given: Given) -> bool:
+        """Whether a geom can touch something, so that its link has a shape."""
+        return any(int(given.get(key, "1")) for key in ("contype", "conaffinity")) or given.get("name") in self.paired
 
-    def joint(self, given: Given, frame: Placement) -> tuple[Joint, Any]:
+    def joint(self, element: Element, given: Given, frame: Placement, body: str) -> tuple[Joint, Any]:
         """A joint, whose parent and child are not known yet, and its anchor; ``ref`` is in its origin."""
-        kind, reference = given.get("type", "hinge"), number(given.get("ref", "0"))
-        self.moves = True
-        kinds = {"hinge": "revolute", "slide": "prismatic", "free": "free"}
-        if kind not in kinds:
-            raise NotReadError(f'joint "{given["name"]}", of type "{kind}",')
-        anchor = frame.point(_column(given.get("pos", "0 0 0")))
+        name = _named(element.attrib, f"{body}_joint", self.hinges)
+        kind = "free" if element.tag == "freejoint" else given.get("type", "hinge")
+        slides, reference = kind == "slide", number(given.get("ref", "0"))
+        anchor = flint.arb_mat(3, 1) if slides else frame.point(_column(given.get("pos", "0 0 0")))
         axis = frame.rotation * unit(_column(given.get("axis", "0 0 1")))
         armature = float(number(given.get("armature", "0")))
-        joint = Joint(given["name"], kinds[kind], "", "", Placement(translation=anchor), axis, None, armature)
-        back = joint.motion(-reference * self.per_angle if kind == "hinge" else -reference)
+        joint = Joint(name, KINDS.get(kind, kind), "", "", Placement(translation=anchor), axis, None, armature)
+        back = joint.motion(-reference * (1 if slides else self.per_angle))
         return replace(joint, origin=joint.origin * back), anchor
 
     def placement(self, given: Given) -> Placement:
@@ -335,23 +347,8 @@ class _Reading:
         return _Solid(mass, solid.center, inertia)
 
 
-def _check_base(joints: list[Joint], body: str) -> None:
-    """Refuse a body at the top that neither floats nor moves in a plane by two slides and a hinge."""
-    slides = [joint.axis for joint in joints if joint.kind == "prismatic"]
-    turns = [joint.axis for joint in joints if joint.kind == "revolute"]
-    if not joints or [joint.kind for joint in joints] == ["free"]:
-        return
-    if len(slides) != 2 or len(turns) != 1 or len(joints) != 3:
-        raise InputError("its joints to the world let it not fly", element=f'body "{body}"')
-    normal = cross(*slides)
-    if not dot(normal, normal) > SKEW or any(not abs(dot(slide, turns[0])) < SKEW for slide in slides):
-        raise InputError("its slides do not span the plane in which its hinge turns", element=f'body "{body}"')
-
-
-def _together(solids: list[_Solid]) -> _Solid | None:
-    """All of them as one, None of none."""
-    if not solids:
-        return None
+def _together(solids: list[_Solid]) -> _Solid:
+    """All of them as one."""
     mass = sum((solid.mass for solid in solids), start=flint.arb(0))
     center = sum((solid.center.translation * solid.mass for solid in solids), start=flint.arb_mat(3, 1)) * (1 / mass)
     inertia = flint.arb_mat(3, 3)

@@ -41,7 +41,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Link:
-    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2)."""
+    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2).
+
+    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    """
 
     name: str
     mass: Any
@@ -49,6 +52,7 @@ class Link:
     inertia: Any
     has_inertial: bool
     has_collision: bool
+    frame: bool = False
 
 
 @dataclass(frozen=True)

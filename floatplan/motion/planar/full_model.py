@@ -217,7 +217,7 @@ class FullMotion:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the J joints."""
-        return tuple(self.robot.model.names)[BASE + 1 :]
+        return self.robot.model_joints
 
     @cached_property
     def positions(self) -> Array:
@@ -352,8 +352,9 @@ class MotionInFile:
 class FreeFlyer:
     """Where the joints are in ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
-    ``nq, nv`` are the sizes of a configuration and of a velocity; ``in_q, in_v`` (J,) the first entry of each joint in
-    them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in a configuration.
+    ``model`` is that one; ``nq, nv`` are the sizes of its configuration and its velocity; ``in_q, in_v`` (J,) the first
+    entry of each joint in them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in
+    a configuration.
 
     Raises
     ------
@@ -369,8 +370,8 @@ class FreeFlyer:
                 element=f'joint "{ROOT_JOINT}"',
                 advice="rename it",
             )
-        model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
-        joints = [model.joints[model.getJointId(name)] for name in list(robot.model.names)[BASE + 1 :]]
+        self.model = model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
+        joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
         self.continuous = np.flatnonzero([joint.nq == 2 for joint in joints])

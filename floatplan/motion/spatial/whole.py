@@ -181,11 +181,6 @@ class SpatialFullMotion(FullMotion):
     motion: SpatialMotion
     state: FlightState
 
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the J joints."""
-        return tuple(self.robot.model.names)[2:]
-
     @cached_property
     def positions(self) -> Array:
         """Positions (N, J) of the joints, rad."""

@@ -249,10 +249,10 @@ def choose_joints(
         resting = _resting(tree, {**kept, **user_locked}, mimics)
     rest = {name: position for name, position in resting.items() if name not in moving}
     if joints is None:
-        silent = [name for name in rest if name not in user_locked and not signs.get(name, 0.0)]
-        listed = [f"{name} = {rest[name]:g}" for name in silent]
-        warnings += _warning("locked, because they do not turn about the plane's normal", listed)
-    return Choice(chosen, planned, followers, geared, rest, signs, resting, tuple(warnings))
+        silent = [f"{name} = {at:g}" for name, at in rest.items() if name not in user_locked and signs.get(name) == 0.0]
+        warnings += _warning("locked, because they do not turn about the plane's normal", silent)
+    warned = (*warnings, *_slides(tree, rest, user_locked))
+    return Choice(chosen, planned, followers, geared, rest, signs, resting, warned)
 
 
 def _in_space(
@@ -275,9 +275,14 @@ def _in_space(
     _check_followers(tree, planned, followers)
     resting = _resting(tree, {**(posture or {}), **locked}, mimics)
     rest = {name: position for name, position in resting.items() if name not in (*planned, *followers)}
-    sliding = [f"{name} = {rest[name]:g} m" for name in rest if not ranges[name].turns and name not in locked]
-    warnings = [*tree.warnings, *_warning("locked, because they slide", sliding)]
-    return Choice(None, planned, followers, geared, rest, {}, resting, tuple(warnings))
+    warnings = (*tree.warnings, *_slides(tree, rest, locked))
+    return Choice(None, planned, followers, geared, rest, {}, resting, warnings)
+
+
+def _slides(tree: UrdfTree, rest: Mapping[str, float], locked: Mapping[str, float]) -> list[str]:
+    """The warning that joints are held since they slide; those that the user locks are known to be."""
+    sliding = [f"{name} = {rest[name]:g} m" for name in rest if not tree.joint[name].turns and name not in locked]
+    return _warning("locked, because joints that slide are not planned", sliding)
 
 
 def _checked_locks(tree: UrdfTree, locked: Mapping[str, float]) -> dict[str, float]:

@@ -21,7 +21,9 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, install_advice
-from floatplan.files import LARGEST_URDF, is_file, parsed_xml, read_regular
+from floatplan.files import is_file, parsed_xml
+from floatplan.robot.urdf.packages import ADDRESS, description_path, robot_content
+from floatplan.tables import RobotKind
 
 ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
@@ -176,7 +178,7 @@ def read_urdf(path: str | Path) -> UrdfText:
         If the file is missing, a directory, unreadable, empty, binary, truncated, not XML, or not a ``<robot>``.
     """
     path = Path(path)
-    content = read_regular(path, LARGEST_URDF, "a URDF file")
+    content = robot_content(path)
     if not content.strip():
         raise InputError("is empty", source=path)
     root = parsed_xml(content, path)
@@ -277,16 +279,26 @@ def _states(path: Path, tree: UrdfTree) -> Iterator[tuple[str, dict[str, float]]
             yield name, {joint: number(f'{place} "{joint}"', each, "value", None) for joint, each in moving.items()}
 
 
-def urdf_path(source: str | Path) -> Path:
-    """Return the file that ``source`` means: a path, or ``example-robot-data:`` and a path in that package.
+def is_address(source: object) -> bool:
+    """Whether a robot's file is named by the package that it is in, not by a path."""
+    return isinstance(source, str) and (source.startswith(PREFIX) or ADDRESS.fullmatch(source) is not None)
+
+
+def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
+    """Return the file that ``source`` means: a path, or its address in a package.
+
+    That is ``example-robot-data:`` and a path in that package, or the name of a robot of robot_descriptions, such as
+    ``go2_description``, with or without ``robot_descriptions:``.
 
     Raises
     ------
     InputError
         If the package is not installed, or holds no such file.
     """
-    if not isinstance(source, str) or not source.startswith(PREFIX):
+    if not isinstance(source, str) or not is_address(source):
         return Path(source)
+    if not source.startswith(PREFIX):
+        return description_path(source, kind)
     folder = robots_folder()
     if folder is None:
         advice = f'{install_advice("robots")}, or set {FOLDER_VARIABLE} to its folder "robots"'
