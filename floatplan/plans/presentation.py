@@ -40,6 +40,8 @@ def result_rows(plan: Plan) -> list[Row]:
         momentum += f", {inside} [{low:.5g}, {high:.5g}] of monotonic joints"
     name, seconds = record.objective["name"], record.solver.get("seconds")
     unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
+    if record.in_space and name == "coefficients":
+        name, unit = "free part of p", "rad"
     of_nearest = "" if plan.ok else ", in the nearest motion"
     rows = [
         Row("status", record.status if seconds is None else f"{record.status}, after {float(seconds):.3g} s"),

@@ -53,7 +53,7 @@ def explain_leak(robot: Robot, leak: float) -> str | None:
         return None
     verdict = "meaningless" if leak >= MEANINGLESS else "only an approximation"
     text = f"the joints' motion makes {leak:.2g} times as much angular momentum out of the plane as in it"
-    tree = robot.layout.tree
+    tree = robot.joint_tree
     choice = choose_joints(
         tree, plane=robot.plane.name, joints=robot.joints, coupled=robot.coupled, locked=robot.locked
     )

@@ -269,7 +269,7 @@ class FullMotion:
 
     @cached_property
     def base_angular_velocity(self) -> Array:
-        """Angular velocity (N, 3), rad/s, in the root link's axes or the world's: it is along the plane's normal."""
+        """Angular velocity (N, 3), rad/s, in the world; in a plane along its normal, and so the same in the link's axes."""
         return read_only(self.coordinates.velocities[:, BASE - 1, None] * self.robot.plane.normal)
 
     @cached_property
@@ -363,7 +363,7 @@ class FreeFlyer:
     """
 
     def __init__(self, robot: Robot) -> None:
-        if ROOT_JOINT in robot.layout.tree.joint:
+        if ROOT_JOINT in robot.joint_tree.joint:
             raise InputError(
                 "Pinocchio gives this name to the free flyer, and so has no free-flyer model of the file",
                 source=robot.path,

@@ -228,10 +228,10 @@ class SpatialFullMotion(FullMotion):
         """Velocity (N, 3) of the root link's origin in the world, m/s."""
         return read_only(np.einsum("kab,kb->ka", self._attitudes, self.base_twist[:, :3]))
 
-    @property
+    @cached_property
     def base_angular_velocity(self) -> Array:
-        """Angular velocity (N, 3), rad/s, in the root link's axes."""
-        return self.state.orientation_rate
+        """Angular velocity (N, 3), rad/s, in the world."""
+        return read_only(np.einsum("kab,kb->ka", self._attitudes, self.state.orientation_rate))
 
     @cached_property
     def base_twist(self) -> Array:
