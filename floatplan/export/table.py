@@ -65,9 +65,9 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
     """Return the plan as CSV: one row per instant, numbers that read back bit for bit.
 
     Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical; in space orientation_qx to
-    orientation_qw, orientation_rate_x to orientation_rate_z in the base's axes, com_x to com_z), then per motor its joint's
-    position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also has
-    ``generalized_torque``: the sum over its motors, by their ratios.
+    orientation_qw, orientation_rate_x to orientation_rate_z in the base's axes, com_x to com_z), then per motor its
+    joint's position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also
+    has ``generalized_torque``: the sum over its motors, by their ratios.
 
     Parameters
     ----------

@@ -269,7 +269,7 @@ class FullMotion:
 
     @cached_property
     def base_angular_velocity(self) -> Array:
-        """Angular velocity (N, 3), rad/s, in the world; in a plane along its normal, and so the same in the link's axes."""
+        """Angular velocity (N, 3), rad/s, in the world; in a plane along its normal."""
         return read_only(self.coordinates.velocities[:, BASE - 1, None] * self.robot.plane.normal)
 
     @cached_property
