@@ -5,7 +5,6 @@ import json
 import math
 import os
 import re
-import socket
 import stat
 import sys
 import tempfile
@@ -281,7 +280,7 @@ def _written_beside(path: Path, content: str | bytes) -> Path:
 
 def _temporary_of_here() -> str:
     """How the names of this machine's temporary files begin; the process and a random part follow."""
-    return f".floatplan-{re.sub('[^A-Za-z0-9]', '', socket.gethostname())[:40]}-"
+    return f".floatplan-{re.sub('[^A-Za-z0-9]', '', os.uname().nodename)[:40]}-"
 
 
 def _remove_leftovers(folder: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperCommand
 
 import floatplan as fp
 from floatplan.cli import common
@@ -212,7 +211,7 @@ def show(
                 webbrowser.open(path.resolve().as_uri())
 
 
-class ExportCommand(TyperCommand):
+class ExportCommand(common.Command):
     """Its help ends with the formats."""
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:

@@ -18,6 +18,7 @@ from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
+from floatplan.robot.wheels import wheels
 from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
@@ -248,7 +249,7 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
 
 
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
-    """Angles that are asked for and so large that degrees may have been meant: of the base, and of each joint."""
+    """Angles that are asked for and so large that degrees may have been meant, of base and joints; wheels turn on."""
     start, goal = problem.initial, problem.final
     first, last = (
         np.array([end.orientation if end.attitude is None else end.attitude.angles or 0.0]) for end in (start, goal)
@@ -256,7 +257,7 @@ def _turns(problem: Problem) -> Iterator[PlanWarning]:
     base = float(max(np.abs(first).max(), np.abs(last).max(), np.abs(last - first).max()))
     joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
     for name, angle in zip((problem.robot.joint_tree.root, *problem.robot.joints), (base, *joints), strict=True):
-        if angle > MOST_TURNS + ROUNDING:
+        if angle > MOST_TURNS + ROUNDING and name not in wheels(problem.robot):
             message = (
                 f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"
                 ' where degrees are meant, fp.Posture.degrees or angles = "deg" says so.'

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.planar.choice import choose_joints, mirror_couplings
+from floatplan.robot.planar.choice import choose_joints
+from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.model import BASE_COORDINATES, sample_postures
 from floatplan.robot.robot import Robot
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,7 +20,8 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, mirror_couplings, with_motors
+from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, with_motors
+from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
@@ -398,16 +400,29 @@ def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Pa
     ----------
     urdf : path
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
-    prefix : of their names there, such as "robot."
+    asker, prefix : as of :func:`blamed`
 
     Raises
     ------
     InputError
         As of ``Robot.from_urdf``.
     """
-    try:
+    with blamed(choices, asker, prefix):
         return Robot.from_urdf(urdf, **choices)
+
+
+@contextmanager
+def blamed(choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Iterator[None]:
+    """Let errors about choices, where one was made, name who made them.
+
+    Parameters
+    ----------
+    choices : keyword arguments of ``Robot.from_urdf``, None where left out
+    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
+    prefix : of their names there, such as "robot."
+    """
+    try:
+        yield
     except InputError as error:
         word = (error.element or "").replace(".", " ").split(" ")[0]
         if asker is None or word not in choices or all(value is None for value in choices.values()):

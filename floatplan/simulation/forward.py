@@ -12,7 +12,6 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import solve_ivp
 
 from floatplan.arguments import by_name, number, one_of
 from floatplan.arrays import Array, IntArray, read_only
@@ -195,6 +194,8 @@ def fly_finely(
     FloatplanError
         The motion cannot be integrated to its end, or not within ``MOST_EVALUATIONS``.
     """
+    from scipy.integrate import solve_ivp  # here, because what reads gains alone does without
+
     evaluations, size = count(), len(takeoff[0])
 
     def rate(time: float, state: Array) -> Array:

@@ -6,7 +6,7 @@ so all of this is computed with the centre of mass at rest, the base at the orig
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import flint
@@ -17,7 +17,6 @@ from floatplan.arrays import Array, read_only
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.perturbation import Drawn
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
 SLOW = 0.5  # [rad/s] about which friction changes its sign: a step could not be integrated
@@ -214,26 +213,6 @@ class RecordedMotion:
             began = time
             orientations.append(orientation)
         return np.array(orientations), float(sensitivity)
-
-
-def recorded_motion(record: PlanRecord, reduced: ReducedModel) -> RecordedMotion:
-    """Return the motion of a record, in a plane or in space."""
-    if not record.in_space:
-        return RecordedMotion(record, reduced)
-    from floatplan.simulation.in_space import RecordedInSpace
-
-    return RecordedInSpace(record, reduced)
-
-
-def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, drawn: Drawn) -> tuple[Array, Array]:
-    """Where a plan takes off, with the velocities that give the real robot its momenta; (3 + m,) each."""
-    positions, _ = recorded_motion(record, reduced).takeoff(record.angular_momentum)
-    rise = np.array(record.com["velocity0"])
-    rise[-1] *= drawn.rise
-    real = replace(reduced, model=drawn.perturbed(reduced.model))
-    motion = recorded_motion(replace(record, com={**record.com, "velocity0": rise}), real)
-    _, velocities = motion.takeoff(record.angular_momentum * drawn.momentum)
-    return positions, velocities
 
 
 def _derivative(powers: Array) -> Array:

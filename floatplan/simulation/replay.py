@@ -26,8 +26,9 @@ from floatplan.robot.robot import Robot
 from floatplan.simulation import forward
 from floatplan.simulation.forward import MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, recorded_motion, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
+from floatplan.simulation.takeoff import perturbed_takeoff, recorded_motion
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight

@@ -33,6 +33,7 @@ from floatplan.files import LARGEST_URDF, check_depth, check_hash, parsed_xml, r
 Given: TypeAlias = Mapping[str, str]
 
 SMALLEST = 1e-14  # [kg, m^3] MuJoCo takes a smaller mass or volume of a geom for none
+FLAGS = {"true": True, "false": False}
 KINDS = {"hinge": "revolute", "slide": "prismatic"}
 TURNS = {"revolute", "ball"}
 TURNED = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}  # numbers of each form of an orientation
@@ -58,10 +59,8 @@ KNOWN = {  # attributes that are read here, or change neither masses nor joints
     ),
 }
 PASSED_OVER = ("site", "camera", "light")  # as are all sections but four
-SECTIONS = (
-    "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe "
-    "tendon deformable equality"
-)
+SECTIONS = "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe"
+SECTIONS += " tendon deformable equality"  # of which only what does nothing
 
 
 class NotReadError(FloatplanError):
@@ -85,33 +84,21 @@ def whole_mjcf(content: bytes, path: Path, hashes: Mapping[str, str]) -> Element
     Raises
     ------
     InputError
-        A file is missing, is not MJCF, or has another SHA-256 than that of its name in ``hashes``.
+        A file is missing, is not XML, or has another SHA-256 than that of its name in ``hashes``.
     NotReadError
         A file has no hash there.
     """
-    root = _mjcf(content, path)
-    waiting, names = [root], set[str]()
-    while waiting:
-        parent = waiting.pop()
-        for place in reversed(range(len(parent))):
-            if parent[place].tag == "include":
-                name = PurePath(parent[place].get("file", "")).as_posix()
-                if name not in hashes or name in names:
-                    raise NotReadError(f'the included "{name}"', ": it has no hash of its own in the plan")
-                names.add(name)
-                included = read_regular(path.parent / name, LARGEST_URDF, "an MJCF file")
-                check_hash(included, hashes[name], path.parent / name)
-                parent[place : place + 1] = list(_mjcf(included, path.parent / name))
-                waiting.append(parent)
-        waiting += [child for child in parent if len(child)]
+    root, names = parsed_xml(content, path), set[str]()
+    while (parent := root.find(".//include/..")) is not None:
+        place, include = next((place, each) for place, each in enumerate(parent) if each.tag == "include")
+        name = PurePath(include.get("file", "")).as_posix()
+        if name not in hashes or name in names:
+            raise NotReadError(f'the included "{name}"', ": it has no hash of its own in the plan")
+        names.add(name)
+        included = read_regular(path.parent / name, LARGEST_URDF, "an MJCF file")
+        check_hash(included, hashes[name], path.parent / name)
+        parent[place : place + 1] = list(parsed_xml(included, path.parent / name))
     check_depth(root, Element)
-    return root
-
-
-def _mjcf(content: bytes, path: Path) -> Element:
-    root = parsed_xml(content, path)
-    if root.tag not in ("mujoco", "mujocoinclude"):
-        raise InputError(f"is not MJCF: its root element is <{root.tag}>, not <mujoco>", source=path)
     return root
 
 
@@ -141,6 +128,8 @@ class _Reading:
     """The settings and classes of a file, and what is read with them."""
 
     def __init__(self, root: Element) -> None:
+        if root.tag != "mujoco":
+            raise InputError(f"is not MJCF: its root element is <{root.tag}>, not <mujoco>")
         for section in root:
             if section.tag not in SECTIONS.split():
                 raise NotReadError(f"<{section.tag}>")
@@ -157,8 +146,9 @@ class _Reading:
             self.settings |= _known(section)
         if self.settings.get("coordinate", "local") != "local":
             raise NotReadError("<compiler>: coordinate")
-        self.per_angle = flint.arb.pi() / 180 if self.settings.get("angle", "degree") == "degree" else flint.arb(1)
-        self.from_geoms = self.settings.get("inertiafromgeom", "auto")
+        units = {"degree": flint.arb.pi() / 180, "radian": flint.arb(1)}
+        self.per_angle = units[self.settings.get("angle", "degree")]
+        self.from_geoms = {"auto": None, **FLAGS}[self.settings.get("inertiafromgeom", "auto")]
         self.classes: dict[str, dict[str, Given]] = {"main": {}}
         for section in root.findall("default"):
             self.read_class(section, "main")
@@ -233,12 +223,15 @@ class _Reading:
         geoms = [(given, around) for inner, _, around, given in parts if inner.tag == "geom"]
         solid = _Solid(flint.arb(0), place, flint.arb_mat(3, 3))  # MuJoCo puts a mass there that boundmass asks for
         written = [self.inertial(given) for inner, _, _, given in parts if inner.tag == "inertial"]
-        counted = self.from_geoms == "true" or (self.from_geoms == "auto" and not written)
+        counted = not written if self.from_geoms is None else self.from_geoms
         solids = [each for given, around in geoms if counted for each in self.geom(given, around, own)]
         solid = self.bounded(_together(solids) if solids else [solid, *written][-1], own)
         if own in self.links:
             raise InputError("there are two of this name", element=f'body "{own}"')
-        touches = any(self.touches(given) for given, _ in geoms)
+        touches = any(  # so that the link has a shape
+            given.get("name") in self.paired or any(int(given.get(key, "1")) for key in ("contype", "conaffinity"))
+            for given, _ in geoms
+        )
         self.links[own] = Link(own, solid.mass, solid.center, solid.inertia, bool(solid.mass > 0), touches)
         joints = [self.joint(inner, given, around, own) for inner, _, around, given in parts if "joint" in inner.tag]
         if parent:
@@ -263,10 +256,6 @@ class _Reading:
         if parent != body:
             fixed = _named({}, f"{body}/", self.hinges)
             self.joints.append(Joint(fixed, "fixed", parent, body, place, flint.arb_mat(3, 1), None, 0.0))
-
-    def touches(self, given: Given) -> bool:
-        """Whether a geom can touch something, so that its link has a shape."""
-        return any(int(given.get(key, "1")) for key in ("contype", "conaffinity")) or given.get("name") in self.paired
 
     def joint(self, element: Element, given: Given, frame: Placement, body: str) -> tuple[Joint, Any]:
         """A joint, whose parent and child are not known yet, and its anchor; ``ref`` is in its origin."""
@@ -326,14 +315,14 @@ class _Reading:
             size = [size[0], half, half] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
         else:
             placed = self.placement(given)
-        volume, squares = SOLIDS[kind](size[0], size[1], size[2], given.get("shellinertia") == "true")
+        volume, squares = SOLIDS[kind](size[0], size[1], size[2], FLAGS[given.get("shellinertia", "false")])
         mass = weight if "mass" in given else weight * volume
         solid = _Solid(mass, frame * placed, diagonal([mass * (sum(squares) - square) for square in squares]))
         return [solid] if volume > SMALLEST and mass > SMALLEST else []
 
     def bounded(self, solid: _Solid, body: str) -> _Solid:
         """Mass and moments at least as large as asked, and equal moments where no body has them, if that is asked."""
-        least, balanced = self.setting("boundinertia"), self.settings.get("balanceinertia") == "true"
+        least, balanced = self.setting("boundinertia"), FLAGS[self.settings.get("balanceinertia", "false")]
         mass, inertia = solid.mass.max(self.setting("boundmass")), solid.inertia
         if least > 0 or balanced:
             axes, moments = principal(inertia)

@@ -15,14 +15,13 @@ THOMSEN = 1.6075  # [-] exponent of the area of an ellipsoid, as MuJoCo takes it
 IDENTITY = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
-def sphere(radius: Any, _: Any, __: Any, shell: bool) -> tuple[Any, list[Any]]:
-    """Volume (of a shell: area), and mean squares of x, y and z over it; so all of this table."""
+def _sphere(radius: Any, _: Any, __: Any, shell: bool) -> tuple[Any, list[Any]]:
     area, square = 4 * flint.arb.pi() * radius * radius, radius * radius
     return (area, [square / 3] * 3) if shell else (area * radius / 3, [square / 5] * 3)
 
 
-def capsule(radius: Any, half: Any, _: Any, shell: bool) -> tuple[Any, list[Any]]:
-    """A cylinder of this half length between two hemispheres, whose share and centre's height over it are known."""
+def _capsule(radius: Any, half: Any, _: Any, shell: bool) -> tuple[Any, list[Any]]:
+    # share: of the two hemispheres in the volume; height: of their centres over the cylinder
     square, pi = radius * radius, flint.arb.pi()
     if shell:
         volume, share, height, of_sphere = 4 * pi * radius * (radius + half), radius / (radius + half), radius / 2, 3
@@ -34,8 +33,7 @@ def capsule(radius: Any, half: Any, _: Any, shell: bool) -> tuple[Any, list[Any]
     return volume, [across, across, along]
 
 
-def cylinder(radius: Any, half: Any, _: Any, shell: bool) -> tuple[Any, list[Any]]:
-    """Along z; a shell has its two discs."""
+def _cylinder(radius: Any, half: Any, _: Any, shell: bool) -> tuple[Any, list[Any]]:
     square, pi = radius * radius, flint.arb.pi()
     if not shell:
         return 2 * pi * square * half, [square / 4, square / 4, half * half / 3]
@@ -44,8 +42,7 @@ def cylinder(radius: Any, half: Any, _: Any, shell: bool) -> tuple[Any, list[Any
     return 2 * pi * radius * (radius + 2 * half), [across, across, (1 + 2 * discs) * half * half / 3]
 
 
-def box(x: Any, y: Any, z: Any, shell: bool) -> tuple[Any, list[Any]]:
-    """From half its sides."""
+def _box(x: Any, y: Any, z: Any, shell: bool) -> tuple[Any, list[Any]]:
     sides, faces = (x, y, z), (y * z, z * x, x * y)
     if not shell:
         return 8 * x * y * z, [side * side / 3 for side in sides]
@@ -53,8 +50,7 @@ def box(x: Any, y: Any, z: Any, shell: bool) -> tuple[Any, list[Any]]:
     return 8 * area, [side * side * (1 + 2 * face / area) / 3 for side, face in zip(sides, faces, strict=True)]
 
 
-def ellipsoid(x: Any, y: Any, z: Any, shell: bool) -> tuple[Any, list[Any]]:
-    """From half its axes; a shell is what a wider one has more, and its area is Thomsen's."""
+def _ellipsoid(x: Any, y: Any, z: Any, shell: bool) -> tuple[Any, list[Any]]:
     axes, pi = (x, y, z), flint.arb.pi()
     if not shell:
         return 4 * pi * x * y * z / 3, [axis * axis / 5 for axis in axes]
@@ -66,7 +62,8 @@ def ellipsoid(x: Any, y: Any, z: Any, shell: bool) -> tuple[Any, list[Any]]:
     return area, [(outer * b * b - inner * a * a) / (5 * (outer - inner)) for a, b in pairs]
 
 
-SOLIDS = {"sphere": sphere, "capsule": capsule, "cylinder": cylinder, "box": box, "ellipsoid": ellipsoid}
+# From MuJoCo's three sizes, and whether it is a shell: volume (of a shell: area), and mean squares of x, y and z.
+SOLIDS = {"sphere": _sphere, "capsule": _capsule, "cylinder": _cylinder, "box": _box, "ellipsoid": _ellipsoid}
 
 
 def diagonal(entries: Sequence[Any]) -> Any:

@@ -55,7 +55,7 @@ def check_urdf(root: Element) -> UrdfTree:
         raise InputError(f"has {len(joint_elements)} joints, more than the {MOST_JOINTS} that can be handled")
     link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
     if not link_elements:
-        raise InputError("has no <link>", advice="if it is a xacro file, run xacro on it first")
+        raise InputError("has no <link>", advice="if it is a xacro file, let its name end in .xacro")
     name = (root.get("name") or "").strip()
     if not name:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
