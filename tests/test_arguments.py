@@ -118,6 +118,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
     return {
         "Posture": Call(fp.Posture, {**posture, "settled": None}, into("start")),
         "Posture.degrees": Call(fp.Posture.degrees, posture, into("goal")),
+        "Attitude": Call(fp.Attitude, {"quaternion_xyzw": None, "angles": (0.1, 0.2, 0.3), "axes": "yxz"}, str),
         "Takeoff": Call(fp.Takeoff, {"frame": "foot", "position": (0.0, 0.0)}, at_takeoff),
         "Landing": Call(fp.Landing, {"frame": "hand", "height": 0.1}, at_landing),
         "Flight": Call(
@@ -208,6 +209,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
             {
                 "source": problem.robot.path,
                 **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference", "armature", "damping")),
+                "base": "planar",
             },
         ),
     }
@@ -259,7 +261,10 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
         "Plan.save": Call(plan.save, {"path": file}),
         "Plan.export": Call(
             plan.export,
-            {"form": "csv-full", "path": folder / "trajectory.csv", "rate": 10.0, "kp": 5.0, "kd": {"q1": 1.0}},
+            {
+                **{"form": "csv-full", "path": folder / "trajectory.csv", "rate": 10.0},
+                **{"kp": 5.0, "kd": {"q1": 1.0}, "model": None},
+            },
         ),
         "Plan.figures": Call(plan.figures, {"compare": plan}, len),
         "Plan.show": Call(plan.show, {"path": folder / "report.html", "browse": False}),
@@ -288,7 +293,19 @@ def refusals(name: str, call: Call) -> Iterator[str]:
 
 
 PARTS = [
-    *("Posture", "Posture.degrees", "Takeoff", "Landing", "Flight", "Motion", "Limits", "Motor", "Circle", "HalfPlane"),
+    *(
+        "Attitude",
+        "Posture",
+        "Posture.degrees",
+        "Takeoff",
+        "Landing",
+        "Flight",
+        "Motion",
+        "Limits",
+        "Motor",
+        "Circle",
+        "HalfPlane",
+    ),
     *("JumpRequest", "JumpTakeoff", "JumpLanding"),
     *("Bar", "SelfClearance", "Problem", "Coupling", "Family", "Perturbation", "Robot"),
 ]

@@ -60,7 +60,7 @@ def checked(record: PlanRecord) -> PlanRecord:
     """
     check_depth(vars(record))
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
-    check_finite({**stated, "robot": record.robot.to_dict()})
+    check_finite({**stated, "robot": vars(record.robot)})
     written = _record(record.to_dict())
     check_asked(written)
     return written
@@ -68,7 +68,7 @@ def checked(record: PlanRecord) -> PlanRecord:
 
 def _record(content: dict[str, Any]) -> PlanRecord:
     kind = content.get("format")
-    if kind not in FILES:
+    if not isinstance(kind, str) or kind not in FILES:
         raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format")
     FILE(content, "")
     for name, check in FILES[kind].items():

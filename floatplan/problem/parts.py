@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias, cast
 
+import numpy as np
+
 from floatplan.arguments import FINITE, Check, by_joint, made, number, one_of, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
@@ -33,9 +35,12 @@ def in_plane_or_space(key: str, in_space: Check, *words: str) -> Check:
 def pair_or_three(key: str) -> Check:
     """Two numbers in the range of a key, or three."""
     two, three = (pair(number(key), count=count) for count in (2, 3))
-    return lambda value, element: (three if len(value if hasattr(value, "__len__") else ()) == 3 else two)(
-        value, element
-    )
+
+    def check(value: object, element: str) -> object:
+        is_three = isinstance(value, list | tuple | np.ndarray) and len(np.atleast_1d(np.asarray(value, object))) == 3
+        return (three if is_three else two)(value, element)
+
+    return check
 
 
 SHORTEST_NORMAL = 1e-9  # as written

@@ -133,7 +133,8 @@ class Problem(Checked):
         ):
             if asked:
                 yield InputError(resolution.NOT_IN_SPACE, element=element, advice="leave it out")
-        yield from resolution.attitude_errors(self.initial, self.final)
+        if hasattr(self, "initial") and hasattr(self, "final"):
+            yield from resolution.attitude_errors(self.initial, self.final)
 
     def __repr__(self) -> str:
         """At most a few lines: who, from where, to where, in what time."""
