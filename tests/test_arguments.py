@@ -262,8 +262,12 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
         "Plan.export": Call(
             plan.export,
             {
-                **{"form": "csv-full", "path": folder / "trajectory.csv", "rate": 10.0},
-                **{"kp": 5.0, "kd": {"q1": 1.0}, "model": None},
+                "form": "csv-full",
+                "path": folder / "trajectory.csv",
+                "rate": 10.0,
+                "kp": 5.0,
+                "kd": {"q1": 1.0},
+                "model": None,
             },
         ),
         "Plan.figures": Call(plan.figures, {"compare": plan}, len),

@@ -12,7 +12,8 @@ from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST
 

@@ -37,7 +37,7 @@ def robots(json_output: common.Json = False) -> None:
 
     with progress("reading"):
         place = common.folder()
-        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
+        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.*"))
         known = [_facts(source) for source in (*own, *(PREFIX + name for name in example_urdfs()))]
     usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
     if json_output:
@@ -52,7 +52,7 @@ def _facts(source: str) -> dict[str, Any]:
     reason = ""
     for coupled in ("mirror", None):
         try:
-            robot = fp.Robot.from_urdf(common.bundled(source), coupled=coupled)
+            robot = fp.Robot.from_file(common.bundled(source), coupled=coupled)
         except InputError as error:
             reason = error.reason
         else:
@@ -185,7 +185,7 @@ def init(
     from floatplan.initial.asked import Asked
     from floatplan.initial.flight import asked_flight
     from floatplan.initial.text import problem_file_text
-    from floatplan.robot.robot import blamed
+    from floatplan.robot.asked import blamed
 
     path = Path(f"{Path(robot).stem}.toml") if output is None else output
     if path.suffix != ".toml":

@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element, fromstring
 
 from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import MOVING
-from floatplan.simulation.mujoco_model import import_mujoco
 
 MOST_NAMED = 8  # in a message
 

@@ -38,7 +38,7 @@ def feet(robot: Robot, asked: str | None = None) -> tuple[str, ...]:
     top, lowest = max(place(robot, frame).imag for frame in robot.frames), min(bottom.values())
     room = BELOW * (top - lowest)
     low = [{body: frame for body, frame in of.items() if bottom[frame] <= lowest + room} for of in (named, others)]
-    legs = low[0] or named or (low[1] if _over(robot, low[1].values(), room) else {})
+    legs = low[0] or named or (low[1] if lowest < -SMALLEST and _over(robot, low[1].values(), room) else {})
     distinct: dict[tuple[float, ...], str] = {}
     if asked is not None and asked in robot.frames:
         distinct[tuple(tree.turns[robot.frames[asked].body].tolist())] = asked

@@ -11,8 +11,9 @@ from floatplan.errors import InputError, naming
 from floatplan.initial.feet import feet, named_foot
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
+from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.tree import read_urdf, reference_postures, urdf_path
+from floatplan.robot.urdf.tree import reference_postures, urdf_path
 
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin
@@ -89,18 +90,18 @@ def _merit(chosen: ChosenRobot) -> tuple[bool, int, float, int]:
 
 
 def _loaded(source: str | Path, choices: dict[str, Any], foot: str | None) -> ChosenRobot:
-    robot = Robot.from_urdf(source, **choices)
+    robot = Robot.from_file(source, **choices)
     carried = robot.tree.mass @ (robot.tree.turns != 0)  # kg, of the bodies that each planned joint turns
     kept = [joint for joint, mass in zip(robot.joints, carried, strict=True) if mass >= LIGHT * robot.mass]
     if kept and len(kept) < len(robot.joints):
         choices = {**choices, "joints": kept}
-        robot = Robot.from_urdf(source, **choices)
+        robot = Robot.from_file(source, **choices)
     return ChosenRobot(robot, choices, feet(robot, foot))
 
 
 def _posture(source: str | Path) -> dict[str, str]:
     """The reference posture to stand in, where the robot has one."""
-    path = urdf_path(source)
-    known = reference_postures(check_urdf(read_urdf(path).root), path)
+    text = read_source(urdf_path(source))
+    known = reference_postures(check_urdf(text.root), text)
     fitting = [name for word in POSTURES for name in known if name.startswith(word)]
     return {"reference": fitting[0]} if fitting else {}

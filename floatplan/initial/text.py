@@ -14,7 +14,7 @@ import numpy as np
 from floatplan.initial.afloat import FAST
 from floatplan.initial.flight import DIGITS, FirstFlight
 from floatplan.initial.robots import ChosenRobot
-from floatplan.problem.file import urdf_from
+from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
 from floatplan.robot.robot import Robot
@@ -64,7 +64,7 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
     lines = [
         "[robot]",
-        f"urdf = {_value(urdf_from(robot, path))}",
+        f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
     choices = chosen.choices
@@ -153,8 +153,8 @@ def _limits(flight: FirstFlight) -> list[str]:
     limits, robot = flight.problem.limits, flight.problem.robot
     lines = ["[limits]"]
     spun = limits.position if isinstance(limits.position, Mapping) else {}
-    ranged = np.asarray(np.isfinite(robot.position_limits).all(axis=1))
-    if not all(known or name in spun for name, known in zip(robot.joints, ranged.tolist(), strict=True)):
+    ranged = (math.isfinite(low) and math.isfinite(high) for low, high in robot.position_limits.tolist())
+    if not all(known or name in spun for name, known in zip(robot.joints, ranged, strict=True)):
         lines.append("# Joints without a range in the URDF have -180 to 180 degrees.")
     if spun:
         ranges = {name: [_degrees(end) for end in ends] for name, ends in spun.items()}

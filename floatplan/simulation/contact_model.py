@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import compiled, import_mujoco, inertial_spec, scale_bodies
+from floatplan.simulation.mujoco_model import compiled, inertial_spec, scale_bodies
 from floatplan.simulation.perturbation import Drawn
 from floatplan.stance.check import LIGHT
 from floatplan.stance.jump_motion import JumpMotion

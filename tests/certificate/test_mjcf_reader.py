@@ -18,7 +18,7 @@ from floatplan.certificate.planar.mjcf import NotReadError, read_mjcf, whole_mjc
 from floatplan.certificate.planar.urdf import Placement, Urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
-from floatplan.simulation.mujoco_model import import_mujoco
+from floatplan.robot.mjcf.compiled import import_mujoco
 
 FILE = Path("robot.xml")
 ROUNDING = 3e-9  # [-] MuJoCo's, of the shell of an ellipsoid, which is a small difference of large numbers
