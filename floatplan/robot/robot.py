@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, TypedDict, Unpack, get_args
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
@@ -38,6 +38,19 @@ def _coupled(value: Any, element: str) -> Any:
     if isinstance(value, str) and value != "mirror":
         raise InputError(f'must be a table of joints, or "mirror", not "{value}"', element=element)
     return value if isinstance(value, str) else by_name(made(str, Coupling))(value, element)
+
+
+class Choices(TypedDict, total=False):
+    """What a robot's file leaves open, see :meth:`Robot.from_urdf`."""
+
+    plane: str | None
+    joints: Sequence[str] | None
+    coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None
+    locked: Mapping[str, float] | None
+    reference: str | None
+    armature: float | Mapping[str, float] | None
+    damping: float | Mapping[str, float] | None
+    base: Base
 
 
 CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arguments of whatever reads one
@@ -125,19 +138,7 @@ class Robot:
     files: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def from_urdf(
-        cls,
-        source: str | Path,
-        *,
-        plane: str | None = None,
-        joints: Sequence[str] | None = None,
-        coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None,
-        locked: Mapping[str, float] | None = None,
-        reference: str | None = None,
-        armature: float | Mapping[str, float] | None = None,
-        damping: float | Mapping[str, float] | None = None,
-        base: Base = "planar",
-    ) -> Robot:
+    def from_urdf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
         """Load a robot from a URDF file.
 
         Parameters
@@ -166,7 +167,7 @@ class Robot:
         damping : float or mapping, optional
             Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
             Simulators alone know it, as the file's ``friction``.
-        base : str
+        base : str, optional
             How the base moves: "planar", or "free-flyer" for flights in space, where there is no plane and all joints
             that turn are planned unless they are locked or coupled.
 
@@ -175,11 +176,10 @@ class Robot:
         InputError
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
-        choices = {"plane": plane, "joints": joints, "coupled": coupled, "locked": locked, "reference": reference}
-        return cls.from_file(source, "urdf", **choices, armature=armature, damping=damping, base=base)
+        return cls.from_file(source, "urdf", **choices)
 
     @classmethod
-    def from_mjcf(cls, source: str | Path, **choices: Any) -> Robot:
+    def from_mjcf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
         """Load a robot from an MJCF file, which MuJoCo compiles.
 
         Bodies are links with their own frames; the base is the one body of the world that moves. Positions of joints
