@@ -53,7 +53,7 @@ def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
         Motion(objective="torque"),
         limits_of(chosen),
         name=robot.name,
-        jump=asked.request(robot, foot),
+        jump=asked.request(chosen, foot),
     )
 
 

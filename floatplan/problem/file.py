@@ -38,9 +38,12 @@ class RobotRequest(Keyed):
     """``[robot]``: the robot's file, and the choices that it leaves open."""
 
     urdf: Annotated[
-        str | None, Key("Path from this file's folder, or `example-robot-data:` and a path in that package")
+        str | None,
+        Key("Path from this file's folder; or `example-robot-data:` and a path there, or a name of robot_descriptions"),
     ] = None
-    mjcf: Annotated[str | None, Key("In place of `urdf`: path of an MJCF file, which MuJoCo compiles")] = None
+    mjcf: Annotated[str | None, Key("In place of `urdf`: path or address of an MJCF file, which MuJoCo compiles")] = (
+        None
+    )
     plane: Annotated[
         str | None, Key('Horizontal and vertical axis, such as "xz"; found from the joints where left out')
     ] = None

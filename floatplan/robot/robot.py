@@ -144,7 +144,8 @@ class Robot:
         Parameters
         ----------
         source : path
-            The URDF file; or the text ``example-robot-data:`` and a file's path in that package.
+            The URDF file, or a xacro file, which makes one; or the text ``example-robot-data:`` and a file's path in
+            that package; or a name of robot_descriptions, such as "go2_description".
         plane : str, optional
             The plane's horizontal and vertical axis among the root link's, such as "xz". Found from the joints' axes
             where left out.

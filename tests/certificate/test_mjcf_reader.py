@@ -192,6 +192,8 @@ class TestIncludes:
         ({"sections": '<tendon><spatial range="0 1"/></tendon>'}, "<spatial>: range"),
         ({"sections": '<default><tendon damping="1"/></default>'}, "<tendon>: damping"),
         ({"sections": '<actuator><motor name="pull" tendon="rope"/></actuator>'}, "motor.*pull"),
+        ({"sections": '<actuator><motor name="drive" joint="hip" armature="1"/></actuator>'}, "motor.*drive"),
+        ({"sections": '<default><position armature="1"/></default>'}, "position.*armature"),
         ({"sections": '<equality><weld name="held"/></equality>'}, "weld.*held"),
         ({"sections": '<equality><joint joint1="hip" active="true"/></equality>'}, "<joint>"),
         ({"sections": '<deformable><flex name="cloth"/></deformable>'}, "flex.*cloth"),

@@ -372,9 +372,9 @@ class FreeFlyer:
                 advice="rename it",
             )
         root = fromstring(robot.xml)
-        for link in root.iter("link"):
-            for collision in link.findall("collision"):  # of which some are of kinds that Pinocchio complains of
-                link.remove(collision)
+        for part in root:
+            for inner in (*part.findall("collision"), *part.findall("dynamics")):  # which Pinocchio does not all take
+                part.remove(inner)
         text = tostring(root, encoding="unicode")
         self.model = model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
