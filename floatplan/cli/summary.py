@@ -47,7 +47,8 @@ def plan_summary(
     ]
     rows = [Row("problem", ", ".join([*asked, *obstacles]))]
     for name, end in (("start", problem.initial), ("goal", problem.final)):
-        rows.append(Row(name, f"{math.degrees(end.orientation):.6g}; {shortened(np.degrees(end.positions), 6)} deg"))
+        turned = end.attitude or f"{math.degrees(end.orientation):.6g}"
+        rows.append(Row(name, f"{turned}; {shortened(np.degrees(end.positions), 6)} deg"))
     places: dict[str, Path] = {}  # by kind: pictures by their folder
     for path in files:
         drawn = path.suffix in (".png", ".svg")
