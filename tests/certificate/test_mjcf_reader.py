@@ -92,7 +92,7 @@ def test_masses_inertias_and_frames_of_many(seed):
     assert compare(RandomModel(seed, planar=seed % 2 == 1).root, seed)
 
 
-@pytest.mark.parametrize("seeds", [range(16), pytest.param(range(16, 2000), marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [range(16, 32), pytest.param(range(32, 2000), marks=pytest.mark.long)])
 def test_a_spoiled_model_is_refused_or_is_what_mujoco_makes_of_it(seeds):
     both = 0
     for seed in seeds:
