@@ -64,7 +64,7 @@ class Example:
     @property
     def entry(self) -> str:
         """Its row of the list of all."""
-        shown = picture(self.pictures[0], self.title, "100%", f"{self.name}.md").replace("\n", "\n    ")
+        shown = picture(self.pictures[0], self.title, "100%", f"{self.name}.html").replace("\n", "\n    ")
         return f"* - {shown}\n  - **[{self.title}]({self.name}.md)**\n\n    {self.text[0]}"
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 import release
 import yaml
+from check_links import broken_links
 from needed import skip_or_fail
 
 import floatplan
@@ -103,11 +104,13 @@ def test_every_public_member_is_documented() -> None:
 
 
 @pytest.mark.long
-def test_the_pages_are_built_without_a_warning(tmp_path: Path) -> None:
+def test_the_pages_are_built_without_a_warning_and_their_links_lead_somewhere(tmp_path: Path) -> None:
     if importlib.util.find_spec("sphinx") is None:
         skip_or_fail("Sphinx is not installed: the extra docs")
     python("-m", "sphinx", "-q", "--fail-on-warning", "-d", str(tmp_path / "cache"), "docs", str(tmp_path / "pages"))
     assert "floatplan.Plan.at" in (tmp_path / "pages" / "api" / "plans.html").read_text(encoding="utf-8")
+    broken = broken_links(tmp_path / "pages")
+    assert [link for link in broken if ": reports/" not in link] == [], "reports are made by scripts/docs"
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:
