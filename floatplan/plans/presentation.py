@@ -54,7 +54,7 @@ def result_rows(plan: Plan) -> list[Row]:
     held = [
         f"{name} at {place:g} m"
         for name, place in plan.robot.locked.items()
-        if not plan.robot.layout.tree.joint[name].turns
+        if not plan.robot.file_tree.joint[name].turns
     ]
     if held:
         rows.append(Row("held", f"{_cut(', '.join(held))}, as joints that slide are not planned", "open"))
