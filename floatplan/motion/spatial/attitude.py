@@ -244,7 +244,23 @@ def _products(rotations: Array) -> Array:
 
 
 def _chained_momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
-    """Solve mu' = mu x (J mu) over all cells: mu (C, S, 3) from J (C, S, 3, 3) and mu at takeoff (3,)."""
+    """Solve mu' = mu x (J mu) over all cells: mu (C, S, 3) from J (C, S, 3, 3) and mu at takeoff (3,).
+
+    All at once; where the guess is too far off for that, cell after cell.
+    """
+    try:
+        return _momentum_at_once(cells, step, seen, start)
+    except IntegrationError:
+        mu = np.empty(seen.shape[:3])
+        for cell, inertia in enumerate(seen):
+            mu[cell] = _momentum(cells, step, inertia[None], start[None])[0]
+            growth = np.cross(mu[cell], np.einsum("sab,sb->sa", inertia, mu[cell]))
+            start = start + step * cells.gauss.weights @ growth
+        return mu
+
+
+def _momentum_at_once(cells: Cells, step: float, seen: Array, start: Array) -> Array:
+    """As :func:`_chained_momentum`, by Newton's method over all cells."""
     count, stages = seen.shape[:2]
     mu: Array = np.repeat(_guessed(step, seen[:, stages // 2], start)[:, None], stages, axis=1)
     size, eye, weights = float(np.linalg.norm(start)), np.eye(3 * stages), step * cells.gauss.weights
