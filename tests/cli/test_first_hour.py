@@ -37,7 +37,8 @@ class TestRobots:
         assert {Path(facts["robot"]).name for facts in own} == {path.name for path in URDF.iterdir()}
         for facts in own:
             assert floatplan("info", facts["robot"]).code == 0
-            assert fp.Robot.from_urdf(URDF.parent / facts["robot"]).joints == tuple(facts["joints"])
+            read = fp.Robot.from_mjcf if facts["robot"].endswith(".xml") else fp.Robot.from_urdf
+            assert read(URDF.parent / facts["robot"]).joints == tuple(facts["joints"])
         for line, facts in zip(floatplan("robots").stdout.splitlines()[1:], listed["robots"], strict=False):
             assert line.removesuffix(" --coupled mirror").endswith(facts["robot"])
             assert line.endswith("--coupled mirror") == (facts["coupled"] == "mirror")
