@@ -26,8 +26,7 @@ STUNTS = {  # axes, then the angles of the first and the third
     "one and a half with half a twist": ("yzx", (-3 * math.pi, math.pi)),
     "spin": ("zxy", (2 * math.pi, 0.0)),
 }
-SPACE = {"motion": fp.Motion(degree="auto")}
-WITHIN = {**SPACE, "limits": fp.Limits(velocity="urdf", torque="urdf")}
+ANY_DEGREE, WITHIN = fp.Motion(degree="auto"), fp.Limits(velocity="urdf", torque="urdf")
 DRAWN_LIMIT = 1.3  # [-] of the peaks of a drawn motion, the limits of every third
 
 
@@ -40,7 +39,7 @@ def stunts(count: int) -> Iterator[fp.Problem]:
         start, goal = (fp.Attitude(angles=(a, 0.0, c), axes=axes) for a, c in ((0.0, 0.0), (first, third)))
         ends = STANDING + rng.uniform(-0.2, 0.2, (2, 12))
         flight = fp.Flight(float(rng.uniform(0.5, 0.8)), "free")
-        yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, **WITHIN)
+        yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, ANY_DEGREE, WITHIN)
 
 
 def arms(count: int) -> Iterator[fp.Problem]:
@@ -53,7 +52,7 @@ def arms(count: int) -> Iterator[fp.Problem]:
         start, goal = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=tuple(turn))
         ends = rng.uniform(-1.5, 1.5, (2, 6))
         flight = fp.Flight(float(rng.uniform(15, 30)), 0.0, gravity=0.0)
-        yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, **WITHIN)
+        yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, ANY_DEGREE, WITHIN)
 
 
 def twists(count: int) -> Iterator[fp.Problem]:
@@ -62,17 +61,15 @@ def twists(count: int) -> Iterator[fp.Problem]:
     low, high = robot.position_limits.T
     for seed in range(count):
         rng = np.random.default_rng(seed)
-        somersaults, twist = (
-            rng.choice([1, 2]) * rng.choice([-1, 1]),
-            rng.choice([0.5, 1, 1.5, 2]) * rng.choice([-1, 1]),
-        )
+        somersaults, twist = float(rng.choice([1, 2])), float(rng.choice([0.5, 1, 1.5, 2]))
+        forwards, left = rng.choice([-1.0, 1.0], 2).tolist()
         first = low + (high - low) * rng.uniform(0.25, 0.75, 7)
         first[2:4], first[5:] = first[:2], 0.0
         last = np.clip(first + 0.3 * rng.normal(size=7), low + 0.1 * (high - low), high - 0.1 * (high - low))
         start = fp.Attitude(angles=(0, 0, 0), axes="yxz")
-        goal = fp.Attitude(angles=(2 * math.pi * somersaults, 0, 2 * math.pi * twist), axes="yxz")
+        goal = fp.Attitude(angles=(2 * math.pi * forwards * somersaults, 0, 2 * math.pi * left * twist), axes="yxz")
         flight = fp.Flight(float(rng.uniform(1.1, 1.7)), "free" if seed % 2 else "suggested")
-        yield fp.Problem(robot, fp.Posture(start, first), fp.Posture(goal, last), flight, **SPACE)
+        yield fp.Problem(robot, fp.Posture(start, first), fp.Posture(goal, last), flight, ANY_DEGREE)
 
 
 def drawn_goals(count: int) -> Iterator[fp.Problem]:
@@ -98,7 +95,7 @@ def drawn_goals(count: int) -> Iterator[fp.Problem]:
             rates, torques = (tuple((DRAWN_LIMIT * np.maximum(peak, 0.1)).tolist()) for peak in peaks)
             limits = fp.Limits(velocity=rates, torque=torques)
         goal = fp.Posture(fp.Attitude(quaternion_xyzw=tuple(state.orientation[-1])), ends[1])
-        yield replace(asked, goal=goal, limits=limits, **SPACE)
+        yield replace(asked, goal=goal, limits=limits, motion=ANY_DEGREE)
 
 
 CLASSES: dict[str, Callable[[int], Iterator[fp.Problem]]] = {
