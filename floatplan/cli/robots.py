@@ -118,35 +118,43 @@ def info(
 def robot_facts(robot: fp.Robot) -> dict[str, Any]:
     """Return a robot's properties; lists in the order of ``joints``, ``None`` for a limit that is not given.
 
-    The extremes of D are those over the joint ranges of the URDF, [-pi, pi] where it gives none.
+    In a plane also what it is there; the extremes of D are those over the joint ranges of its file, [-pi, pi] where it
+    gives none.
     """
+    from floatplan.robot.wheels import explain_wheels
+
+    facts: dict[str, Any] = {
+        **{name: getattr(robot, name) for name in OF_ROBOT},
+        "locked": dict(robot.locked),
+        **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+        "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
+        **(_facts_in_plane(robot) if robot.in_plane else {"base": robot.base, "frames": sorted(robot.frame_names)}),
+        "wheels": explain_wheels(robot),
+    }
+    facts["warnings"] = [*robot.warnings, *facts.get("warnings", [])]
+    shown: dict[str, Any] = plain(facts)
+    return shown
+
+
+def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
     from floatplan.motion.flight import inertia_extremes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
-    from floatplan.robot.wheels import explain_wheels
 
     low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
-    facts: dict[str, Any] = plain(
-        {
-            **{name: getattr(robot, name) for name in OF_ROBOT},
-            "locked": dict(robot.locked),
-            **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
-            "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
-            "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
-            "D_min": low,
-            "D_max": high,
-            "frames": sorted(robot.frames),
-            "shapes": [
-                {"link": shape.link, "length": abs(shape.end - shape.start), "radius": shape.radius}
-                for shape in robot.shapes
-            ],
-            "out_of_plane_leak": leak,
-            "wheels": explain_wheels(robot),
-            "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
-        }
-    )
-    return facts
+    return {
+        "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
+        "D_min": low,
+        "D_max": high,
+        "frames": sorted(robot.frames),
+        "shapes": [
+            {"link": shape.link, "length": abs(shape.end - shape.start), "radius": shape.radius}
+            for shape in robot.shapes
+        ],
+        "out_of_plane_leak": leak,
+        "warnings": [*filter(None, [explain_leak(robot, leak)])],
+    }
 
 
 def init(

@@ -76,41 +76,45 @@ def plan_summary(
 
 def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool = False) -> RenderableType:
     """Return the result of ``floatplan info``, for reading: joints first, frames and shapes where asked for."""
-    plane = facts["plane"]
-    table = _named(
-        [
-            ("robot", f"{facts['name']}, {facts['mass']:.6g} kg"),
-            ("plane", f"{plane['name']}, normal {shortened(plane['normal'])}"),
-        ]
+    plane = facts.get("plane")
+    flies = (
+        ("base", facts["base"]) if plane is None else ("plane", f"{plane['name']}, normal {shortened(plane['normal'])}")
     )
+    table = _named([("robot", f"{facts['name']}, {facts['mass']:.6g} kg"), flies])
     joints = []
     for index, joint in enumerate(facts["joints"]):
         low, high = facts["position_limits"][index]
         limits = [short(facts[f"{limit}_limits"][index]) for limit in ("velocity", "torque")]
-        inertia = f"{facts['D_min'][index + 1]:.4g} to {facts['D_max'][index + 1]:.4g}"
+        inertia = [] if plane is None else [f"{facts['D_min'][index + 1]:.4g} to {facts['D_max'][index + 1]:.4g}"]
         ranges = "not given" if low is None or high is None else f"{low:.4g} to {high:.4g}"
-        joints.append((joint, ranges, *limits, inertia))
+        joints.append((joint, ranges, *limits, *inertia))
     follows = []
     for joint, coupling in facts["coupled"].items():
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
+    rest = [
+        ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
+        ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
+        *([] if plane is None else _named_in_plane(facts, shapes)),
+    ]
+    warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
+    titles = ("joint", "range, rad", "rad/s", "N m", *([] if plane is None else ["D_i, kg m^2"]))
+    return Group(table, _table(titles, joints), *follows, _named(rest), *map(Text, facts["wheels"]), *warnings)
+
+
+def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, str]]:
     capsules = []
     for shape in facts["shapes"]:
         radius = f", radius {shape['radius']:.3g} m" if shape["radius"] else ""
         capsules.append(f"{shape['link']} {shape['length']:.3g} m{radius}")
     rest = [
-        ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
-        ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         ("shapes", (", ".join(capsules) or "none") if shapes else f"{len(capsules)}; --shapes has them"),
         ("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it"),
     ]
     if facts["tilt"]:
         rest.append(("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad"))
-    rest.append(("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2"))
-    warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
-    listed = _table(("joint", "range, rad", "rad/s", "N m", "D_i, kg m^2"), joints)
-    return Group(table, listed, *follows, _named(rest), *map(Text, facts["wheels"]), *warnings)
+    return [*rest, ("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")]
 
 
 def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> RenderableType:

@@ -96,6 +96,10 @@ class BaseMotion(Protocol):
     def missed(self) -> float:
         """The largest of them, of a single motion, rad; infinite where whole turns are not those asked for."""
 
+    @property
+    def wrong_way(self) -> str:
+        """What is wrong with the way from takeoff to landing of a single motion, for a person; empty for nothing."""
+
     def transport(self, drift: Array) -> Array:
         """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make; of a single motion, S = 1."""
 

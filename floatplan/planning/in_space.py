@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
+from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.attempt import Attempts, Outcome
@@ -31,21 +34,39 @@ LEVEL = 2  # of the grids that an outcome is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
-    """Try starts until so many of them are solved, or the budget, or the usual work, is used up."""
+    """Try starts until so many of them are solved, or the budget, or the usual work, is used up.
+
+    Raises
+    ------
+    InputError
+        The robot turns too fast for any motion of it to be integrated.
+    """
     outcomes: list[Outcome] = []
-    expired = expiry(options.budget)
-    began, solved = prepared.model.work, 0
-    announced = time.monotonic()
-    for outcome in _outcomes(prepared, options.seed, expired):
-        outcomes.append(outcome)
-        solved += outcome.holds
-        used_up = options.budget is None and prepared.model.work - began > MOST_WORK
-        if solved >= options.starts or len(outcomes) >= MOST_STARTS or expired() or used_up:
-            break
-        if options.progress and time.monotonic() - announced > 1:
-            announced = time.monotonic()
-            options.progress(f"{len(outcomes)} starts tried, {solved} solved")
-    return SearchResult(outcomes, ran_out_of_time=expired() or (options.budget is None and not solved))
+    expired, began = expiry(options.budget), prepared.model.work
+    most_work = MOST_WORK if options.budget is None else np.inf
+    solved, announced, interrupted = 0, time.monotonic(), False
+
+    def stop() -> bool:
+        return expired() or prepared.model.work - began > most_work
+
+    try:
+        for outcome in islice(_outcomes(prepared, options.seed, stop), MOST_STARTS):
+            if outcome:
+                outcomes.append(outcome)
+                solved += outcome.holds
+            if solved >= options.starts or stop():
+                break
+            if options.progress and time.monotonic() - announced > 1:
+                announced = time.monotonic()
+                options.progress(f"{len(outcomes)} starts tried, {solved} solved")
+    except KeyboardInterrupt:
+        interrupted = True
+        if not outcomes:
+            raise
+    if not outcomes:
+        reason = "turns the robot too fast: no motion can be integrated"
+        raise InputError(reason, element="flight.angular_momentum", advice="give a smaller one, or fewer turns")
+    return SearchResult(outcomes, ran_out_of_time=stop(), interrupted=interrupted)
 
 
 def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:
@@ -57,43 +78,55 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
     return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
 
 
-def _outcomes(prepared: Attempts, seed: int, stop: object) -> Iterator[Outcome]:
-    """Where the starts end, in their order: those of the first degree, then those of the others, in turns."""
+def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool]) -> Iterator[Outcome | None]:
+    """Where the starts end, in their order: those of the first degree, then those of the others, in turns.
+
+    None where that cannot be integrated.
+    """
     flight = prepared.model.flight
     assert isinstance(flight, SpatialFlight), "the robot flies in space"
     problem, seeds = prepared.problem, np.random.SeedSequence(seed)
-    lifted: list[Iterator[LiftedMotion]] = []
+    lifted: list[Iterator[LiftedMotion | None]] = []
     for degrees in degrees_tried(problem, flight):
         branches = np.zeros((2, len(degrees)), np.int64)
         variables = decision_variables(problem, degrees, branches, prepared.momentum)
         of_degree = LiftedFlight(prepared.model, flight, variables)
         lifted.append(starts(of_degree, int(seeds.generate_state(1)[0]) + len(lifted)))
-    while True:
+    is_left = True
+    while is_left:
+        is_left = False
         for drawn in lifted:
-            for _ in range(TURNS):
-                yield _followed(prepared, next(drawn))
+            for start in islice(drawn, TURNS):
+                is_left = True
+                yield _followed(prepared, start, stop) if start else None
 
 
-def _followed(prepared: Attempts, start: LiftedMotion) -> Outcome:
-    """Where one start ends: closed, then made smaller, or followed with limits and another objective."""
+def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool]) -> Outcome | None:
+    """Where one start ends: closed, then made smaller, or followed with limits and another objective.
+
+    None where that cannot be integrated.
+    """
     before = prepared.model.work
     motion, flight = close(start), start.lifted.flight
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and (prepared.constraints or prepared.problem.motion.objective != "coefficients"):
-        outcome = _within_limits(prepared, descend(motion))
+        try:
+            outcome = _within_limits(prepared, descend(motion), stop)
+        except IntegrationError:
+            outcome = _outcome(prepared, motion, "infeasible")
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal"
         outcome = _outcome(prepared, final or motion, status)
     outcome.work = prepared.model.work - before
-    return outcome
+    return outcome if np.isfinite(outcome.solution.evaluation.detail.residual).all() else None
 
 
-def _within_limits(prepared: Attempts, motion: LiftedMotion) -> Outcome:
+def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> Outcome:
     """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
     lifted = motion.lifted
     variables, free = lifted.variables, lifted.coefficients
-    outcome = prepared.attempt(Start(variables, motion.x, at_once=True))
+    outcome = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
     chosen = outcome.solution.x[free:]
     if not outcome.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
         return outcome
@@ -102,9 +135,9 @@ def _within_limits(prepared: Attempts, motion: LiftedMotion) -> Outcome:
     fixed = LiftedFlight(lifted.model, lifted.flight, given)
     nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
     usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
-    return (
-        prepared.attempt(Start(given, nearest.x, at_once=True)) if usable else _outcome(prepared, nearest, "infeasible")
-    )
+    if not usable:
+        return _outcome(prepared, nearest, "infeasible")
+    return prepared.attempt(Start(given, nearest.x, at_once=True), stop)
 
 
 def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:

@@ -307,8 +307,11 @@ def path(lifted: LiftedFlight, angular_momentum: Array, s: Array, bump: Bump) ->
     return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
 
 
-def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[LiftedMotion]:
-    """Yield motions to close: the one with no free part, unless it was tried already, then random ones without end."""
+def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[LiftedMotion | None]:
+    """Yield motions to close: the one with no free part, unless it was tried already, then random ones without end.
+
+    None for one that cannot be integrated; where nothing is free, there is but one.
+    """
     rng, grid, width = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.polynomials.width
     momentum, joints = lifted.momentum, len(lifted.polynomials.free)
     borders = np.arange(CELLS) / CELLS
@@ -324,4 +327,6 @@ def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[Lift
         try:
             yield lifted.fly(grid, x, path(lifted, h, borders, bump))
         except IntegrationError:
-            continue
+            yield None
+        if not x.size:
+            return

@@ -186,6 +186,8 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
             amount = -best.worst.value[lowest] * block.scale[row]
             rounded = f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"  # two digits, not below it
             wishes.append(block.relaxed.format(label=block.labels[row], amount=f"{rounded} {block.unit}"))
+    if not wishes:
+        return []
     return [f"It would be a plan with {' and '.join(wishes)}; another seed, or more starts, may find one without that."]
 
 
@@ -236,6 +238,8 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     best, missed, sentences = found.best, _missed_turn(found), []
     if missed.any():
         sentences.append(f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad.")
+    elif wrong := best.solution.evaluation.detail.flown.wrong_way:
+        sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
     if best.worst.least < 0:
         number, row, value, s = best.worst.lowest
         block, time = prepared.constraints[number], s * prepared.problem.flight.duration

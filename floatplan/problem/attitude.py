@@ -16,6 +16,7 @@ from floatplan.keys import ANGLE, Key, Keyed
 Triple: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 LEAST_LENGTH = 1e-6  # [-] of a quaternion as written
+STEEPEST = math.radians(70)  # of the second angle; near 90 degrees the first and the third are not defined
 
 
 @dataclass(frozen=True)
@@ -92,3 +93,8 @@ class Attitude(Keyed):
 
 def _are_axes(axes: str) -> bool:
     return len(axes) == 3 and set(axes) <= set("xyz") and axes[0] != axes[1] != axes[2]
+
+
+def tilt(axes: str, second: Any) -> Any:
+    """By how much, rad, the second angle about axes is off from where the first and the third are defined best."""
+    return abs(second) if axes[0] != axes[2] else abs(second - math.pi / 2)

@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
-from floatplan.problem.attitude import Attitude
+from floatplan.problem.attitude import STEEPEST, Attitude, tilt
 from floatplan.problem.parts import JointState, JointValues
 from floatplan.robot.robot import Frame, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
@@ -303,8 +303,17 @@ def end_errors(
 
 
 def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]:
-    """A goal that is half a turn away from the start, where it is to be reached by the shortest rotation."""
-    if start.attitude is None or goal.attitude is None or goal.attitude.angles is not None:
+    """A goal half a turn from the start, where the shortest rotation leads to it; or angles that are not defined."""
+    if start.attitude is None or goal.attitude is None:
+        return
+    if axes := goal.attitude.axes:
+        for element, attitude in (("start", start.attitude), ("goal", goal.attitude)):
+            second = float(attitude.angles_about(axes)[1])
+            if tilt(axes, second) > STEEPEST:
+                reason = f"its second angle about {axes!r} is {math.degrees(second):.4g} degrees"
+                near = "-70 to 70" if axes[0] != axes[2] else "20 to 160"
+                advice = f"it must be within {near}: turn about other axes, or give the goal as a quaternion"
+                yield InputError(reason, element=f"{element}.orientation", advice=advice)
         return
     cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))
     if cosine < HALF_A_TURN:

@@ -34,7 +34,15 @@ class SampledPlan:
 
     @classmethod
     def of(cls, plan: Shown, times: Array, beside: Shown | None = None) -> SampledPlan:
-        """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
+        """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``.
+
+        Raises
+        ------
+        InputError
+            The robot flies in space, which is not drawn yet.
+        """
+        if plan.robot.in_plane is None:
+            raise plan.robot.not_in_plane
         state, beside = plan.at(times), beside or plan
         inertia = plan.dynamics.momentum_map(state.positions)
         of_base = inertia[:, 0] * state.orientation_rate

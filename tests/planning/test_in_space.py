@@ -245,3 +245,100 @@ def test_robots_in_space_have_no_plane():
     assert (robot.model.nq, robot.model.nv) == (14, 13)
     assert robot.reference[-1] == 0.2
     assert "free-flyer" in repr(robot)
+
+
+def somersaults(turns: float, **changes):
+    """Ask the diver for more of them than fit a guess of the whole flight at once."""
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    goal = fp.Attitude(angles=(2 * math.pi * turns, 0, math.pi * turns), axes="yxz")
+    return replace(problem, goal=replace(problem.goal, orientation=goal), **changes)
+
+
+def test_two_somersaults_are_closed_in_finer_cells_too():
+    plan = fp.plan(somersaults(2))
+    assert plan.ok, plan.explanation
+    assert plan.solver["starts"] == 1
+    assert plan.whole.angles("yxz")[-1] == pytest.approx([4 * math.pi, 0, 2 * math.pi], abs=1e-8)
+
+
+@pytest.mark.parametrize("momentum", [(1e5, 0, 0), "suggested"])
+def test_what_turns_too_fast_is_refused(momentum):
+    problem = somersaults(150 if momentum == "suggested" else 1)
+    with pytest.raises(fp.InputError, match=r"flight\.angular_momentum: turns the robot too fast"):
+        fp.plan(replace(problem, flight=replace(problem.flight, angular_momentum=momentum)))
+
+
+@pytest.mark.parametrize("momentum", [0, "free"])
+def test_what_ends_as_it_begins_may_stay_as_it_is(momentum):
+    problem = fp.load_problem(SPACE / "free_arm.toml")
+    flight = replace(problem.flight, angular_momentum=momentum)
+    plan = fp.plan(replace(problem, goal=problem.start, flight=flight))
+    assert plan.ok, plan.explanation
+    assert plan.objective_value == pytest.approx(0, abs=1e-9)
+
+
+def test_where_nothing_is_free_one_start_is_enough():
+    problem = fp.load_problem(SPACE / "free_arm.toml")
+    plan = fp.plan(replace(problem, motion=fp.Motion(degree=5), limits=fp.Limits()))
+    assert not plan.ok
+    assert plan.solver["starts"] == 1
+    assert "Degree 5 leaves nothing free" in plan.explanation
+    assert "ran out of time" not in plan.explanation
+
+
+def test_of_a_twist_the_least_torque_is_found_too():
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    plan = fp.plan(replace(problem, motion=fp.Motion(degree=7, objective="torque")), budget=0.2)
+    assert "misses" in plan.explanation or plan.ok
+
+
+@pytest.mark.parametrize(
+    ("end", "angles", "axes"),
+    [("goal", (6.28, 1.5, 0), "yxz"), ("goal", (6.28, 3.0, 0), "yxz"), ("start", (0, 0, 0), "zxz")],
+)
+def test_angles_that_are_not_defined_are_refused(end, angles, axes):
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    good = fp.Attitude(angles=(0.1, 0.1 if axes == "yxz" else 1.5, 0), axes=axes)
+    bad = fp.Attitude(angles=angles, axes=axes)
+    ends = {
+        each: replace(getattr(problem, each), orientation=bad if each == end else good) for each in ("start", "goal")
+    }
+    with pytest.raises(fp.InputError, match=rf"{end}\.orientation: its second angle about '{axes}'"):
+        replace(problem, **ends)
+
+
+def test_ctrl_c_ends_a_search_with_the_nearest_motion(monkeypatch):
+    from floatplan.planning import in_space
+
+    follow, followed = in_space._followed, []
+
+    def interrupted(prepared, start, stop):
+        followed.append(start)
+        if len(followed) > 1:
+            raise KeyboardInterrupt
+        return follow(prepared, start, stop)
+
+    monkeypatch.setattr(in_space, "_followed", interrupted)
+    robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf", base="free-flyer")
+    level, aside = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=(0.3, 0, 0, 1))
+    plan = fp.plan(fp.Problem(robot, fp.Posture(level, 0.1), fp.Posture(aside, 0.1), fp.Flight(1.0, 0.0)))
+    assert plan.status == "interrupted"
+    assert "was interrupted" in plan.explanation
+
+
+def test_pictures_of_flights_in_space_say_that_there_are_none(half_twist, tmp_path):
+    for shown in (half_twist.figures, lambda: half_twist.show(tmp_path / "report.html", browse=False)):
+        with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
+            shown()
+    assert not list(tmp_path.iterdir())
+
+
+def test_info_tells_what_a_robot_in_space_is():
+    from floatplan.cli.robots import robot_facts
+
+    robot = fp.load_problem(SPACE / "free_arm.toml").robot
+    facts = robot_facts(robot)
+    assert facts["base"] == "free-flyer"
+    assert facts["joints"] == list(robot.joints)
+    assert facts["mass"] == pytest.approx(robot.mass)
+    assert not {"plane", "D_min", "out_of_plane_leak"} & set(facts)

@@ -155,6 +155,11 @@ class PlanarBaseMotion:
         """The residual of a single motion, without its sign, rad."""
         return abs(float(self.residual[0, 0]))
 
+    @property
+    def wrong_way(self) -> str:
+        """Nothing: in a plane whole turns are in the residual."""
+        return ""
+
     def transport(self, drift: Array) -> Array:
         """Integrals (K, 1, c) of drifts (N, 1, c)."""
         return np.asarray(self.flight.duration * (self.grid.integrals @ drift[:, 0, :]))[:, None, :]

@@ -14,7 +14,7 @@ from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.motion.spatial.attitude import Cells, IntegrationError, Turning, cells, turn_from
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
 from floatplan.motion.spatial.rotations import cross_matrix, logarithm, unwrapped_angles
-from floatplan.problem.attitude import Attitude
+from floatplan.problem.attitude import STEEPEST, Attitude, tilt
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
@@ -22,9 +22,8 @@ from floatplan.robot.robot import Robot
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages, by levels
 WORK_OF_A_BODY = 100  # [instants of one body of a plane]: what an instant of one in space costs
 A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
-STEEPEST = math.radians(70)  # of the second angle
 NO_SHAPES = "the distances of a robot in space are not known yet"
-TINY = 1e-300  # keeps a quotient of zeros from being none
+SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved relative to themselves
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +101,11 @@ class SpatialFlight:
         off = np.abs(angles[-1] - angles[0] - self.change)
         if not off.max() < A_TURN_OFF:
             return "it makes other turns than are asked for"
-        level = self.goal.axes[0] != self.goal.axes[2]
-        tilt = np.abs(angles[:, 1] if level else angles[:, 1] - np.pi / 2).max()
-        if tilt > STEEPEST:
-            return f"it tilts by {np.degrees(tilt):.0f} degrees, near 90, where somersault and twist are not defined"
+        steepest = tilt(self.goal.axes, angles[:, 1]).max()
+        if steepest > STEEPEST:
+            return (
+                f"it tilts by {np.degrees(steepest):.0f} degrees, near 90, where the other two angles are not defined"
+            )
         return ""
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
@@ -204,6 +204,11 @@ class SpatialBaseMotion:
             return math.inf
         return float(np.linalg.norm(self.residual[0]))
 
+    @property
+    def wrong_way(self) -> str:
+        """What is wrong with the way of a single motion; empty for nothing."""
+        return self.flight.wrong(self.turning.way)
+
     def transport(self, drift: Array) -> Array:
         """Small turns zeta (K, 3, c) that c drifts (N, 3, c) at the stages make."""
         return self.turning.transport(drift, self.grid.cell, self.grid.integrals)
@@ -216,7 +221,7 @@ class SpatialBaseMotion:
             return math.inf
         rates = self.turning.rates.reshape(cells.count, cells.stages, 3)
         tail = np.abs(np.einsum("js,csa->cja", cells.gauss.transform[-2:], rates)).max()
-        return float(tail) / max(float(np.abs(rates).max()), TINY)
+        return float(tail) / max(float(np.abs(rates).max()), SLOWEST / self.flight.duration)
 
     def level_needed(self, error: float) -> int:
         """Level at which the attitude at landing is exact to an error, rad, as the tail in the cells foretells.
