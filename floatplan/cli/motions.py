@@ -184,6 +184,8 @@ def show(
     with naming(motion_file):
         plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
+    if isinstance(motion, fp.Jump) and not motion.ok:
+        common.tell(quiet)(f"warning: this jump does not hold: {motion.check.sentences[0]}")
     other = None if compare is None else fp.load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)

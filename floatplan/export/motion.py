@@ -14,6 +14,7 @@ from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 from floatplan.simulation.forward import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
+from floatplan.stance.jump import Jump
 from floatplan.stance.jump_motion import JumpMotion
 
 Exportable: TypeAlias = Plan | JumpMotion
@@ -126,12 +127,10 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
     Raises
     ------
     InputError
-        There is no motion, or a gain is wrong.
+        No jump was found, or its check does not hold; or a gain is wrong.
     """
-    if not motion.duration > 0:
-        raise InputError(
-            "no jump was found, so there is nothing to export", source=motion.problem.name, element="status"
-        )
+    if isinstance(motion, Jump):
+        motion.refuse_unless_ok("export")
     found = Exported(motion)
     if isinstance(motion, JumpMotion):
         return Exported(motion, read_only(first_gains(motion, (kp, kd))))

@@ -13,7 +13,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.pool import one_thread
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
-from floatplan.simulation.forward import Gains, first_gains
+from floatplan.simulation.forward import Gains, first_gains, joint_inertia
 from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.mujoco_model import import_mujoco
@@ -21,26 +21,33 @@ from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_pe
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 
-MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 2.0), (0.7, 1.0), (2.0, 2.0), (0.5, 0.5), (3.0, 3.0))
-TRIALS, SEARCH = 4, 977  # [-] flights, and their seed
+MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 1.0), (1.0, 1.5), (2.0, 2.0), (0.5, 0.5), (3.0, 3.0))
+TRIALS, SEARCH = 4, 977  # [-] flights with the lightest and with the heaviest rotors each, and their seed
 TO_SPARE = 0.2  # [-] of friction
 STRAIGHT = 0.1  # [rad]
-ROTORS = 4e-4  # [s^2] armature that may be there, over stiffness: 0.02 kg m^2 of a Go2
+ROTORS = 2.5  # [-] armature that may be there, over the least inertia that a joint turns where the robot stands
 
 
 def search_gains(control: JumpControl) -> int:
-    """Give a controller the gains with which robots land that measure late and have rotors that nobody knows.
+    """Give a controller the gains with which robots land that measure late, whatever rotors they have.
 
-    Multiples of those that it has, each flown ``TRIALS`` times without corrections: the first with which all land on
-    their feet alone, ``STRAIGHT`` at touchdown, or else those with which most do. Returns how many were tried.
+    Light rotors ring where gains are high, heavy ones lag where they are low, so each of some multiples of the gains
+    that it has is flown with none and with the heaviest, ``TRIALS`` times each, with corrections too where there are
+    any: the first with which all land on their feet alone, ``STRAIGHT`` at touchdown, or else those with which most
+    do. Returns how many were tried.
     """
-    friction = control.jump.request.friction + TO_SPARE
-    first, found = control.gains, list[tuple[tuple[float, ...], Array]]()
-    perturbation = Perturbation(mass=0.05, armature=ROTORS * float(first[0, 0]), noise=math.radians(0.1), delay=4e-3)
+    jump, first, found = control.jump, control.gains, list[tuple[tuple[float, ...], Array]]()
+    heaviest = ROTORS * joint_inertia(control.robot.model, control.wanted.positions[0]).min()
+    late = Perturbation(mass=0.05, noise=math.radians(0.1), delay=4e-3)
+    ways = [(rotors, way) for rotors in (0.0, heaviest) for way in ((False, True) if control.replanner else (False,))]
     for factors in MULTIPLES:
         control.gains = first * np.array(factors)[:, None]
-        flown = [control.fly(perturbation, friction, (SEARCH, trial), correct=False) for trial in range(TRIALS)]
-        ends = _landings(flown)
+        tried = [
+            control.fly(late, jump.request.friction + TO_SPARE, (SEARCH, trial), correct, rotors=rotors)
+            for rotors, correct in ways
+            for trial in range(TRIALS)
+        ]
+        ends = _landings(tried)
         found.append(((int(ends.clean.sum()), int(ends.stands.sum()), -ends.pitch_rms), control.gains))
         if ends.clean.all() and ends.pitch_rms < STRAIGHT:
             break
@@ -82,7 +89,8 @@ def replay_jump(
     Raises
     ------
     InputError
-        No jump was found, a number is wrong, a perturbation makes no sense, or MuJoCo is not installed.
+        No jump was found, or its check does not hold; a number is wrong, a perturbation makes no sense, or MuJoCo is
+        not installed.
     """
     began = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
@@ -91,8 +99,7 @@ def replay_jump(
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
-    if jump.flight is None:
-        raise InputError("no jump was found, so there is nothing to fly", source=jump.problem.name, element="status")
+    jump.refuse_unless_ok("fly")
     if jump.duration + AFTER > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")

@@ -83,6 +83,15 @@ class Jump(Outputs, JumpMotion):
         object.__setattr__(found, "flight", judged(self.flight, certificate))
         return found
 
+    def refuse_unless_ok(self, action: str) -> None:
+        """Raise InputError where there is no jump to "fly", say, or where it is no motion that its robot can make."""
+        if self.flight is None or self.status != "found":
+            reason = f"no jump was found, so there is nothing to {action}"
+            raise InputError(reason, source=self.problem.name, element="status")
+        if not self.ok:
+            reason = f"a jump that does not hold is none to {action}: {self.check.sentences[0]}"
+            raise InputError(reason, source=self.problem.name, element="stances", advice="plan it again")
+
     @property
     def verdict(self) -> str:
         """What was found out, for a person: "flight proved, stances checked" only where both are true."""
