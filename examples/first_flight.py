@@ -1,14 +1,18 @@
 """A first flight: a gymnast jumps from its feet into a handstand, and the plan is proved.
 
-Run it in any folder; it leaves ``handstand.json`` (the plan) and ``handstand.html`` (a page that plays it) there.
+A problem is a robot, a posture to start from, one to arrive at, and a flight between them. The answer is a motion of
+the joints; the body turns as the angular momentum makes it turn. The script leaves the plan, a page that plays it,
+and its picture.
 """
 
+import sys
 from math import radians
 from pathlib import Path
 
 import floatplan as fp
 
 ROBOTS = Path(__file__).resolve().parents[1] / "urdf"
+OUT = Path(sys.argv[1] if sys.argv[1:] else "runs/first_flight")
 
 robot = fp.Robot.from_urdf(ROBOTS / "gymnast.urdf")
 problem = fp.Problem(
@@ -27,5 +31,6 @@ print(f"angular momentum {plan.angular_momentum:.4f} kg m^2/s, largest torques {
 certificate = fp.certify(plan)
 print(f"for every instant of the flight: {certificate.verdict}")
 
-plan.save("handstand.json")
-plan.show("handstand.html", browse=False)
+plan.save(OUT / "handstand.json")  # enough to read it again: fp.load_plan
+plan.show(OUT / "handstand.html", browse=False)
+plan.figures()["snapshots"].savefig(OUT / "first_flight.png", dpi=220)

@@ -1,8 +1,9 @@
-"""A controller that reads a jump's file: a Go2 flips backwards in MuJoCo, with contact, and corrects itself in the air.
+"""A controller for a backflip: it reads a jump's file, flips a Go2 in MuJoCo, with contact, and corrects it in the
+air.
 
-Needs ``floatplan[jump,replay,robots]``. Two commands write what a controller needs; the loop in ``fly`` is the one that
-runs on a robot, 500 times a second. Here a simulation stands in for sensors and motors: 5 % heavier than planned, with
-rotors that nobody told the plan of.
+Needs `floatplan[jump,replay,robots]`. Two commands write what a controller needs; the loop in `fly` is the one that
+runs on a robot, 500 times a second. Here a simulation stands in for sensors and motors: 5 % heavier than planned,
+with rotors that nobody told the plan of.
 """
 
 import subprocess
@@ -11,23 +12,29 @@ from math import atan2, degrees, nan, pi, remainder
 from pathlib import Path
 from xml.etree import ElementTree
 
+import matplotlib.style
 import mujoco
 import numpy as np
+from matplotlib.figure import Figure
 
 import floatplan as fp
 
-PROBLEM = Path(__file__).resolve().parents[1] / "problems" / "jumps" / "go2.toml"
+HERE = Path(__file__).resolve().parent
+PROBLEM = HERE.parent / "problems" / "jumps" / "go2.toml"
+OUT = Path(sys.argv[1] if sys.argv[1:] else "runs/fly_a_go2")
 HEAVIER, ROTORS, FRICTION = 1.05, 0.0045, 0.8  # [-], [kg m^2] at the joints, [-]: planned for 1, 0 and 0.6
 FOOT = 0.022  # [m] radius of the feet
 STEP = 0.5e-3  # [s] of the simulation
 AFTER = 1.0  # [s] that it is to stand at the end
 TIPPED = 30.0  # [degrees] of the trunk: no more is standing
 
-for words in (["jump", str(PROBLEM), "-o", ".", "-q"], ["export", "jump.json", "-f", "npz", "--rate", "500", "-q"]):
+FILES = {name: str(OUT / name) for name in ("jump.json", "plan.json", "trajectory.npz")}
+EXPORT = ["export", FILES["jump.json"], "-f", "npz", "--rate", "500", "-o", FILES["trajectory.npz"], "-q"]
+for words in (["jump", str(PROBLEM), "-o", str(OUT), "-q"], EXPORT):
     subprocess.run([sys.executable, "-m", "floatplan", *words], check=True)
-with np.load("trajectory.npz", allow_pickle=False) as file:
+with np.load(FILES["trajectory.npz"], allow_pickle=False) as file:
     jump = dict(file)
-plan = fp.load_plan("plan.json")  # of the jump's flight
+plan = fp.load_plan(FILES["plan.json"])  # of the jump's flight
 robot, normal, up = plan.robot, plan.robot.plane.normal, plan.robot.plane.vertical
 names, feet = jump["joint_names"].tolist(), jump["contact_names"].tolist()
 in_flight = ~jump["contacts"].any(axis=1)
@@ -63,18 +70,19 @@ def on_the_ground() -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def fly(correct: bool) -> tuple[float, bool]:
-    """Fly with or without corrections: by how many degrees touchdown is off, and whether it stands in the end."""
+def fly(correct: bool) -> tuple[float, bool, np.ndarray]:
+    """Fly with or without: by how much touchdown is off, degrees, whether it stands, and its pitch, degrees."""
     model, data = on_the_ground()
     places, rates = ([getattr(model.joint(name), key)[0] for name in names] for key in ("qposadr", "dofadr"))
     weakest, strongest = model.jnt_actfrcrange[[model.joint(name).id for name in names]].T
     planned, motors = ([names.index(name) for name in which] for which in (robot.joints, robot.motors))
-    replanner, missed, period = fp.Replanner(plan, rate=250), nan, jump["time"][1]
+    replanner, missed, period, pitches = fp.Replanner(plan, rate=250), nan, jump["time"][1], []
     for tick in range(round((jump["time"][-1] + AFTER) / period)):
         row, t = min(tick, len(jump["time"]) - 1), tick * period - takeoff
         q, v, torques = (jump[name][row, -len(names) :].copy() for name in ("q", "v", "tau"))
         positions, velocities = data.qpos[places], data.qvel[rates]
         pitch, pitch_rate = 2 * atan2(data.qpos[4:7] @ normal, data.qpos[3]), data.qvel[3:6] @ normal
+        pitches.append(pitch)
         if np.isnan(missed) and t >= touchdown - takeoff:
             missed = abs(degrees(remainder(pitch - plan.problem.final.orientation, 2 * pi)))
         if correct and in_flight[row]:
@@ -85,9 +93,20 @@ def fly(correct: bool) -> tuple[float, bool]:
         torques += jump["kp"] * (q - positions) + jump["kd"] * (v - velocities)
         data.qfrc_applied[rates] = np.clip(torques, weakest, strongest)
         mujoco.mj_step(model, data, nstep=round(period / STEP))
-    return missed, abs(degrees(remainder(pitch, 2 * pi))) < TIPPED
+    return missed, abs(degrees(remainder(pitch, 2 * pi))) < TIPPED, np.degrees(np.unwrap(pitches))
 
 
-for way, correct in (("as planned", False), ("corrected", True)):
-    missed, stands = fly(correct)
-    print(f"{way}: {missed:.1f} degrees off at touchdown, and {'stands' if stands else 'falls'}")
+base = jump["q"][:, 3:7]
+planned = np.degrees(np.unwrap(2 * np.arctan2(base[:, :3] @ normal, base[:, 3])))
+with matplotlib.style.context(HERE / "examples.mplstyle"):
+    figure = Figure()
+    axes = figure.subplots()
+    axes.axvspan(takeoff, touchdown, color="#ebebeb", label="planned to be in the air")
+    for way, correct, line in (("as planned", False, "--"), ("corrected", True, "-")):
+        missed, stands, pitch = fly(correct)
+        print(f"{way}: {missed:.1f} degrees off at touchdown, and {'stands' if stands else 'falls'}")
+        label = f"{way}: {'stands' if stands else 'falls'} in the end"
+        axes.plot(jump["time"], pitch[: len(planned)] - planned, line, label=label)
+    axes.set(xlabel="time (s)", ylabel="trunk, off the plan (degrees)", xlim=(0, jump["time"][-1]))
+    axes.legend()
+    figure.savefig(OUT / "fly_a_go2.png")

@@ -1,14 +1,16 @@
-"""A robot of one's own: a URDF is all that floatplan needs to know of it.
+"""Your own robot: a URDF, here one written on the spot, is all that floatplan needs to know of it.
 
 A platform carries an arm of two links, and nothing holds the platform: it floats. The arm moves so that the platform
 turns by 20 degrees while the arm comes back to where it was, without any angular momentum: as a falling cat does it.
 """
 
+import sys
 from math import radians
 from pathlib import Path
 
 import floatplan as fp
 
+OUT = Path(sys.argv[1] if sys.argv[1:] else "runs/own_robot")
 LINK = """
 <link name="{name}"><inertial>
   <origin xyz="{center} 0 0"/><mass value="{mass}"/>
@@ -31,7 +33,8 @@ text = "".join(
         "</robot>",
     ]
 )
-path = Path("floater.urdf")
+OUT.mkdir(parents=True, exist_ok=True)
+path = OUT / "floater.urdf"
 path.write_text(text, encoding="utf-8")
 
 robot = fp.Robot.from_urdf(path)  # plane=, joints=, locked= and coupled= settle what a file leaves open
@@ -50,3 +53,4 @@ plan = fp.plan(problem)
 print(f"{plan.status}: {plan.explanation or 'the platform turns'}")
 for use in plan.utilisation:
     print(f"{use.joint}: at most {use.torque_peak:.2f} of {use.torque_limit} N m")
+plan.figures()["kinogram"].savefig(OUT / "own_robot.png", dpi=220)

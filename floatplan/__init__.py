@@ -37,31 +37,21 @@ Numbers in parentheses are the equations of the paper whose method this is: see 
 Public names are listed in ``__init__.pyi`` alone.
 """
 
-import ast
-import importlib
+import re
+from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-
-def _homes() -> dict[str, str]:
-    """Return the module of each public name, from the stub beside this file."""
-    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {alias.name: str(node.module) for node in imports for alias in node.names}
-
-
-_HOMES = _homes()
+_STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+_HOMES = {name: module for module, name in re.findall(r"^from (\S+) import (\w+)", _STUB, re.MULTILINE)}
 __all__ = ["__version__", *_HOMES]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Import public names when they are first used: Pinocchio alone takes longer than ``floatplan --help`` may."""
     if name == "__version__":
-        from importlib.metadata import version
-
-        value: Any = version("floatplan")
+        value = import_module("importlib.metadata").version("floatplan")
     elif name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
+        value = getattr(import_module(_HOMES[name]), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value
@@ -69,4 +59,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

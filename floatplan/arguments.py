@@ -4,7 +4,6 @@ Checks return the value as it is kept, or raise: a dataclass that people make li
 them on their arguments. Results are short text for a prompt, and tables for notebooks.
 """
 
-import html
 import math
 import os
 import sys
@@ -399,6 +398,7 @@ def percent(share: float | None) -> str:
 
 def html_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
     """A table as HTML; everything in it is text."""
+    import html
 
     def cells(texts: Sequence[str], tag: str) -> str:
         return "".join(f'<{tag} style="text-align: left">{html.escape(text)}</{tag}>' for text in texts)

@@ -1,10 +1,10 @@
 """Files: JSON read strictly, plain data, and files that are written whole or not at all."""
 
+import hashlib
 import json
 import math
 import os
 import re
-import socket
 import stat
 import sys
 import tempfile
@@ -57,6 +57,13 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
     if state.st_size > largest or len(content) > largest:
         raise InputError(f"is larger than {largest // 1_000_000} MB, as no {kind.partition(' ')[2]} is", source=path)
     return content
+
+
+def check_hash(content: bytes, digest: str, path: Path) -> None:
+    """Refuse the content of a file whose SHA-256 is not the one that a plan recorded."""
+    if hashlib.sha256(content).hexdigest() != digest:
+        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
+        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
 
 
 def runs_folder(name: str, otherwise: str) -> Path:
@@ -273,7 +280,7 @@ def _written_beside(path: Path, content: str | bytes) -> Path:
 
 def _temporary_of_here() -> str:
     """How the names of this machine's temporary files begin; the process and a random part follow."""
-    return f".floatplan-{re.sub('[^A-Za-z0-9]', '', socket.gethostname())[:40]}-"
+    return f".floatplan-{re.sub('[^A-Za-z0-9]', '', os.uname().nodename)[:40]}-"
 
 
 def _remove_leftovers(folder: Path) -> None:

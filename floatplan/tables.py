@@ -20,6 +20,9 @@ RANGE = 1e-12  # [rad] of joint ranges
 
 REST = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
 
+RobotKind: TypeAlias = Literal["urdf", "mjcf"]  # what a robot's file is
+ROBOT_KINDS: tuple[RobotKind, ...] = get_args(RobotKind)
+
 Objective: TypeAlias = Literal["coefficients", "torque", "acceleration"]
 
 

@@ -1,4 +1,4 @@
-"""The examples run, each in a folder of its own, and print what their texts promise."""
+"""The examples run, each in a folder of its own, print what their texts promise, and are on the site as they are."""
 
 from __future__ import annotations
 
@@ -6,40 +6,90 @@ import ast
 import io
 import json
 import runpy
+import shutil
+import sys
 from contextlib import redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import example_pages
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
 
 from floatplan.robot.urdf.tree import robots_folder
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples"
 PROMISED = {
     "first_flight": "for every instant of the flight: proved",
     "own_robot": "optimal",
     "obstacle": "m; proved",
-    "sweep": "least torque",
+    "weak_motors": "torques up to [1.85 1.01] N m, proved",
+    "falling_cat": "the loop run backwards: 20.00 degrees; there and back: 0.00",
+    "space_arm": "optimal, proved: the antenna ends at most",
+    "sweep": "that plan is proved",
+    "study": "resumed: 165 rows",
+    "certificate": "20.001000 mm: refuted at 0.7219 s",
     "mujoco_playback": "rad from the plan",
-    "pinocchio_interop": "nothing pushes the base",
     "in_flight": "lands as planned",
-    "the_method": "|b| = 25.0411",
+    "jump": "flight proved; The stances hold at 2 kHz.",
     "fly_a_go2": "degrees off at touchdown, and stands",
+    "pinocchio_interop": "nothing pushes the base",
+    "ros_trajectory": "with accelerations too",
+    "reference_motion": "118 frames, 50 a second",
+    "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
+    "the_method": "|b| = 25.0411",
 }
-EXTRAS = {"mujoco_playback": ("mujoco",), "fly_a_go2": ("mujoco", "casadi")}
-LONG = {"fly_a_go2"}
+EXTRAS = {
+    "fly_a_go2": ("mujoco", "casadi"),
+    "jump": ("casadi",),
+    "mujoco_playback": ("mujoco",),
+    "reference_motion": ("casadi",),
+    "ros_trajectory": ("yaml",),
+    "study": ("pyarrow",),
+}
+LONG = {"fly_a_go2", "jump", "reference_motion", "ros_trajectory", "study"}
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The examples with all that they may read: nothing else is beside them."""
+    folder = tmp_path_factory.mktemp("copied")
+    for name in ("examples", "problems", "urdf"):
+        shutil.copytree(ROOT / name, folder / name)
+    return folder / "examples"
 
 
 def test_none_is_left_out() -> None:
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(PROMISED)
+    shown = [name for names in example_pages.SHOWN.values() for name in names]
+    assert sorted(shown) == sorted(path.stem for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb"))
+    assert set(shown) == {*PROMISED, "handstand"}
+    assert len(shown) > 15
+
+
+def test_pages_are_as_the_scripts_say() -> None:
+    pages = example_pages.pages()
+    assert {path.name for path in example_pages.PAGES.glob("*.md")} == set(pages)
+    for name, content in pages.items():
+        assert (example_pages.PAGES / name).read_text(encoding="utf-8") == content, "run scripts/example_pages.py"
+
+
+def test_each_has_what_it_draws_and_prints() -> None:
+    pages = example_pages.pages()
+    for picture in example_pages.PICTURES.iterdir():
+        assert (
+            sum(f"/examples/{picture.name}\n" in content for name, content in pages.items() if name != "index.md") == 1
+        )
+    for name, promise in PROMISED.items():
+        said = (example_pages.PAGES / f"{name}.txt").read_text(encoding="utf-8")
+        assert promise in said, f"run scripts/example_pages.py run {name}"
 
 
 @pytest.mark.parametrize("name", cases(list(PROMISED), LONG))
 def test_script_runs(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for module in EXTRAS.get(name, ()):
         if find_spec(module) is None:
@@ -47,8 +97,12 @@ def test_script_runs(
     if name == "fly_a_go2" and robots_folder() is None:
         skip_or_fail("example-robot-data is not installed")
     monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", *([] if name == "first_flight" else ["given"])])
+    runpy.run_path(str(copied / f"{name}.py"), run_name="__main__")
     assert PROMISED[name] in capsys.readouterr().out
+    out = Path("runs", name) if name == "first_flight" else Path("given")
+    assert name == "the_method" or (out / f"{name}.png").stat().st_size > 5000
+    assert [path.name for path in tmp_path.iterdir()] == [out.parts[0]] * (name != "the_method")
 
 
 def outputs(cell: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from floatplan import errors, files, tables
-from floatplan.export import ros_bag, table
+from floatplan.export import table
 from floatplan.planning import search
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
@@ -16,6 +16,7 @@ from floatplan.robot.urdf import check, tree
 from floatplan.simulation import closed_loop, forward
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
+from floatplan.studies import study
 
 SIZES = {
     "planned joints": resolution.MOST_JOINTS,
@@ -27,6 +28,7 @@ SIZES = {
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
     "processes of a search or a study, threads of a batch": search.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
+    "motions that a study writes": study.MOST_MOTIONS,
     "keys that a study varies": study_file.MOST_VARIED,
     "solved starts of a search, and of a study's row": search.MOST_SOLVED,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
@@ -35,7 +37,7 @@ SIZES = {
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
     "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
-    "transforms of an export to MCAP: instants times joints that move": ros_bag.MOST_TRANSFORMS,
+    "places of links in an export to MCAP or of a reference motion: instants times links": table.MOST_PLACES,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
     "bandwidth of a replay's feedback": f"{forward.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",

@@ -31,7 +31,7 @@ EXTRAS = {
     "example-robot-data:": "example_robot_data",
 }
 LONG = {f"docs/{page}.md" for page in ("in_flight", "jump", "tutorial")}  # README: always
-LONG |= {f"docs/howto/{page}.md" for page in ("flip_in_mujoco", "obstacles", "own_robot")}
+LONG |= {f"docs/howto/{page}.md" for page in ("flip_in_mujoco", "obstacles", "own_robot", "reference_motions")}
 VERDICTS = (
     "floatplan takeoff",
     "floatplan plan",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import datetime
 import importlib.util
 import os
 import re
@@ -13,11 +14,14 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import release
+import yaml
 from needed import skip_or_fail
 
 import floatplan
 
 ROOT = Path(__file__).resolve().parents[1]
+DEVELOPERS = ("test", "docs", "dev", "bench")  # extras
 HEAVY = ("numpy", "pinocchio", "proxsuite", "scipy", "matplotlib", "rich", "yourdfpy", "flint", "viser")
 
 
@@ -43,6 +47,16 @@ def test_help_imports_nothing_heavy() -> None:
     output = python("-c", code, "--help").split()
     assert {"Usage:", "plan", "info", "bounds"} <= set(output)
     assert not set(HEAVY) & set(output)
+
+
+def test_a_plan_imports_only_what_it_uses(tmp_path: Path) -> None:
+    (tmp_path / "plan.json").touch()  # of an older run, of which pictures and other formats may have been made
+    code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
+    loaded = python("-c", code, "plan", "problems/handstand.toml", "--quiet", "-o", str(tmp_path)).split()
+    assert {"numpy", "pinocchio", "flint"} <= set(loaded)
+    assert not {*HEAVY, "pydantic", "multiprocessing.forkserver"} - {"numpy", "pinocchio", "proxsuite", "flint"} & set(
+        loaded
+    )
 
 
 @pytest.mark.parametrize("name", floatplan.__all__)
@@ -91,6 +105,42 @@ def test_other_names_are_not() -> None:
 def test_the_version_is_the_project_s() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert floatplan.__version__ == project["version"]
+
+
+class TestRelease:
+    def test_every_file_names_the_same_version(self) -> None:
+        assert set(release.versions().values()) == {floatplan.__version__}
+
+    def test_the_recipe_needs_what_the_project_needs(self) -> None:
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())["requirements"]
+        conda = {"pin": "pinocchio", "matplotlib": "matplotlib-base", "mujoco": "mujoco-python"}
+
+        def named(requirements: list[str], sign: str) -> dict[str, str]:
+            pairs = (re.split(f"{sign}(?=[<>])", each, maxsplit=1) for each in requirements if each != "python")
+            return {conda.get(name, name): bounds for name, bounds in pairs}
+
+        assert named(recipe["run"], " ") == named(project["dependencies"], "")
+        extras = [
+            each for name, group in project["optional-dependencies"].items() if name not in DEVELOPERS for each in group
+        ]
+        assert named(recipe["run_constraints"], " ").items() <= named(extras, "").items()
+
+    def test_a_prepared_version_is_ready_and_no_other_is(self, tmp_path: Path) -> None:
+        (tmp_path / "recipe").mkdir()
+        for name in (*release.NAMED, "CHANGELOG.md"):
+            shutil.copy(ROOT / name, tmp_path / name)
+        day = datetime.date(2001, 2, 3)
+        for version in ("7.0.0rc1", "7.0.0"):
+            log = tmp_path / "CHANGELOG.md"
+            log.write_text("# Changelog\n\n## Unreleased\n" + log.read_text().partition("## Unreleased\n")[2])
+            assert release.missing(f"v{version}", tmp_path)
+            release.prepare(version, day, tmp_path)
+            assert release.missing(f"v{version}", tmp_path) == []
+        assert release.missing("v7.0.0rc1", tmp_path)
+        assert tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["version"] == "7.0.0"
+        cited = yaml.safe_load((tmp_path / "CITATION.cff").read_text())
+        assert (cited["version"], cited["date-released"]) == ("7.0.0", day)
 
 
 def test_no_test_imports_another() -> None:

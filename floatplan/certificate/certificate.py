@@ -30,13 +30,15 @@ from floatplan.certificate.planar.limits import (
     limit_findings,
     orientation_findings,
 )
+from floatplan.certificate.planar.mjcf import NotReadError
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.errors import InputError, naming
-from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
-from floatplan.plans.record import PlanRecord
+from floatplan.plans.reading import Recorded, check_meshes, checked, find_robot, recorded, recorded_robot
+from floatplan.plans.record import PlanRecord, RobotRecord
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
 from floatplan.pool import one_thread
 from floatplan.robot.robot import LinkCapsule, Robot
+from floatplan.robot.urdf.packages import robot_content
 from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
@@ -72,7 +74,7 @@ def certify(
     urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
     record, file, robot = recorded(plan)
     with naming(file):
-        path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
+        path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
         record = checked(record)
         shapes: list[Sequence[LinkShape] | None] = [None, None]
         unknown: list[str] = []
@@ -119,7 +121,10 @@ def prove(
     """
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
-        robot = kept_robot(path, record.robot)
+        try:
+            robot = kept_robot(robot_content(path), path, record.robot)
+        except NotReadError as error:
+            return _undecided(record.robot, str(error))
         try:
             with np.errstate(all="ignore"):
                 certificate = _proved(robot, record, shapes, unknown_meshes, budget)
@@ -175,6 +180,22 @@ def _proved(
         motor_torque_peak=dict(zip(robot.motors, bounds["motor_torque_peak"], strict=True)),
         findings=findings,
         subintervals=len(flight.cells),
+        seconds=0.0,
+    )
+
+
+def _undecided(robot: RobotRecord, reason: str) -> Certificate:
+    """Nothing is known of a robot that is not read."""
+    unknown = read_only([math.inf] * len(robot.joints))
+    return Certificate(
+        verdict="undecided",
+        orientation_end=(-math.inf, math.inf),
+        clearance_min=None,
+        torque_peak=unknown,
+        velocity_peak=unknown,
+        motor_torque_peak=dict.fromkeys((*robot.joints, *robot.coupled), math.inf),
+        findings=(Finding("robot", (reason,), "undecided", None),),
+        subintervals=0,
         seconds=0.0,
     )
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 
+GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
 INTERRUPTED = 130  # exit code where Ctrl-C ended it, as shells have it
 
 
 def main() -> None:
     """Run the command line; Ctrl-C ends it without a traceback, also while it is imported."""
+    gc.set_threshold(GARBAGE_THRESHOLD)
     try:
         from floatplan.cli.commands import main as run
 

@@ -19,7 +19,6 @@ from floatplan.cli.study import studio, study
 from floatplan.errors import InputError, naming
 from floatplan.files import runs_folder
 
-GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
@@ -38,7 +37,6 @@ Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried."
 def main() -> None:
     """Run the command line."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads would wait for one another
-    gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
 
@@ -70,9 +68,7 @@ def plan(
     json_output: common.Json = False,
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
-    figures: Annotated[
-        bool | None, flag("Draw pictures; the default unless --json is given.", "--figures/--no-figures")
-    ] = None,
+    figures: Annotated[bool, flag("Draw pictures too, into figures/.", "--figures/--no-figures")] = False,
     report: Annotated[bool, flag("Write report.html too: a page that plays the plan.", "--report")] = False,
     rate: Annotated[float, option("HZ", "Rows per second of trajectory.csv.")] = 1000.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
@@ -111,7 +107,7 @@ def plan(
         files = write_results(answer, directory, rate, tell=common.tell(quiet))
         if is_robot(source):
             files.append(write_problem(answer, directory))
-        if figures or (figures is None and not json_output):
+        if figures:
             from floatplan.view.figures.figures import save_figures
 
             files += save_figures(answer, directory / FIGURES, compare=_without_obstacles(answer, seed))
@@ -230,4 +226,4 @@ COMMANDS = (  # in the order in which --help lists them
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:
     typed = common.reporting_errors(common.with_options(command))
-    app.command(cls=OF_THEIR_OWN.get(command))(typed)
+    app.command(cls=OF_THEIR_OWN.get(command, common.Command))(typed)

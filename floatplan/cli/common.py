@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
 from floatplan.cli import INTERRUPTED
@@ -32,6 +32,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
 
+AS_TYPED: Mapping[Any, type] = {str: str, str | None: str, Path: Path, Path | None: Path}
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -65,6 +66,7 @@ def flag(text: str, *names: str) -> Any:
     return typer.Option(*names, help=text)
 
 
+MODEL = "URDF or MJCF of what reads a reference motion: the file has its joints and bodies, in its order."
 RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
@@ -181,7 +183,32 @@ def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
     return InputError(error.reason, element=option, advice=error.advice) if known else error
 
 
-class Commands(TyperGroup):
+class AsTyped:
+    """A command that takes texts, paths and defaults as they are: to look at them typer would load pydantic."""
+
+    def parse_args(self: Any, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words of the command line."""
+        hints = getattr(self.callback, "__annotations__", {})
+        for each in self.get_params(ctx):
+            kind = AS_TYPED.get(getattr(hints.get(each.name), "__origin__", None))
+            vars(each)["process_value"] = functools.partial(_value, each, kind, each.process_value)
+        return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
+
+
+def _value(parameter: Any, kind: type | None, read: Callable[..., Any], ctx: Any, value: Any) -> Any:
+    """The value of a parameter from a word, or from its default; what is a number, or missing, is left to typer."""
+    if isinstance(value, str) and kind is not None:
+        value = kind(value)
+    elif not isinstance(value, bool | int | float | Path | None) or (value is None and parameter.required):
+        return read(ctx, value)
+    return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
+
+
+class Command(AsTyped, TyperCommand):
+    """A command."""
+
+
+class Commands(AsTyped, TyperGroup):
     """The commands; what is wrong with the words of a command line is said on one short line, as all else is."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
@@ -243,6 +270,15 @@ def read_motion(path: str, urdf: str | None) -> fp.Plan | fp.Jump:
 def tell(quiet: bool) -> Callable[[str], None]:
     """What prints words on stderr, in a line each, or nothing."""
     return lambda words: None if quiet else typer.echo(escaped(words), err=True)
+
+
+def check_model(form: str, model: str | None, robot: fp.Robot, quiet: bool) -> None:
+    """Refuse a format, or a model that is not the robot's; say whether that has another order."""
+    from floatplan.export.formats import names_of_model
+
+    names = names_of_model(form, model, robot)
+    if names is not None:
+        tell(quiet)(f"{model}: {names.order_beside(robot)}")
 
 
 def print_path(path: Path, *, err: bool = False) -> None:

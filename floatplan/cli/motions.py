@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperCommand
 
 import floatplan as fp
 from floatplan.cli import common
@@ -214,7 +213,7 @@ def show(
                 webbrowser.open(path.resolve().as_uri())
 
 
-class ExportCommand(TyperCommand):
+class ExportCommand(common.Command):
     """Its help ends with the formats."""
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
@@ -231,6 +230,7 @@ def export(
     rate: Annotated[float | None, option("HZ", "Instants per second; left out, what suits the format.")] = None,
     kp: Annotated[str | None, option("K|J=K,..", STIFFNESS)] = None,
     kd: Annotated[str | None, option("K|J=K,..", DAMPING)] = None,
+    model: Annotated[str | None, option("FILE", common.MODEL)] = None,
     output: Annotated[Path | None, option("FILE", "The file; beside the plan if left out.", "--output", "-o")] = None,
     urdf: common.Urdf = None,
     quiet: common.Quiet = False,
@@ -246,7 +246,8 @@ def export(
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
     motion = common.read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
+    common.check_model(form, model, motion.problem.robot, quiet)
     with progress("exporting", quiet):
-        path = motion.export(form, path, rate, kp=stiffness, kd=damping)
+        path = motion.export(form, path, rate, kp=stiffness, kd=damping, model=model)
     if not quiet:
         common.print_path(path)

@@ -15,6 +15,8 @@ from floatplan.tables import LIMIT_TABLE
 
 PLAN, JUMP, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "jump.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
+OF_JUMPS = ("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height")
+DRAWN = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance", *OF_JUMPS)
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
 
 
@@ -86,18 +88,19 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
     """
     if not (directory / PLAN).is_file():
         return
+    (directory / TRAJECTORY).unlink(missing_ok=True)
+    if {path.name for path in directory.glob("[!.]*")} <= {PLAN, *kept}:
+        return
     from floatplan.export.formats import FORMATS
 
-    drawn = {"snapshots", "kinogram", "configuration", "momentum", "inertia", "clearance"} | {
-        row.title.lower() for row in LIMIT_TABLE.values()
-    }
+    drawn = {*DRAWN, *(row.title.lower() for row in LIMIT_TABLE.values())}
     made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
     older = [path for path in made if path.is_file() and path.name not in kept]
     for path in older:
         path.unlink()
-    names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older if path.name != TRAJECTORY)
+    names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older)
     if names and tell is not None:
         tell(f"{directory}: the plan there is replaced, and what was made of it removed: {', '.join(names)}")
 

@@ -13,9 +13,9 @@ import typer
 
 import floatplan as fp
 from floatplan.cli import common
-from floatplan.cli.common import flag, option
+from floatplan.cli.common import MODEL, flag, option
 from floatplan.cli.progress import ProgressBar, progress
-from floatplan.errors import escaped, import_optional
+from floatplan.errors import InputError, escaped, import_optional
 from floatplan.files import runs_folder
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 PORT = 8080  # of the studio
 EVERY = 2.0  # [s] words about the progress
+EXPORT = "Write the motion of each row too, in a format of floatplan export, with an index. Jumps are planned again."
 
 
 def study(
@@ -34,6 +35,9 @@ def study(
     ] = None,
     jobs: Annotated[int | None, option("N", "Processes; as many as processors if left out.", min=1)] = None,
     output: Annotated[Path | None, option("DIR", "Where results go; else as the file says.", "--output", "-o")] = None,
+    export: Annotated[str | None, option("NAME", EXPORT)] = None,
+    rate: Annotated[float | None, option("HZ", "Of these files; left out, what suits the format.")] = None,
+    model: Annotated[str | None, option("FILE", MODEL)] = None,
     json_output: common.Json = False,
     quiet: common.Quiet = False,
 ) -> None:
@@ -42,8 +46,13 @@ def study(
     Exit code 0 once every row has a status, whatever it is.
     """
     from floatplan.pool import get_ready
+    from floatplan.studies.file import load_study_file
 
     began = time.perf_counter()
+    if export is not None:  # before hours of work
+        common.check_model(export, model, load_study_file(study_file).base.robot, quiet)
+    elif rate is not None or model is not None:
+        raise InputError("is for --export", element="--rate" if model is None else "--model", advice="add it")
     try:
         if engine == "processes" and jobs != 1:
             get_ready("floatplan.studies.study")
@@ -57,6 +66,9 @@ def study(
                 jobs=jobs,
                 progress=_teller(bar),
             )
+        if export is not None:
+            with progress("exporting", quiet) as bar:
+                done.files.append(done.export(export, rate, model=model, jobs=jobs, progress=bar.reach))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(common.FAILED) from None

@@ -99,7 +99,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         radius = f", radius {shape['radius']:.3g} m" if shape["radius"] else ""
         capsules.append(f"{shape['link']} {shape['length']:.3g} m{radius}")
     rest = [
-        ("locked, rad", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
+        ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
         ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         ("shapes", (", ".join(capsules) or "none") if shapes else f"{len(capsules)}; --shapes has them"),
         ("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it"),
@@ -109,7 +109,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     rest.append(("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2"))
     warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
     listed = _table(("joint", "range, rad", "rad/s", "N m", "D_i, kg m^2"), joints)
-    return Group(table, listed, *follows, _named(rest), *warnings)
+    return Group(table, listed, *follows, _named(rest), *map(Text, facts["wheels"]), *warnings)
 
 
 def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> RenderableType:

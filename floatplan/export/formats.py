@@ -1,8 +1,7 @@
 """File formats of controllers, robots and simulators; SI units and radians in all of them."""
 
-import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,11 +10,14 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.export import table
+from floatplan.export import reference, table
+from floatplan.export.model_names import ModelNames, matched, own_names
 from floatplan.export.motion import Exportable, Exported, exported
 from floatplan.export.ros_bag import mcap_content
+from floatplan.export.table import archive
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.robot.robot import Robot
 from floatplan.simulation.forward import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
@@ -35,6 +37,7 @@ class Format:
     text : what the command's help says of it
     rate : their usual rate, Hz
     gains : whether its files have room for them
+    of_model : which of the names of a model that is to read them they go by: joints, bodies
     of_plans : content of plans' files, which have less than those of other motions, and no gains
     """
 
@@ -43,6 +46,7 @@ class Format:
     text: str
     rate: float = 1000.0
     gains: bool = True
+    of_model: tuple[str, ...] = ()
     of_plans: Callable[[Any, float], str | bytes] | None = None
 
 
@@ -54,29 +58,37 @@ def export(
     *,
     kp: Gain | None = None,
     kd: Gain | None = None,
+    model: str | Path | None = None,
 ) -> Path:
     """Write a plan or a jump in a format of :data:`FORMATS`, whole or not at all.
 
     Parameters
     ----------
     motion : Plan or Jump
-    form, path, rate : as of :meth:`floatplan.Plan.export`
+    form, path, rate, model : as of :meth:`floatplan.Plan.export`, which says what is refused
     kp, kd : float or mapping, optional
         Gains as of :func:`floatplan.export.motion.exported`.
-
-    Raises
-    ------
-    InputError
-        The format is unknown or has no room for gains, a number is wrong, or there is no motion.
     """
-    known = format_of(form)
+    known, names = format_of(form), names_of_model(form, model, motion.problem.robot)
     rate = known.rate if rate is None else rate
     of_plans = known.of_plans if isinstance(motion, Plan) else None
     if (of_plans is not None or not known.gains) and (kp is not None or kd is not None):
-        instead = ", ".join(name for name, each in FORMATS.items() if each.gains and each.of_plans is None)
-        raise InputError(f'a file "{form}" has no room for gains', element="format", advice=f"take one of {instead}")
-    content = known.content(exported(motion, kp, kd), rate) if of_plans is None else of_plans(motion, rate)
+        raise _no_room("gains", form, [name for name, each in FORMATS.items() if each.gains and each.of_plans is None])
+    content = known.content(exported(motion, kp, kd, names), rate) if of_plans is None else of_plans(motion, rate)
     return write_atomically(known.file if path is None else path, content)
+
+
+def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNames | None:
+    """Return the names in a model that is to read a robot's motion, if there is one, or refuse it."""
+    known = format_of(form)
+    if model is not None and not known.of_model:
+        raise _no_room("the order of a model", form, [name for name, each in FORMATS.items() if each.of_model])
+    return None if model is None else matched(own_names(robot), model, with_bodies="bodies" in known.of_model)
+
+
+def _no_room(what: str, form: str, others: list[str]) -> InputError:
+    advice = f"take one of {', '.join(others)}"
+    return InputError(f'a file "{form}" has no room for {what}', element="format", advice=advice)
 
 
 def format_of(name: str) -> Format:
@@ -91,7 +103,7 @@ def npz_content(plan: Plan, rate: float) -> bytes:
     state = plan.at(table.sample_times(plan.duration, rate))
     arrays = {field.name: getattr(state, field.name) for field in fields(state)}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
-    return _archive({"times": state.times} | names | arrays)
+    return archive({"times": state.times} | names | arrays)
 
 
 def pinocchio_content(motion: Exported, rate: float) -> bytes:
@@ -108,7 +120,7 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
         "gravity": motion.gravity,
         "joint_names": np.array(motion.joints),
     }
-    return _archive(arrays | _controlled(motion, times))
+    return archive(arrays | _controlled(motion, times))
 
 
 def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
@@ -159,7 +171,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
         "joint_names": np.array(motion.joints),
         "gravity": motion.gravity,
     }
-    return _archive(arrays | _controlled(motion, times))
+    return archive(arrays | _controlled(motion, times))
 
 
 def unitree_content(motion: Exported, rate: float) -> str:
@@ -171,9 +183,8 @@ def unitree_content(motion: Exported, rate: float) -> str:
     whole = motion.at(table.sample_times(motion.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((whole.base_position, whole.base_quaternion, whole.positions), axis=1)
-    lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
-    lines += [",".join(map(repr, row)) for row in rows.tolist()]
-    return "\n".join(lines) + "\n"
+    comments = [f"# column {number}: {' '.join(name.split())}\n" for number, name in enumerate(names)]
+    return "".join(comments) + table.number_rows(rows)
 
 
 def unitree_sdk_content(motion: Exported, rate: float) -> str:
@@ -206,18 +217,13 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
     return table.csv_text(columns + [(column.name, column.values) for column in table.contact_columns(motion, times)])
 
 
-def _archive(arrays: Mapping[str, Array]) -> bytes:
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()
-
-
 def _yaml(values: Array) -> str:
     """Numbers that read back bit for bit; YAML 1.1 reads 1e-05 as text, and 1.0e-05 as a number."""
     texts = map(repr, values.tolist())
     return f"[{', '.join(each.replace('e', '.0e') if 'e' in each and '.' not in each else each for each in texts)}]"
 
 
+ALL, JOINTS = ("joints", "bodies"), ("joints",)
 FORMATS: dict[str, Format] = {
     "csv": Format(table.full_csv, "trajectory.csv", "planned joints; of a jump as csv-full", of_plans=table.table_text),
     "csv-full": Format(table.full_csv, "full_trajectory.csv", "base pose and all joints, one row per instant"),
@@ -231,4 +237,11 @@ FORMATS: dict[str, Format] = {
     "mcap": Format(mcap_content, "flight.mcap", 'a ROS 2 bag, also for Foxglove (extra "mcap")', 100.0),
     "unitree": Format(unitree_content, "unitree.csv", "CSV as Unitree's motion data", 50.0, gains=False),
     "unitree-sdk": Format(unitree_sdk_content, "unitree_sdk.csv", "CSV in its motors' order: A1, Go1, Go2, B1", 500.0),
+    "isaac-amp": Format(reference.isaac_amp_content, "isaac_amp.npz", "NumPy: AMP in Isaac Lab", 50.0, False, ALL),
+    "motion-csv": Format(
+        reference.motion_csv_content, "motion.csv", "CSV for csv_to_npz: BeyondMimic, mjlab", 50.0, False, JOINTS
+    ),
+    "loco-mujoco": Format(
+        reference.loco_mujoco_content, "loco_mujoco.npz", "NumPy: a trajectory of LocoMuJoCo", 50.0, False, JOINTS
+    ),
 }

@@ -1,7 +1,7 @@
 """What exporters read: a plan or a whole jump, at the instants of a file, and the gains of who follows it."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.export.model_names import ModelNames, own_names
 from floatplan.motion.flight import FullMotion
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
@@ -29,10 +30,13 @@ class Exported:
     motion : Exportable
     gains : (2, J), optional
         Stiffness and damping, N m/rad and N m s/rad, of all joints that move.
+    model : ModelNames, optional
+        Of the model that is to read the motion.
     """
 
     motion: Exportable
     gains: Array | None = None
+    model: ModelNames | None = None
 
     @property
     def robot(self) -> Robot:
@@ -48,6 +52,11 @@ class Exported:
     def joints(self) -> tuple[str, ...]:
         """Names of the J joints that move, in Pinocchio's order."""
         return tuple(self.robot.model.names)[BASE + 1 :]
+
+    @property
+    def names(self) -> ModelNames:
+        """Joints and bodies in the order of the model that is to read them, or else of the robot's own file."""
+        return own_names(self.robot) if self.model is None else self.model
 
     @cached_property
     def gravity(self) -> Array:
@@ -108,7 +117,9 @@ class Exported:
         }
 
 
-def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:
+def exported(
+    motion: Exportable, kp: Gain | None = None, kd: Gain | None = None, model: ModelNames | None = None
+) -> Exported:
     """Return a motion as exporters read it.
 
     Gains are there where one is given, or where the motion is a jump, which no motor follows without. Left out, those
@@ -123,6 +134,7 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
     kp, kd : float or mapping, optional
         Stiffness, N m/rad, and damping, N m s/rad (N/m and N s/m of a joint that slides), of all joints or of some by
         name; what is left out is as said above.
+    model : ModelNames, optional, as of :class:`Exported`
 
     Raises
     ------
@@ -131,9 +143,9 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
     """
     if isinstance(motion, Jump):
         motion.refuse_unless_ok("export")
-    found = Exported(motion)
+    found = Exported(motion, model=model)
     if isinstance(motion, JumpMotion):
-        return Exported(motion, read_only(first_gains(motion, (kp, kd))))
+        return replace(found, gains=read_only(first_gains(motion, (kp, kd))))
     if kp is None and kd is None:
         return found
     posture = np.zeros(motion.problem.robot.model.nv)
@@ -141,4 +153,4 @@ def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None)
     inertia = joint_inertia(found.robot.model, posture)
     stiffness = given_gains(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
     damping = given_gains(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
-    return Exported(motion, read_only([stiffness, damping]))
+    return replace(found, gains=read_only([stiffness, damping]))

@@ -14,12 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError, import_optional
+from floatplan.errors import import_optional
 from floatplan.export.motion import Exported
-from floatplan.export.table import whole_nanoseconds
+from floatplan.export.table import check_size, whole_nanoseconds
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so
-MOST_TRANSFORMS = 1_000_000  # [-] moving links times instants: below 200 MB
 
 HEADER = "std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id"
 TIME = "builtin_interfaces/Time", "int32 sec\nuint32 nanosec"
@@ -80,9 +79,7 @@ def mcap_content(exported: Exported, rate: float) -> bytes:
     tree = exported.robot.file_tree
     nanoseconds = whole_nanoseconds(exported.duration, rate)
     fixed, moving = ([joint for joint in tree.joints if joint.moves is moves] for moves in (False, True))
-    if len(nanoseconds) * len(moving) > MOST_TRANSFORMS:
-        reason = f"{rate} Hz for {exported.duration} s are more than {MOST_TRANSFORMS} transforms"
-        raise InputError(reason, element="rate", advice="give a lower rate")
+    check_size(len(nanoseconds), len(moving), rate)
     times = nanoseconds / 1e9
     motion = exported.at(times)
     world = WORLD

@@ -8,9 +8,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 SPACE = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
 MOST_ROWS = 100_000  # [-] of a file: 100 s at 1 kHz
+MOST_PLACES = 1_000_000  # [-] of links at instants, of a file
 
 
-def sample_times(duration: float, rate: float) -> Array:
-    """Instants 0, 1/rate, 2/rate, ... before the end, and the end itself, s.
+def frame_times(duration: float, rate: float) -> Array:
+    """Instants 0, 1/rate, 2/rate, ... up to the end, s, which is one of them if it is a whole number of steps.
 
     Raises
     ------
@@ -39,8 +40,20 @@ def sample_times(duration: float, rate: float) -> Array:
     if duration * rate > MOST_ROWS:
         reason = f"{rate} Hz for {duration} s are more than {MOST_ROWS} rows"
         raise InputError(reason, element="rate", advice="give a lower rate")
-    steps = math.ceil(duration * rate * (1 - 1e-12))
-    return np.append(np.arange(steps) / rate, duration)
+    return np.arange(math.floor(duration * rate * (1 + 1e-12)) + 1) / rate
+
+
+def sample_times(duration: float, rate: float) -> Array:
+    """Instants of :func:`frame_times`, and the end itself, s; errors as there."""
+    frames = frame_times(duration, rate)
+    return np.append(frames[frames < duration * (1 - 1e-12)], duration)
+
+
+def check_size(instants: int, links: int, rate: float) -> None:
+    """Raise InputError where a file would have more than ``MOST_PLACES`` places of links."""
+    if instants * links > MOST_PLACES:
+        reason = f"{rate} Hz are {instants} instants of {links} links, more than {MOST_PLACES} places"
+        raise InputError(reason, element="rate", advice="give a lower rate")
 
 
 def whole_nanoseconds(duration: float, rate: float) -> IntArray:
@@ -161,6 +174,18 @@ def parquet_content(motion: Exported, rate: float) -> bytes:
     table = arrow.table(arrays, schema=arrow.schema(fields, motion.about))
     stream = io.BytesIO()
     parquet.write_table(table, stream)
+    return stream.getvalue()
+
+
+def number_rows(values: Array) -> str:
+    """Rows (N, M) of numbers that read back bit for bit, between commas."""
+    return "".join(",".join(map(repr, row)) + "\n" for row in values.tolist())
+
+
+def archive(arrays: Mapping[str, Any]) -> bytes:
+    """NumPy's archive of arrays by name, the same bytes whenever it is written."""
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
     return stream.getvalue()
 
 

@@ -56,6 +56,8 @@ def proved_plan(found: SearchedPlan) -> Plan:
     for other in alternatives(found):  # a plan proved may have lost by being corrected: then these may be better still
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
+        if any(finding.kind == "robot" for finding in certificate.findings):
+            break  # whose file the certificate does not read, whatever it does
         answers = (plan, certificate), proved(other)
         plan, certificate = min(answers, key=lambda each: (VERDICTS.index(each[1].verdict), each[0].objective_value))
     return judged(plan, certificate)

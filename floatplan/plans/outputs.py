@@ -58,29 +58,41 @@ class Outputs:
         return page
 
     def export(
-        self, form: str, path: str | Path | None = None, rate: float | None = None, *, kp: Any = None, kd: Any = None
+        self,
+        form: str,
+        path: str | Path | None = None,
+        rate: float | None = None,
+        *,
+        kp: Any = None,
+        kd: Any = None,
+        model: str | Path | None = None,
     ) -> Path:
         """Write the motion in another format.
 
         Parameters
         ----------
         form : str
-            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree" or "unitree-sdk";
-            see ``floatplan export --help``.
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree", "unitree-sdk",
+            "isaac-amp", "motion-csv" or "loco-mujoco"; see ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory.
         rate : float, optional
             Instants per second, Hz; left out, what suits the format.
         kp, kd : float or mapping, optional
             Gains of the joints, N m/rad and N m s/rad, of all or by name, in files that have room for them.
+        model : path, optional
+            URDF or MJCF of what reads a reference motion ("isaac-amp", "motion-csv", "loco-mujoco"): the file has its
+            joints and bodies, in its order.
 
         Raises
         ------
         InputError
-            The format is unknown or has no room for gains, a number is wrong, or there is no motion.
+            The format is unknown, or has no room for gains or for the order of a model; a number is wrong; the model
+            has other joints or bodies than the robot; or there is no motion.
         """
         path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
-        return Path(output("export")(self, text(form, "format"), path, rate, kp=kp, kd=kd))
+        model = optional(as_path)(model, "model")
+        return Path(output("export")(self, text(form, "format"), path, rate, kp=kp, kd=kd, model=model))
 
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""

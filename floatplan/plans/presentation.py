@@ -12,7 +12,7 @@ from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
 from floatplan.robot.leak import WORTH_A_WARNING
 from floatplan.tables import OBJECTIVE_TABLE
 
-LONGEST_LIST = 200  # [-] characters of constraints that are not proved
+LONGEST_LIST = 200  # [-] characters of names in a row
 CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 EXPONENTS = {"2": "²", "3": "³"}
 
@@ -48,6 +48,13 @@ def result_rows(plan: Plan) -> list[Row]:
     ]
     if record.clearance_min is not None:
         rows.append(Row("clearance", f"{record.clearance_min:.5g} m at least"))
+    held = [
+        f"{name} at {place:g} m"
+        for name, place in plan.robot.locked.items()
+        if not plan.robot.layout.tree.joint[name].turns
+    ]
+    if held:
+        rows.append(Row("held", f"{_cut(', '.join(held))}, as joints that slide are not planned", "open"))
     leak = record.out_of_plane_leak
     if leak is not None and leak > WORTH_A_WARNING:
         times = f"the motion makes {leak:.2g} times as much angular momentum out of the plane as in it"
@@ -65,16 +72,18 @@ def proof_rows(plan: Plan) -> list[Row]:
     took = f"{certificate.seconds:.2g} s, {certificate.subintervals} intervals"
     rows = [Row("certificate", f"{certificate.verdict}: {many} constraints hold at every instant ({took})", tone)]
     if unproved:
-        listed = ", ".join(unproved)
-        rows.append(
-            Row("not proved", listed if len(listed) <= LONGEST_LIST else f"{listed[: LONGEST_LIST - 4]} ...", tone)
-        )
+        rows.append(Row("not proved", _cut(", ".join(unproved)), tone))
     low, high = certificate.orientation_end
     bounds = [] if math.isinf(low) else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
-    bounds.append(f"torque at most {max(certificate.motor_torque_peak.values(), default=0.0):.4g} N m")
+    torque = max(certificate.motor_torque_peak.values(), default=0.0)
+    bounds += [] if math.isinf(torque) else [f"torque at most {torque:.4g} N m"]
     if certificate.clearance_min is not None:
         bounds.append(f"clearance at least {certificate.clearance_min:.5g} m")
-    return [*rows, Row("bounds", f"for all times, {', '.join(bounds)}", tone)]
+    return [*rows, *([Row("bounds", f"for all times, {', '.join(bounds)}", tone)] if bounds else [])]
+
+
+def _cut(listed: str) -> str:
+    return listed if len(listed) <= LONGEST_LIST else f"{listed[: LONGEST_LIST - 4]} ..."
 
 
 def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list[str]]]:

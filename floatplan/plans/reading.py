@@ -15,8 +15,9 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FILE, FORMAT, PlanRecord, RobotRecord, check_asked
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
-from floatplan.robot.urdf.tree import PREFIX
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.urdf.tree import is_address
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
@@ -60,7 +61,7 @@ def checked(record: PlanRecord) -> PlanRecord:
     """
     check_depth(vars(record))
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
-    check_finite({**stated, "robot": vars(record.robot)})
+    check_finite({**stated, "robot": record.robot.to_dict()})
     written = _record(record.to_dict())
     check_asked(written)
     return written
@@ -70,8 +71,7 @@ def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     FILE(content, "")
-    lists = {name: tuple(value) for name, value in content["robot"].items() if isinstance(value, list)}
-    robot = RobotRecord(**{**content["robot"], **lists})
+    robot = RobotRecord.from_dict(content["robot"])
     values = {**content, "robot": robot}
     for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
         values[name] = _numbers(content[name], name, (len(robot.joints),))
@@ -172,10 +172,13 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     """
     choices: dict[str, Any] = {name: getattr(record, name) for name in ("plane", "joints", "locked", *LOSSES)}
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
-    source = find_urdf(record.urdf, plan_file) if urdf is None else urdf
-    robot = robot_as_asked(source, choices, plan_file, "robot.")
+    source = find_robot(record, plan_file) if urdf is None else urdf
+    robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
     if robot.sha256 != record.sha256:
-        raise _changed("the URDF", f"robot.sha256 of {urdf or record.urdf}", plan_file)
+        raise _changed(f"the {record.kind.upper()}", f"robot.sha256 of {urdf or record.file}", plan_file)
+    for name in robot.files:
+        if record.meshes.get(name) != robot.files[name]:
+            raise _changed("what the MJCF is read with", f"robot.meshes of {name}", plan_file)
     if not record.resting:
         return robot
     if len(record.resting) != len(robot.joints):
@@ -205,31 +208,34 @@ def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None
             raise _changed("the collision mesh", f"robot.meshes of {filename}", plan_file)
 
 
-def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
-    """Return where the URDF of a plan is: as recorded, or beside or relative to the plan file.
+def find_robot(record: RobotRecord, plan_file: str | Path | None) -> str:
+    """Return where the robot's file of a plan is: as recorded, or beside or relative to the plan file.
 
     Raises
     ------
     InputError
         It is in none of these places.
     """
-    if plan_file is None or urdf.startswith(PREFIX) or is_file(Path(urdf)):
-        return urdf
-    for name in (Path(urdf).name, urdf):
+    file = record.file
+    if plan_file is None or is_address(file) or is_file(Path(file)):
+        return file
+    for name in (Path(file).name, file):
         path = Path(plan_file).parent / name
         if is_file(path):
             return str(path)
-    raise InputError("no such file", source=plan_file, element=f"robot.urdf {urdf}", advice="--urdf says where it is")
+    element = f"robot.{record.kind} {file}"
+    raise InputError("no such file", source=plan_file, element=element, advice="--urdf says where it is")
 
 
 def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
+    values: dict[str, Any] = {name: dict(getattr(robot, name)) for name in ("locked", "meshes", *LOSSES)}
+    values[robot.kind] = robot.source if is_address(robot.source) else str(robot.path.resolve())
     return RobotRecord(
-        urdf=robot.source if robot.source.startswith(PREFIX) else str(robot.path.resolve()),
         sha256=robot.sha256,
         joints=robot.joints,
         plane=robot.plane.name,
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         resting=tuple(robot.resting.tolist()),
-        **{name: dict(getattr(robot, name)) for name in ("locked", "meshes", *LOSSES)},
+        **values,
     )

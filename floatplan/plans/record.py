@@ -34,7 +34,7 @@ from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, Range
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, ROBOT_KINDS, Range, RobotKind
 
 FORMAT = "floatplan.plan/1"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
@@ -46,17 +46,19 @@ number = FINITE
 non_negative = number_in(Range(0.0, math.inf, ""))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RobotRecord:
-    """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf``.
+    """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf`` or ``from_mjcf``.
 
-    ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file;
-    ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF;
+    Exactly one of ``urdf`` and ``mjcf`` is given: the path (or ``example-robot-data:`` address) as resolved when
+    planned; ``sha256`` is that of the file, ``meshes`` are those of the collision meshes that its shapes are around, by
+    their file names in the file, and of an MJCF also those of all else that it is read with, such as included files;
     ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them;
     ``resting`` is its reference posture, rad; empty in files without it.
     """
 
-    urdf: str
+    urdf: str | None = None
+    mjcf: str | None = None
     sha256: str
     joints: tuple[str, ...]
     plane: str
@@ -66,6 +68,29 @@ class RobotRecord:
     armature: Mapping[str, float] = field(default_factory=dict)
     damping: Mapping[str, float] = field(default_factory=dict)
     resting: tuple[float, ...] = ()
+
+    @property
+    def kind(self) -> RobotKind:
+        """What its file is."""
+        return "urdf" if self.mjcf is None else "mjcf"
+
+    @property
+    def file(self) -> str:
+        """Its file, whatever that is."""
+        return self.urdf or self.mjcf or ""
+
+    @classmethod
+    def from_dict(cls, content: Any) -> RobotRecord:
+        """Rebuild a record from what :meth:`to_dict` returned; InputError where it is none."""
+        table(content, "robot")
+        ROBOTS["mjcf" if "mjcf" in content else "urdf"](content, "robot")
+        values: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in content.items()}
+        return cls(**values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what files of plans and jumps hold: the key of the other kind of file is not there."""
+        content: dict[str, Any] = plain({name: value for name, value in vars(self).items() if value is not None})
+        return content
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +168,7 @@ class PlanRecord:
     def to_dict(self) -> dict[str, Any]:
         """Return what the file holds, as plain lists, numbers and ``None``."""
         first = {"format": self.format, "floatplan": self.floatplan}
-        content: dict[str, Any] = plain({**first, **vars(self), "robot": vars(self.robot)})
+        content: dict[str, Any] = plain({**first, **vars(self), "robot": self.robot.to_dict()})
         return content
 
     def to_json(self) -> str:
@@ -198,17 +223,22 @@ def _anything(value: Any, element: str) -> None:
     """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
 
 
-ROBOT = KeyedTable(
-    {"urdf": text, "sha256": text, "joints": many(text, "names"), "plane": text},
-    {
-        "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
-        "locked": by_name(number),
-        "meshes": by_name(text),
-        "resting": many(number, "numbers"),
-        **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
-    },
-    NO_KEY,
-)
+ROBOTS = {
+    kind: KeyedTable(
+        {kind: text, "sha256": text, "joints": many(text, "names"), "plane": text},
+        {
+            "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
+            "locked": by_name(number),
+            "meshes": by_name(text),
+            "resting": many(number, "numbers"),
+            **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
+        },
+        NO_KEY,
+    )
+    for kind in ROBOT_KINDS
+}
+
+
 FILE = KeyedTable(
     {
         "format": one_of(FORMAT),
@@ -216,7 +246,7 @@ FILE = KeyedTable(
         "ok": flag,
         "explanation": text,
         "problem": KeyedTable({"flight": KeyedTable({"duration": positive()}, unknown="")}, unknown=""),
-        "robot": ROBOT,
+        "robot": table,
         "angular_momentum": number,
         "angular_momentum_bounds": POINT,
         **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),

@@ -30,6 +30,7 @@ LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, 
     "obstacle": "obstacles[{}] {}",
     "self_clearance": "self_clearance {} {}",
     "mesh": "hash of mesh {}",
+    "robot": "robot: {}",
 }
 
 
@@ -42,8 +43,8 @@ class Finding:
     kind : which constraint
         "start", "goal", "takeoff" and "landing" hold at an end of the flight; "position", "velocity", "torque",
         "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle", "self_clearance", "ground" and
-        "mesh" belong to clearances; "recorded" is what the file claims of the motion, "stated" and "angular_momentum"
-        are numbers that the file gives twice.
+        "mesh" belong to clearances; "robot" is what of its file is not read; "recorded" is what the file claims of the
+        motion, "stated" and "angular_momentum" are numbers that the file gives twice.
     subject : whose
         The joint, the obstacle's index and kind, both links, the mesh file, or the quantity's key; empty where the kind
         says everything.

@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
 from itertools import zip_longest
-from multiprocessing import forkserver, get_context, resource_tracker
-from multiprocessing.connection import Connection
+from multiprocessing import get_context
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -34,6 +33,8 @@ def get_ready(*modules: str) -> ForkServerContext:
 
     Every process is a copy of one that has loaded them, and the only one that an interpreter is started for.
     """
+    from multiprocessing import forkserver, resource_tracker
+
     context = get_context("forkserver")
     context.set_forkserver_preload(list(modules))
     with same_modules():
@@ -120,7 +121,7 @@ def _do(*task: Any) -> Any:
     return _work(*task)
 
 
-def _begin(ended: Connection, prepare: Callable[..., Any] | None, given: tuple[Any, ...]) -> None:
+def _begin(ended: Any, prepare: Callable[..., Any] | None, given: tuple[Any, ...]) -> None:
     """Make a process ready: Ctrl-C is for the main one; where that lets go of its end of a pipe, this one goes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias, get_args
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
+import pinocchio as pin
 
-from floatplan.arguments import FINITE, by_name, for_all, made, many, number, optional, text
+from floatplan.arguments import FINITE, Check, by_name, for_all, made, many, number, one_of, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -23,32 +24,52 @@ from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
+from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture, urdf_path
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
+from floatplan.tables import RobotKind
 
-NAME = optional(text)
-NAMES = many(text, "names")
-LEADER = made(str, Coupling)
+Base: TypeAlias = Literal["planar", "free-flyer"]
+
+
+def _coupled(value: Any, element: str) -> Any:
+    """Check followers and leaders, or the word for pairs left and right."""
+    if isinstance(value, str) and value != "mirror":
+        raise InputError(f'must be a table of joints, or "mirror", not "{value}"', element=element)
+    return value if isinstance(value, str) else by_name(made(str, Coupling))(value, element)
+
+
+CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arguments of whatever reads one
+    "plane": optional(text),
+    "reference": optional(text),
+    "armature": optional(for_all(number("armature"))),
+    "damping": optional(for_all(number("damping"))),
+    "joints": optional(many(text, "names")),
+    "locked": optional(by_name(FINITE)),
+    "coupled": optional(_coupled),
+    "base": one_of(*get_args(Base)),
+}
 __all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A robot of n planned joints that flies in a plane.
+    """A robot of n planned joints that flies in a plane, or in space.
 
     The full configuration of ``model`` is ``reference + selection @ positions`` with the base's horizontal place,
-    vertical place and orientation in its first three entries (zero in both arrays).
+    vertical place and orientation in its first three entries (zero in both arrays). In space the first seven are the
+    base's place and its quaternion x, y, z, w, at the identity in ``reference``.
 
     Attributes
     ----------
     name, path, sha256, xml : of the URDF file as read
     source : the file as the caller named it, such as ``example-robot-data:...``
-    plane : Plane
+    base : "planar", or "free-flyer" in space
     joints : (n) names of the planned joints, in the order of all arrays
     locked : joint name -> rad
     coupled : follower's joint name -> Coupling
-    model : pinocchio.Model with nq = nv = 3 + joints that move; gravity zero
-    reference : (nv,) rad
+    model : pinocchio.Model with nq = nv = 3 + joints that move (nv = 6 + these in space); gravity zero
+    reference : (nq,) rad
     selection : (nv, n)
     position_limits : (n, 2) rad, infinite where not given
     velocity_limits : (n,) rad/s, infinite where not given
@@ -62,20 +83,22 @@ class Robot:
         Of each motor's own joint; infinite where not given.
     transmission : (nv, m)
         Each motor's torque is ``transmission.T`` times the torques of all joints of ``model``.
-    tree : PlanarTree
-    frames : name -> Frame
+    joint_tree : UrdfTree
+        Links and joints as they are planned: in a plane the axes turn about its normal.
     resting : (n,) rad, the planned joints' positions in the reference posture, or nearest to zero
     warnings : what the URDF leaves in doubt
-    layout : how links are gathered into bodies
+    in_plane : how links are gathered into bodies; None in space
     reference_name : of the reference posture in an SRDF file, where one was named
     tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
+    kind : "urdf" or "mjcf", what its file is
+    files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
     """
 
     name: str
     path: Path
     sha256: str
     xml: str
-    plane: Plane
+    base: Base
     joints: tuple[str, ...]
     locked: Mapping[str, float]
     coupled: Mapping[str, Coupling]
@@ -90,17 +113,17 @@ class Robot:
     motor_torque_limits: Array
     motor_velocity_limits: Array
     transmission: Array
-    tree: PlanarTree
-    frames: Mapping[str, Frame]
+    joint_tree: UrdfTree
     resting: Array
     warnings: tuple[str, ...]
     source: str
-    layout: TreeLayout
+    in_plane: TreeLayout | None
     tilt: float
     reference_name: str | None = None
+    kind: RobotKind = "urdf"
+    files: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    @one_thread
     def from_urdf(
         cls,
         source: str | Path,
@@ -112,6 +135,7 @@ class Robot:
         reference: str | None = None,
         armature: float | Mapping[str, float] | None = None,
         damping: float | Mapping[str, float] | None = None,
+        base: Base = "planar",
     ) -> Robot:
         """Load a robot from a URDF file.
 
@@ -141,39 +165,72 @@ class Robot:
         damping : float or mapping, optional
             Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
             Simulators alone know it, as the file's ``friction``.
+        base : str
+            How the base moves: "planar", or "free-flyer" for flights in space, where there is no plane and all joints
+            that turn are planned unless they are locked or coupled.
 
         Raises
         ------
         InputError
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
+        choices = {"plane": plane, "joints": joints, "coupled": coupled, "locked": locked, "reference": reference}
+        return cls.from_file(source, "urdf", **choices, armature=armature, damping=damping, base=base)
+
+    @classmethod
+    def from_mjcf(cls, source: str | Path, **choices: Any) -> Robot:
+        """Load a robot from an MJCF file, which MuJoCo compiles.
+
+        Bodies are links with their own frames; the base is the one body of the world that moves. Positions of joints
+        are MuJoCo's. Torque limits are those of the actuators, by gear and range of control or of force, and the
+        joint's ``actuatorfrcrange``. Shapes are around the geoms that can touch something.
+
+        Parameters
+        ----------
+        source : path
+        **choices
+            As of :meth:`from_urdf`; ``reference`` names a keyframe.
+
+        Raises
+        ------
+        InputError
+            MuJoCo is not installed (extra ``mjcf``) or refuses the file; the robot cannot fly, or has what is no tree
+            of joints with one motor each: ball joints, constraints, tendons that pull; or as of :meth:`from_urdf`.
+        """
+        return cls.from_file(source, "mjcf", **choices)
+
+    @classmethod
+    @one_thread
+    def from_file(cls, source: str | Path, kind: RobotKind | None = None, **choices: Any) -> Robot:
+        """Load a robot from a URDF or an MJCF, or a file of a given kind; choices and errors as of the ones above."""
+        if unknown := choices.keys() - CHOICES:
+            raise TypeError(f"there is no keyword argument {min(unknown)!r}")
         source = source if isinstance(source, str) else as_path(source, "source")
-        path = urdf_path(source)
+        path = urdf_path(source, kind)
         with naming(path):
-            plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
-            given = (("armature", armature), ("damping", damping))
-            motors = {key: optional(for_all(number(key)))(value, key) for key, value in given}
-            joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
-            if not isinstance(coupled, str):
-                coupled = optional(by_name(LEADER))(coupled, "coupled")
-            text = read_urdf(path)
+            choices = {
+                name: check(choices.get(name, "planar" if name == "base" else None), name)
+                for name, check in CHOICES.items()
+            }
+            plane, joints, coupled = (choices[name] for name in ("plane", "joints", "coupled"))
+            text = read_source(path, kind)
             tree = check_urdf(text.root)
-            posture = None if reference is None else reference_posture(reference, tree, path)
-            choose = partial(choose_joints, tree, locked=locked, posture=posture)
+            tree = replace(tree, warnings=(*text.warnings, *tree.warnings))
+            reference = choices["reference"]
+            posture = None if reference is None else reference_posture(reference, tree, text)
+            choose = partial(choose_joints, tree, base=choices["base"], locked=choices["locked"], posture=posture)
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
-                plane, coupled = everything.plane.name, mirror_couplings(tree, everything, joints)
-            elif isinstance(coupled, str):
-                raise InputError(f'must be a table of joints, or "mirror", not "{coupled}"', element="coupled")
+                plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
             choice = choose(plane=plane, joints=joints, coupled=coupled)
+            motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
             return robot if reference is None else replace(robot, reference_name=reference)
 
     @classmethod
     def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
-        tree = planar.with_axes_in_plane(written, choice)
+        tree = written if choice.plane is None else planar.with_axes_in_plane(written, choice)
         model = planar.build_model(tree, choice)
-        layout = TreeLayout.of(tree, choice)
         reference, selection, transmission = planar.coordinates(model, choice)
         position_limits, velocity_limits, torque_limits = planar.planned_limits(tree, choice)
         planar.check_model(model, reference, selection, choice.planned, position_limits)
@@ -187,7 +244,7 @@ class Robot:
             path=text.path,
             sha256=text.sha256,
             xml=text.xml,
-            plane=choice.plane,
+            base="free-flyer" if choice.plane is None else "planar",
             joints=choice.planned,
             locked=MappingProxyType(dict(choice.locked)),
             coupled=MappingProxyType(dict(choice.coupled)),
@@ -202,14 +259,51 @@ class Robot:
             motor_torque_limits=read_only([tree.joint[name].effort for name in choice.motors]),
             motor_velocity_limits=read_only([tree.joint[name].velocity for name in choice.motors]),
             transmission=transmission,
-            tree=layout.planar_tree(),
-            frames=layout.frames(),
+            joint_tree=tree,
             resting=read_only(np.clip(resting, position_limits[:, 0], position_limits[:, 1])),
             warnings=(*choice.warnings, *missing),
             source=source,
-            layout=layout,
+            in_plane=None if choice.plane is None else TreeLayout.of(tree, choice),
             tilt=planar.largest_turn(written, tree),
+            kind=text.kind,
+            files=MappingProxyType(dict(text.files)),
         )
+
+    @property
+    def layout(self) -> TreeLayout:
+        """How links are gathered into bodies of the plane; refused of a robot in space, as all that follows from it.
+
+        Raises
+        ------
+        InputError
+            The robot flies in space.
+        """
+        if self.in_plane is None:
+            reason = "the robot flies in space, and this is for flights in a plane, yet"
+            raise InputError(
+                reason, source=self.source, element="robot.base", advice='base = "planar" flies in a plane'
+            )
+        return self.in_plane
+
+    @property
+    def plane(self) -> Plane:
+        """The plane in which it flies; refused in space."""
+        return self.layout.plane
+
+    @cached_property
+    def tree(self) -> PlanarTree:
+        """Bodies in the plane; refused in space."""
+        return self.layout.planar_tree()
+
+    @cached_property
+    def frames(self) -> Mapping[str, Frame]:
+        """Links' and joints' origins by name, on the bodies of ``tree``; refused in space."""
+        return MappingProxyType(dict(self.layout.frames()))
+
+    @property
+    def frame_names(self) -> list[str]:
+        """Names of links and joints, whose origins are frames."""
+        return [*self.joint_tree.links, *self.joint_tree.joint]
 
     @property
     def armature(self) -> Mapping[str, float]:
@@ -227,7 +321,7 @@ class Robot:
         return self._of_joints("friction")
 
     def _of_joints(self, key: str) -> Mapping[str, float]:
-        values = ((joint.name, getattr(joint, key)) for joint in self.layout.tree.joints)
+        values = ((joint.name, getattr(joint, key)) for joint in self.joint_tree.joints)
         return {name: value for name, value in values if value is not None}
 
     def check_shapes(self) -> None:
@@ -243,7 +337,7 @@ class Robot:
 
     @cached_property
     def _left_out(self) -> InputError | None:
-        return links.left_out(self.layout.tree, self.path.parent)
+        return links.left_out(self.joint_tree, self.path.parent)
 
     @cached_property
     def file_tree(self) -> UrdfTree:
@@ -252,8 +346,8 @@ class Robot:
 
     @cached_property
     def meshes(self) -> Mapping[str, str]:
-        """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
-        return MappingProxyType(links.mesh_digests(self.layout.tree, self.path.parent))
+        """SHA-256 of the collision meshes that ``shapes`` are around, by their names in the file, and of ``files``."""
+        return MappingProxyType({**links.mesh_digests(self.joint_tree, self.path.parent), **self.files})
 
     @property
     def shapes(self) -> tuple[LinkCapsule, ...]:
@@ -316,7 +410,7 @@ class Robot:
     @property
     def mass(self) -> float:
         """Mass of the whole robot, kg."""
-        return float(self.tree.mass.sum())
+        return float(pin.computeTotalMass(self.model) if self.in_plane is None else self.tree.mass.sum())
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as it is, but for read-only mappings, which cannot be pickled."""
@@ -330,28 +424,5 @@ class Robot:
             self.__dict__[name] = MappingProxyType(value) if isinstance(value, dict) else value
 
     def __repr__(self) -> str:
-        return f"Robot({self.name!r}, plane={self.plane.name!r}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
-
-
-def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:
-    """Return the robot of a URDF, as a problem file, a plan file or a command line asks for it.
-
-    Parameters
-    ----------
-    urdf : path
-    choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
-    prefix : of their names there, such as "robot."
-
-    Raises
-    ------
-    InputError
-        As of ``Robot.from_urdf``.
-    """
-    try:
-        return Robot.from_urdf(urdf, **choices)
-    except InputError as error:
-        word = (error.element or "").replace(".", " ").split(" ")[0]
-        if asker is None or word not in choices or all(value is None for value in choices.values()):
-            raise
-        raise InputError(error.reason, source=asker, element=f"{prefix}{error.element}", advice=error.advice) from None
+        where = f"plane={self.plane.name!r}" if self.in_plane else f"base={self.base!r}"
+        return f"Robot({self.name!r}, {where}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"

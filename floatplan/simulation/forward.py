@@ -12,14 +12,14 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import solve_ivp
 
 from floatplan.arguments import by_name, number, one_of
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError, InputError
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import import_mujoco, planar_model
+from floatplan.simulation.mujoco_model import planar_model
 from floatplan.simulation.perturbation import Drawn
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel
 from floatplan.stance.jump_motion import JumpMotion
@@ -183,6 +183,8 @@ def fly_finely(dynamics: Dynamics, takeoff: State, times: Array, tolerance: floa
     FloatplanError
         The motion cannot be integrated to its end, or not within ``MOST_EVALUATIONS``.
     """
+    from scipy.integrate import solve_ivp  # here, because what reads gains alone does without
+
     evaluations = count()
 
     def rate(time: float, state: Array) -> Array:

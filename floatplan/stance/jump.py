@@ -126,7 +126,7 @@ class Jump(Outputs, JumpMotion):
             "format": FORMAT,
             "status": self.status,
             "explanation": self.explanation,
-            "robot": vars(robot_record(self.problem.robot)),
+            "robot": robot_record(self.problem.robot).to_dict(),
             "problem": problem_to_dict(self.problem),
             "flight": None if self.flight is None else self.flight.record.to_dict(),
             "stances": [{"side": side, **_stance(each)} for side, stances in sides for each in stances],
@@ -184,8 +184,7 @@ def load_jump(path: str | Path, urdf: str | Path | None = None) -> Jump:
 
 def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Jump:
     flight = None if content["flight"] is None else rebuild(record_from_dict(content["flight"]), path, urdf)
-    record = content["robot"]
-    found = RobotRecord(**{**record, "joints": tuple(record["joints"])})
+    found = RobotRecord.from_dict(content["robot"])
     robot = recorded_robot(found, path, urdf) if flight is None else flight.robot
     if robot.sha256 != found.sha256:
         raise InputError("is not the robot of the flight", element="robot.sha256")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import BPoly
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.plans.plan import Plan
@@ -52,6 +51,8 @@ class Grid:
 
 def hermite(times: Array, motion: Array) -> Any:
     """Quintics through values, first and second derivatives (3, rows, G)."""
+    from scipy.interpolate import BPoly  # here, because reading and exporting plans does without
+
     return BPoly.from_derivatives(times, np.transpose(motion, (2, 0, 1)))
 
 

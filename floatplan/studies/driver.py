@@ -62,6 +62,12 @@ class Engine:
     alone: Callable[[], AbstractContextManager[Executor]]
 
 
+def processors() -> int:
+    """Return how many processors this process may use, at most ``MOST_JOBS``."""
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(there, MOST_JOBS)
+
+
 @contextmanager
 def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engine]:
     """Offer an engine as long as it lasts.
@@ -81,8 +87,7 @@ def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engi
         raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {name!r}", element="engine")
     if scheduler is not None and name != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
-    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    count = min(there, MOST_JOBS) if jobs is None else jobs
+    count = processors() if jobs is None else jobs
     if name == "dask":
         with _client(count, scheduler) as client:
             cluster = nullcontext(client.get_executor(pure=False))  # which outlives its workers

@@ -23,6 +23,7 @@ from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
 from floatplan.studies import schema
+from floatplan.tables import ROBOT_KINDS
 
 PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
@@ -128,11 +129,11 @@ class StudyFile:
 
     def digest(self) -> str:
         """Hash of all that the rows' answers follow from: problem file, robot, sampling, effort, version and solver."""
-        robot = asdict(robot_record(self.base.robot))
+        robot = robot_record(self.base.robot).to_dict()
         content = {
             "versions": versions(),
             "problem": self.problem_file.decode("utf-8", "replace"),
-            "robot": {key: value for key, value in robot.items() if key != "urdf"},
+            "robot": {key: value for key, value in robot.items() if key not in ROBOT_KINDS},
             "vary": [[axis.path, axis.values] for axis in self.samples.axes],
             "sampling": [self.samples.kind, self.samples.count, self.samples.seed],
             "plan": asdict(self.plan),

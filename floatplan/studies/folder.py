@@ -1,10 +1,8 @@
 """The folder of a study and its table: chunks written whole, resumed, merged into one table; one run at a time."""
 
 import contextlib
-import fcntl
 import io
 import json
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from filelock import FileLock, Timeout
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
@@ -50,17 +49,18 @@ class StudyFolder:
         InputError
             Another run is at work here, or the folder cannot be written to.
         """
+        # no lock of another kind where the file system has none: it would outlive a process that is killed
+        lock = FileLock(self.path / LOCK, blocking=False, fallback_to_soft=False)
         with naming_the_folder(self.path):
             self.path.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+            with contextlib.suppress(Timeout):
+                lock.acquire()
+        if not lock.is_locked:
+            raise InputError("another run is at work in this folder", source=self.path)
         try:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputError("another run is at work in this folder", source=self.path) from None
             yield
         finally:
-            os.close(descriptor)
+            lock.release()
 
     def open(self, digest: str, facts: Mapping[str, Any], restart: bool) -> None:
         """Take the folder for a study, or go on with it.

@@ -9,33 +9,32 @@ from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import version
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import flag, function, optional, outline, text, whole
+from floatplan.arguments import flag, function, optional, outline, positive, text, whole
 from floatplan.arguments import path as as_path
-from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
-from floatplan.kernel.batch import is_plain_family
-from floatplan.planning.repair import judged
+from floatplan.export.formats import format_of
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
-from floatplan.problem.family import Family
+from floatplan.plans.plans import SOLVED
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
-from floatplan.stance.planner import jump
-from floatplan.studies.driver import Progress, StudyRun, started
+from floatplan.studies.driver import Progress, StudyRun, processors, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, arrow, naming_the_folder, words
-from floatplan.studies.rows import row_check, row_seed
+from floatplan.studies.motions import row_jump, row_plan, write_motions
+from floatplan.studies.rows import row_check
 from floatplan.tables import Range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+MOST_MOTIONS = 10_000  # of a study, as files
 
 
 class Study:
@@ -128,24 +127,8 @@ class Study:
         InputError
             The row's problem is wrong, or it has no motion.
         """
-        index, family, seed = self._row(index)
-        row = self.table.slice(index, 1).to_pylist()[0]
-        if row["coefficients"] is None:
-            advice = "call jump, which plans it once more" if self._file.plan.jump else None
-            raise InputError(row["explanation"], element=f"row {index}", advice=advice)
-        solved = row["status"] in SOLVED
-        answer = Answer(
-            status=row["status"],
-            objective=row["objective"] if solved else np.nan,
-            angular_momentum=row["angular_momentum"],
-            coefficients=np.array(list(zip_longest(*row["coefficients"], fillvalue=0.0))).T,
-            starts=row["starts"],
-            message="" if row["explanation"] == GOAL_MET else row["explanation"],
-        )
-        plan = answer.plan(family[0], self._file.samples.seed if is_plain_family(family) else seed)
-        if not solved:
-            return plan
-        return judged(plan, certify(plan))
+        index = self._row(index)
+        return row_plan(self._file, self.table.slice(index, 1).to_pylist()[0])
 
     def jump(self, index: int) -> Jump:
         """Plan a row's whole jump once more: a study keeps what was measured of jumps, not the jumps themselves.
@@ -155,14 +138,42 @@ class Study:
         InputError
             The row's problem is wrong.
         """
-        _, family, seed = self._row(index)
-        return jump(family[0], seed=seed, starts=self._file.plan.starts, helps=False)
+        return row_jump(self._file, self._row(index))
 
-    def _row(self, index: int) -> tuple[int, Family, int]:
-        """A row's index from 0, the family of it alone, and the seed of its own search."""
+    def export(
+        self,
+        form: str,
+        rate: float | None = None,
+        *,
+        model: str | Path | None = None,
+        jobs: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Path:
+        """Write the motion of each row that holds a plan or a jump into a folder of the study; return its index.
+
+        The folder has the format's name. ``index.json`` lists ``row``, ``values`` of the keys that vary, ``file``,
+        ``status``, ``verdict`` and ``proved`` (of a jump, of its flight), ``sha256``. What is there is kept. Jumps are
+        planned once more, which takes as long as the study did. ``jobs`` are as of :func:`study`, all else as of
+        :meth:`Plan.export`; ``progress`` is told how many are done, and of how many.
+
+        Raises
+        ------
+        InputError
+            There are more than ``MOST_MOTIONS``; another run is at work; or as of :meth:`Plan.export`.
+        """
+        format_of(text(form, "format"))  # so that no other folder is made
+        options = {"form": form, "rate": optional(positive(unit="Hz"))(rate, "rate"), "model": model and str(model)}
+        solved = self.table.filter(np.isin(self.table["status"].to_numpy(), SOLVED))
+        if len(solved) > MOST_MOTIONS:
+            raise InputError(f"{len(solved)} rows hold a motion, more than {MOST_MOTIONS}", element="export")
+        count, progress = optional(JOBS)(jobs, "jobs") or processors(), optional(function)(progress, "progress")
+        with StudyFolder(self.folder, len(self)).locked():
+            return write_motions(self._file, solved.to_pylist(), self.folder / form, options, count, progress)
+
+    def _row(self, index: int) -> int:
+        """A row's index from 0."""
         count = len(self)
-        index = whole(Range(-count, count - 1, ""))(index, "index") % count
-        return index, self._file.family(index, index + 1), row_seed(self._file.samples.seed, index)
+        return int(whole(Range(-count, count - 1, ""))(index, "index")) % count
 
 
 def _facts(file: StudyFile) -> dict[str, Any]:

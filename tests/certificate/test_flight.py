@@ -18,7 +18,8 @@ from floatplan.robot.robot import Coupling, Robot
 
 
 def proof_robot(record):
-    return kept_robot(Path(record.robot.urdf), record.robot)
+    file = Path(record.robot.urdf)
+    return kept_robot(file.read_bytes(), file, record.robot)
 
 
 def branched_urdf(rng, links, axis, tilt):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from proof_plans import URDF, example_a
 from proof_records import certify_record
 
 from floatplan.certificate.planar import inertia
-from floatplan.certificate.planar.inertia import kept_robot, planar_robot
+from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot, planar_robot
 from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
@@ -26,6 +27,10 @@ def record(tmp_path) -> RobotRecord:
     return replace(given, urdf=str(file))
 
 
+def kept(file: Path, record: RobotRecord) -> PlanarRobot:
+    return kept_robot(file.read_bytes(), file, record)
+
+
 def heavier(record: RobotRecord, file) -> RobotRecord:
     """Change every mass in the file; the record is of the file as it is then."""
     text = re.sub(r'<mass value="([^"]+)"', lambda m: f'<mass value="{2 * float(m[1])}"', file.read_text())
@@ -36,30 +41,30 @@ def heavier(record: RobotRecord, file) -> RobotRecord:
 def test_the_same_content_and_roles_are_read_once(record, tmp_path):
     file = tmp_path / "robot.urdf"
     (tmp_path / "again.urdf").write_bytes(file.read_bytes())
-    assert kept_robot(file, record) is kept_robot(tmp_path / "again.urdf", record)
+    assert kept(file, record) is kept(tmp_path / "again.urdf", record)
 
 
 def test_another_content_under_the_same_name_is_another_robot(record, tmp_path):
     file = tmp_path / "robot.urdf"
-    before = kept_robot(file, record)
+    before = kept(file, record)
     changed = heavier(record, file)
-    after = kept_robot(file, changed)
+    after = kept(file, changed)
     anew = planar_robot(read_urdf(file.read_bytes(), file), changed)
     assert (after.inertia.re.mid == anew.inertia.re.mid).all()
     assert (after.inertia.re.mid != before.inertia.re.mid).any()
     with pytest.raises(InputError, match="SHA-256 differs"):
-        kept_robot(file, record)
+        kept(file, record)
 
 
 def test_other_roles_are_another_robot(record, tmp_path):
     file, first, last = tmp_path / "robot.urdf", record.joints[0], record.joints[-1]
-    whole = kept_robot(file, record)
+    whole = kept(file, record)
     locked = [replace(record, joints=record.joints[:-1], locked={last: angle}) for angle in (0.0, 0.5, -0.5)]
     coupling = {"leader": first, "ratio": 0.5, "offset": 0.0}
     coupled = replace(record, joints=record.joints[:-1], coupled={last: coupling})
-    others = [kept_robot(file, each) for each in (*locked, coupled, replace(record, joints=record.joints[::-1]))]
+    others = [kept(file, each) for each in (*locked, coupled, replace(record, joints=record.joints[::-1]))]
     assert len({id(robot) for robot in (whole, *others)}) == 6
-    assert kept_robot(file, replace(locked[1])) is others[1]
+    assert kept(file, replace(locked[1])) is others[1]
 
 
 def test_the_file_is_looked_at_every_time(record, tmp_path):
@@ -76,5 +81,5 @@ def test_the_file_is_looked_at_every_time(record, tmp_path):
 def test_no_more_than_a_few_are_kept(record, tmp_path):
     last = record.joints[-1]
     for step in range(2 * inertia.MOST):
-        kept_robot(tmp_path / "robot.urdf", replace(record, joints=record.joints[:-1], locked={last: 0.1 * step}))
+        kept(tmp_path / "robot.urdf", replace(record, joints=record.joints[:-1], locked={last: 0.1 * step}))
         assert len(inertia._kept) <= inertia.MOST

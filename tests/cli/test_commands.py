@@ -48,8 +48,10 @@ class TestPlan:
         assert content["angular_momentum"] == 0.13
         assert content["problem"]["name"] == "new_configuration"
 
-    def test_figures_are_drawn_unless_json_is_asked_for(self, floatplan: Command) -> None:
-        run = floatplan("plan", EXAMPLE, "-o", "out")
+    def test_figures_are_drawn_where_they_are_asked_for(self, floatplan: Command) -> None:
+        assert floatplan("plan", EXAMPLE, "-o", "out").code == 0
+        assert not Path("out/figures").exists()
+        run = floatplan("plan", EXAMPLE, "-o", "out", "--figures")
         assert run.code == 0, run
         endings = {path.suffix for path in Path("out/figures").iterdir()}
         assert endings == {".png", ".svg"}

@@ -145,9 +145,11 @@ class TestWrites:
 
     def test_what_an_older_run_made_goes(self, floatplan, root, tmp_path):
         problem = root / "problems" / "new_configuration.toml"
-        assert floatplan("plan", problem, "-o", tmp_path, "--report", "-q").code == 0
+        assert floatplan("plan", problem, "-o", tmp_path, "--report", "--figures", "-q").code == 0
         assert floatplan("export", tmp_path / "plan.json", "-f", "npz", "-q").code == 0
         (tmp_path / "notes.txt").write_text("mine")
+        for name in ("comparison.png", "moments.svg", "torque_use.png"):
+            (tmp_path / "figures" / name).touch()
         older = {path.name for path in tmp_path.rglob("*") if path.is_file()}
         assert {"report.html", "torques.png", "flight.npz"} <= older | {"flight.npz"}
         run = floatplan("plan", problem, "-o", tmp_path, "--no-figures")

@@ -146,7 +146,7 @@ def test_several_processes_find_the_same_plan(floatplan: Callable[..., Any]) -> 
 
 
 def test_pictures_show_the_plan_that_knows_no_obstacle(floatplan: Callable[..., Any]) -> None:
-    assert floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out", "--quiet").code == 0
+    assert floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out", "--quiet", "--figures").code == 0
     names = {path.stem for path in Path("out/figures").iterdir()}
     assert {"snapshots", "comparison", "configuration", "rates", "torques", "clearance"} <= names
     assert "without obstacle" in Path("out/figures/torques.svg").read_text(encoding="utf-8")
@@ -156,7 +156,7 @@ def test_an_obstacle_that_changes_nothing_is_not_compared_with(floatplan: Callab
     far = (PROBLEMS / "obstacle.toml").read_text().replace("center = [1.485, 3.342]", "center = [1.485, 9.0]")
     assert "9.0" in far
     (tmp_path / "far.toml").write_text(far.replace("../urdf/", f"{PROBLEMS.parent}/urdf/"))
-    assert floatplan("plan", tmp_path / "far.toml", "-o", "out", "--quiet").code == 0
+    assert floatplan("plan", tmp_path / "far.toml", "-o", "out", "--quiet", "--figures").code == 0
     names = {path.stem for path in Path("out/figures").iterdir()}
     assert "clearance" in names
     assert "comparison" not in names

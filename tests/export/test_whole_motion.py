@@ -40,7 +40,7 @@ def coupled(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
     """Turned frames, fixed, sliding and off-plane joints between: a locked slide is there in metres."""
-    drawn = RandomTree(20, "y", joints=7)
+    drawn = RandomTree(1260, "y", joints=7)
     path = tmp_path_factory.mktemp("robot") / "tree.urdf"
     path.write_text(drawn.text)
     return flown(fp.Robot.from_urdf(path, plane="xz", locked=drawn.locked))
@@ -226,8 +226,8 @@ def test_a_link_called_world_keeps_its_name(coupled: fp.Plan, tmp_path: Path) ->
 
 
 def test_so_many_transforms_are_refused(coupled: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("floatplan.export.ros_bag.MOST_TRANSFORMS", 100)
-    with pytest.raises(InputError, match="more than 100 transforms"):
+    monkeypatch.setattr("floatplan.export.table.MOST_PLACES", 100)
+    with pytest.raises(InputError, match="more than 100 places"):
         export(coupled, "mcap", tmp_path / "flight.mcap")
     assert not list(tmp_path.iterdir())
 

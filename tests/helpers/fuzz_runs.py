@@ -199,7 +199,7 @@ def run_killed(seed: int, folder: Path) -> list[Finding]:
     out.mkdir()
     arguments = rng.choice(
         (
-            ["plan", str(ROOT / "problems" / f"{name}.toml"), "-o", str(out), "--report"],
+            ["plan", str(ROOT / "problems" / f"{name}.toml"), "-o", str(out), "--report", "--figures"],
             ["show", str(plan), "-o", str(out)],
             ["show", str(plan), "-o", str(out), "--png"],
             ["export", str(plan), "-f", rng.choice(FORMATS), "-o", str(out / "exported")],

@@ -61,7 +61,7 @@ def _tight_margins(record: PlanRecord) -> PlanRecord:
 
 
 def load(record: PlanRecord) -> Robot:
-    return Robot.from_urdf(record.robot.urdf, plane=record.robot.plane, locked=record.robot.locked)
+    return Robot.from_urdf(record.robot.file, plane=record.robot.plane, locked=record.robot.locked)
 
 
 def mutate(rng: np.random.Generator, record: PlanRecord, folder: Path) -> Case:
@@ -162,7 +162,7 @@ def _com(rng, record, folder):
 
 
 def _mass(rng, record, folder):
-    text = Path(record.robot.urdf).read_text()
+    text = Path(record.robot.file).read_text()
     masses = list(re.finditer(r'<mass value="([^"]+)"/>', text))
     chosen = masses[int(rng.integers(len(masses)))]
     value = float(chosen.group(1)) * (1.0 + _small(rng, -13, -2))

@@ -22,5 +22,5 @@ def certify_record(
     budget: int = BUDGET,
 ) -> Certificate:
     """Prove a record for the URDF that it names, or another; left out, links have no shapes but their segments."""
-    path = urdf_path(record.robot.urdf if urdf is None else urdf)
+    path = urdf_path(record.robot.file if urdf is None else urdf)
     return prove(checked(record), path, (shapes, hulls), (), budget)

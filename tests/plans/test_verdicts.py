@@ -32,6 +32,7 @@ CONSTRAINTS: dict[str, tuple[Kind, Subject]] = {
     "self_clearance foot hand": ("self_clearance", ("foot", "hand")),
     "ground": ("ground", ()),
     "hash of mesh meshes/a b.stl": ("mesh", ("meshes/a b.stl",)),
+    'robot: body "foot": inertia from a mesh is not read': ("robot", ('body "foot": inertia from a mesh is not read',)),
     "recorded torque_peak": ("recorded", ("torque_peak",)),
     "recorded orientation.end": ("recorded", ("orientation.end",)),
     "orientation.start": ("stated", ("orientation", "start")),

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from robot_samples import TWO_LINKS, joint, robot_text
 
+import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.plans.presentation import result_rows
 from floatplan.robot import Coupling, Robot
 
 
@@ -55,6 +57,18 @@ def test_majority_gives_plane_and_sign(load):
     assert robot.locked == {"m": 0.0}
     assert "do not turn about the plane's normal: m = 0" in robot.warnings[0]
     assert robot.tree.turns[-1] == pytest.approx([1, -1, 1])
+
+
+def test_joints_that_slide_are_held_and_named_where_a_user_looks(load):
+    text = robot_text(joint("j", "a", "b"), joint("p", "b", "c", kind="prismatic"), links="abc")
+    for chosen in ({}, {"joints": ["j"]}):
+        robot = load(text, **chosen)
+        assert robot.locked == {"p": 0.0}
+        assert robot.warnings == ("locked, because joints that slide are not planned: p = 0 m",)
+    plan = fp.plan(fp.Problem(robot, fp.Posture(0.0, 0.3), fp.Posture(0.2, -0.3), fp.Flight(0.6)))
+    (held,) = (row for row in result_rows(plan) if row.name == "held")
+    assert held.text == "p at 0 m, as joints that slide are not planned"
+    assert load(text, locked={"p": 0.5}).warnings == ()
 
 
 def test_equal_votes_ask_for_the_plane(load):

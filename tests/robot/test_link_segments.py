@@ -44,7 +44,7 @@ def test_a_link_ends_where_the_urdf_puts_its_childrens_joints(tmp_path, position
     planned = [(s.link, s.start + anchors[s.body], s.end + anchors[s.body]) for s in robot.shapes]
     assert places(planned) == places(wanted)
     record = make_plan(robot, draw_coefficients(np.random.default_rng(2), 1, 0.7), duration=0.7)
-    proved = kept_robot(robot.path, record.robot)
+    proved = kept_robot(robot.path.read_bytes(), robot.path, record.robot)
     center = sum(proved.weights[0])  # of mass, at planned positions zero, from the root's origin and turned round
     seen = [
         (shape.link, *(complex(sum(proved.weights[end.body]) - center + end.local) for end in (shape.start, shape.end)))

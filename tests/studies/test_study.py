@@ -392,6 +392,23 @@ class TestFolder:
         with StudyFolder(tmp_path / "out", 1).locked(), pytest.raises(InputError, match="another run is at work"):
             fp.study(study_file(), folder=tmp_path / "out", jobs=1)
 
+    def test_without_locks_is_refused_by_its_name(self, study_file, tmp_path, monkeypatch):
+        def unknown(*_):
+            raise OSError(errno.ENOSYS, "Function not implemented")
+
+        monkeypatch.setattr("fcntl.flock", unknown)
+        with pytest.raises(InputError, match="out: cannot be written: Function not implemented"):
+            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
+        assert [path.name for path in (tmp_path / "out").iterdir()] in ([], [".lock"])
+
+    def test_whose_lock_is_a_link_is_refused_and_what_it_leads_to_stays(self, study_file, tmp_path):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "mine").write_text("mine")
+        (tmp_path / "out" / ".lock").symlink_to(tmp_path / "mine")
+        with pytest.raises(InputError, match=r"\.lock: cannot be written"):
+            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
+        assert (tmp_path / "mine").read_text() == "mine"
+
 
 def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     path, study = done

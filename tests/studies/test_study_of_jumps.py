@@ -15,7 +15,7 @@ from needed import skip_or_fail
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.stance.jump import Jump
-from floatplan.studies import rows, study
+from floatplan.studies import motions, rows
 from floatplan.studies.file import load_study_file
 
 if not INSTALLED:
@@ -45,7 +45,7 @@ def test_rows_are_jumps(study_file: Callable[..., Path], tmp_path: Path, monkeyp
             return backflip()
         return Jump(problem, problem.jump, explanation="No jump was found.")
 
-    for room in (rows, study):
+    for room in (rows, motions):
         monkeypatch.setattr(room, "jump", slips_below_half)
     path = study_file(JUMPS, "jumps/go2")
     done = fp.study(path, folder=tmp_path / "study", jobs=1)

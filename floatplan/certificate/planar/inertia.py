@@ -13,7 +13,6 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,9 +25,10 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
+from floatplan.certificate.planar.mjcf import read_mjcf, whole_mjcf
 from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
 from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, read_regular
+from floatplan.files import check_hash
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
@@ -39,25 +39,31 @@ MOST = 8  # robots kept
 _kept: dict[str, PlanarRobot] = {}
 
 
-def kept_robot(path: Path, record: RobotRecord) -> PlanarRobot:
-    """Return the robot of a record; what follows from its URDF's content and the record's roles is kept.
+def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
+    """Return the robot of a record; what follows from its file's content and the record's roles is kept.
 
-    The file is read, and its hash compared with the record's, every time. For one thread at a time, as proofs are.
+    The content's hash is compared with the record's every time, and so are those of the files that an MJCF includes.
+    For one thread at a time, as proofs are.
+
+    Parameters
+    ----------
+    content : of the file at ``path``; of a xacro file, the URDF that it makes
 
     Raises
     ------
     InputError
-        The file cannot be read, or has another SHA-256; or as :func:`~floatplan.certificate.planar.urdf.read_urdf` and
-        :func:`planar_robot`.
+        The content has another SHA-256; or as :func:`planar_robot` and the readers,
+        :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`~floatplan.certificate.planar.mjcf.read_mjcf`.
+    NotReadError
+        The readers lack what the file has.
     """
-    content = read_regular(path, LARGEST_URDF, "a URDF file")
-    if hashlib.sha256(content).hexdigest() != record.sha256:
-        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
-        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
+    check_hash(content, record.sha256, path)
+    included = whole_mjcf(content, path, record.meshes) if record.kind == "mjcf" else None
     roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
-    key = json.dumps([record.sha256, *roles])
+    key = json.dumps([record.sha256, {} if included is None else record.meshes, *roles])
     if key not in _kept:
-        robot = planar_robot(read_urdf(content, path), record)
+        tree = read_urdf(content, path) if included is None else read_mjcf(included, path)
+        robot = planar_robot(tree, record)
         if len(_kept) >= MOST:
             del _kept[next(iter(_kept))]
         _kept[key] = robot
@@ -268,7 +274,8 @@ def _segments(
         start = points[name]
         places = [local(start.body, origin) for joint, origin in joints if name in (joint.parent, joint.child)]
         ends = [Point(start.body, place) for place in places if not abs(place - start.local) < SHORTEST]
-        segments[name] = tuple((start, end) for end in ends or ([start] if link.has_inertial else []))
+        ends = [] if link.frame else ends or ([start] if link.has_inertial else [])
+        segments[name] = tuple((start, end) for end in ends)
     return segments
 
 

@@ -41,7 +41,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Link:
-    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2)."""
+    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2).
+
+    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    """
 
     name: str
     mass: Any
@@ -49,6 +52,7 @@ class Link:
     inertia: Any
     has_inertial: bool
     has_collision: bool
+    frame: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Joint:
         """Displacement at a position (rad or m)."""
         if self.kind == "prismatic":
             return Placement(translation=self.unit_axis * flint.arb(position))
-        return Placement(_turn(self.unit_axis, flint.arb(position))) if position else Placement()
+        return Placement(turn(self.unit_axis, flint.arb(position))) if position else Placement()
 
 
 @dataclass(frozen=True)
@@ -153,8 +157,8 @@ def _link(element: Element) -> Link:
     for key in MOMENTS:
         if key not in written:
             raise InputError(f"its <inertia> has no {key}", element=f'link "{name}"')
-    xx, xy, xz, yy, yz, zz = (_number(written[key]) for key in MOMENTS)
-    value = _number("0" if mass is None else mass.get("value"))
+    xx, xy, xz, yy, yz, zz = (number(written[key]) for key in MOMENTS)
+    value = number("0" if mass is None else mass.get("value"))
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
     moments = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -174,7 +178,7 @@ def _joint(element: Element) -> Joint:
         multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
         follower = (_text(mimic, "joint"), multiplier, offset)
     dynamics = element.find("dynamics")
-    armature = 0.0 if dynamics is None else float(_number(dynamics.get("armature", "0")))
+    armature = 0.0 if dynamics is None else float(number(dynamics.get("armature", "0")))
     return Joint(name, kind, *ends, _origin(element), direction, follower, armature)
 
 
@@ -183,14 +187,14 @@ def _origin(element: Element) -> Placement:
     if origin is None:
         return Placement()
     turned = Placement()
-    for number, angle in enumerate(_vector(origin.get("rpy"), "0 0 0").entries()):
+    for index, angle in enumerate(_vector(origin.get("rpy"), "0 0 0").entries()):
         if not angle.is_zero():
-            axis = flint.arb_mat(3, 1, [float(number == each) for each in range(3)])
-            turned = Placement(_turn(axis, angle)) * turned
+            axis = flint.arb_mat(3, 1, [float(index == each) for each in range(3)])
+            turned = Placement(turn(axis, angle)) * turned
     return Placement(turned.rotation, _vector(origin.get("xyz"), "0 0 0"))
 
 
-def _turn(axis: Any, angle: Any) -> Any:
+def turn(axis: Any, angle: Any) -> Any:
     """Rodrigues' rotation (3, 3) about a unit axis (3, 1)."""
     x, y, z = axis.entries()
     sine, cosine = angle.sin_cos()
@@ -202,10 +206,11 @@ def _vector(text: str | None, default: str) -> Any:
     parts = (default if text is None else text).split()
     if len(parts) != 3:
         raise InputError(f'"{text}" is not three numbers')
-    return flint.arb_mat(3, 1, [_number(part) for part in parts])
+    return flint.arb_mat(3, 1, [number(part) for part in parts])
 
 
-def _number(text: str | None) -> Any:
+def number(text: str | None) -> Any:
+    """The double nearest to a number as written."""
     value = float("nan" if text is None else text)
     if not math.isfinite(value) or "_" in str(text):
         raise InputError(f'"{text}" is not a finite number')

@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import numpy.typing as npt
@@ -352,8 +353,9 @@ class MotionInFile:
 class FreeFlyer:
     """Where the joints are in ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
-    ``nq, nv`` are the sizes of a configuration and of a velocity; ``in_q, in_v`` (J,) the first entry of each joint in
-    them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in a configuration.
+    ``model`` is that one; ``nq, nv`` are the sizes of its configuration and its velocity; ``in_q, in_v`` (J,) the first
+    entry of each joint in them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in
+    a configuration.
 
     Raises
     ------
@@ -369,7 +371,12 @@ class FreeFlyer:
                 element=f'joint "{ROOT_JOINT}"',
                 advice="rename it",
             )
-        model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
+        root = fromstring(robot.xml)
+        for link in root.iter("link"):
+            for collision in link.findall("collision"):  # of which some are of kinds that Pinocchio complains of
+                link.remove(collision)
+        text = tostring(root, encoding="unicode")
+        self.model = model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         joints = [model.joints[model.getJointId(name)] for name in list(robot.model.names)[BASE + 1 :]]
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))

@@ -124,7 +124,7 @@ class Coupling(Keyed):
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Roles of the joints: planned, coupled or locked, and the plane.
+    """Roles of the joints: planned, coupled or locked, and the plane; None in space.
 
     ``planned`` are names in order; ``coupled`` maps followers, ``locked`` all other moving joints to their positions
     (rad or m); ``geared`` are the followers that the file itself couples by ``<mimic>``: they have no motor of their
@@ -132,7 +132,7 @@ class Choice:
     positions of all moving joints if none were planned.
     """
 
-    plane: Plane
+    plane: Plane | None
     planned: tuple[str, ...]
     coupled: Mapping[str, Coupling]
     geared: frozenset[str]
@@ -140,6 +140,19 @@ class Choice:
     signs: Mapping[str, float]
     resting: Mapping[str, float]
     warnings: tuple[str, ...]
+
+    @property
+    def in_plane(self) -> Plane:
+        """The plane, where there is one.
+
+        Raises
+        ------
+        InputError
+            The flight is in space.
+        """
+        if self.plane is None:
+            raise InputError("is for flights in a plane", element='coupled "mirror"', advice="name the pairs")
+        return self.plane
 
     @property
     def motors(self) -> tuple[str, ...]:
@@ -173,8 +186,11 @@ def choose_joints(
     coupled: Mapping[str, str | Coupling] | None,
     locked: Mapping[str, float] | None,
     posture: Mapping[str, float] | None = None,
+    base: str = "planar",
 ) -> Choice:
     """Settle the plane and the role of every moving joint.
+
+    In space, with the base "free-flyer", there is no plane, and joints turn about any axis.
 
     A joint is, in this order: locked if the user locks it; coupled if the user couples it; planned if ``joints``
     names it; coupled if the file has it ``<mimic>`` a planned joint; planned if ``joints`` is not given and it turns
@@ -201,6 +217,12 @@ def choose_joints(
     }
     free = [name for name in axes if name not in user_locked and name not in user_coupled and name not in mimics]
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
+    if base != "planar":
+        if plane is not None:
+            raise InputError(
+                "a flight in space has none", element="plane", advice='leave it out, or base = "free-flyer"'
+            )
+        return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
     plane_name = choose_plane(plane, [axes[name] for name in named or free])
     if joints is None:  # all that turn in the plane and are not held fast by their limits
         ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
@@ -227,10 +249,40 @@ def choose_joints(
         resting = _resting(tree, {**kept, **user_locked}, mimics)
     rest = {name: position for name, position in resting.items() if name not in moving}
     if joints is None:
-        silent = [name for name in rest if name not in user_locked and not signs.get(name, 0.0)]
-        listed = [f"{name} = {rest[name]:g}" for name in silent]
-        warnings += _warning("locked, because they do not turn about the plane's normal", listed)
-    return Choice(chosen, planned, followers, geared, rest, signs, resting, tuple(warnings))
+        silent = [f"{name} = {at:g}" for name, at in rest.items() if name not in user_locked and signs.get(name) == 0.0]
+        warnings += _warning("locked, because they do not turn about the plane's normal", silent)
+    warned = (*warnings, *_slides(tree, rest, user_locked))
+    return Choice(chosen, planned, followers, geared, rest, signs, resting, warned)
+
+
+def _in_space(
+    tree: UrdfTree,
+    locked: Mapping[str, float],
+    coupled: Mapping[str, Coupling],
+    mimics: Mapping[str, Coupling],
+    free: Sequence[str],
+    joints: Sequence[str] | None,
+    posture: Mapping[str, float] | None,
+) -> Choice:
+    """The roles in space: planned are all that turn but those held fast by their limits, or those of ``joints``."""
+    ranges = tree.joint
+    planned = tuple(joints or [name for name in free if ranges[name].lower != ranges[name].upper])
+    if not planned:
+        raise InputError("no joint is left to plan", element="joints")
+    followers = {**coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
+    by_file = _mimics(tree, {*locked, *planned})
+    geared = frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
+    _check_followers(tree, planned, followers)
+    resting = _resting(tree, {**(posture or {}), **locked}, mimics)
+    rest = {name: position for name, position in resting.items() if name not in (*planned, *followers)}
+    warnings = (*tree.warnings, *_slides(tree, rest, locked))
+    return Choice(None, planned, followers, geared, rest, {}, resting, warnings)
+
+
+def _slides(tree: UrdfTree, rest: Mapping[str, float], locked: Mapping[str, float]) -> list[str]:
+    """The warning that joints are held since they slide; those that the user locks are known to be."""
+    sliding = [f"{name} = {rest[name]:g} m" for name in rest if not tree.joint[name].turns and name not in locked]
+    return _warning("locked, because joints that slide are not planned", sliding)
 
 
 def _checked_locks(tree: UrdfTree, locked: Mapping[str, float]) -> dict[str, float]:
@@ -318,17 +370,22 @@ def _check_moving(
     tree: UrdfTree, planned: Sequence[str], followers: Mapping[str, Coupling], axes: Mapping[str, Array], plane: Plane
 ) -> None:
     """Check that followers turn and follow a planned joint, and that all joints to be moved turn in the plane."""
+    _check_followers(tree, planned, followers)
+    for name in (*planned, *followers):
+        if not plane.sign(axes[name]):
+            degrees = np.degrees(plane.tilt(axes[name]))
+            reason = f'its axis is {degrees:.3g} deg off the normal of the plane "{plane.name}"'
+            raise InputError(reason, element=f'joint "{name}"', advice="leave it out, or give another plane")
+
+
+def _check_followers(tree: UrdfTree, planned: Sequence[str], followers: Mapping[str, Coupling]) -> None:
+    """Check that followers turn and follow a planned joint."""
     for name, coupling in followers.items():
         where = f'coupled "{name}"'
         if coupling.leader not in planned:
             reason = f'its leader "{coupling.leader}" is not a planned joint'
             raise InputError(reason, element=where, advice="plan it, or name another")
         _turning_joint(tree, name, where)
-    for name in (*planned, *followers):
-        if not plane.sign(axes[name]):
-            degrees = np.degrees(plane.tilt(axes[name]))
-            reason = f'its axis is {degrees:.3g} deg off the normal of the plane "{plane.name}"'
-            raise InputError(reason, element=f'joint "{name}"', advice="leave it out, or give another plane")
 
 
 def _mimics(tree: UrdfTree, settled: set[str]) -> dict[str, Coupling]:
@@ -415,7 +472,7 @@ def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | Non
 
 def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
     """The joints that have a mirror image, and their mirror images."""
-    plane, names = choice.plane, choice.planned
+    plane, names = choice.in_plane, choice.planned
     placements = tree.placements(choice.positions_at_zero)
     axes = np.array([plane.horizontal, plane.vertical, plane.normal])
     places = np.array([axes @ placements[tree.joint[name].child].translation for name in names])

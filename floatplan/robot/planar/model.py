@@ -16,10 +16,11 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.robot.planar.choice import Choice
+from floatplan.robot.planar.choice import Choice, Plane
 from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
+FREE_FLYER = 6  # velocities of the base in space; its configuration has one number more
 AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] stands in Pinocchio for a limit that is not given
 UNLIMITED = (UNBOUNDED, UNBOUNDED, -UNBOUNDED, UNBOUNDED)  # of effort, of velocity, lower, upper
@@ -41,7 +42,7 @@ def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
         rotation = rotations[joint.parent] @ joint.origin.placement.rotation
         turned = joint
         if joint.name in choice.ratios:
-            exact = choice.signs[joint.name] * rotation.T @ choice.plane.normal
+            exact = choice.signs[joint.name] * rotation.T @ choice.in_plane.normal
             if abs(exact - joint.axis).max() >= AXIS_ROUNDING:
                 turned = replace(joint, axis=exact / math.hypot(*exact))
         joints.append(turned)
@@ -56,20 +57,17 @@ def largest_turn(written: UrdfTree, turned: UrdfTree) -> float:
 
 
 def build_model(tree: UrdfTree, choice: Choice) -> Any:
-    """Return the ``pinocchio.Model`` of the robot, free to fly in the plane, without gravity.
+    """Return the ``pinocchio.Model`` of the robot, free to fly in the plane, or in space, without gravity.
 
     It has the frames of the file's links and joints.
     """
-    model, plane, joint = pin.Model(), choice.plane, 0
+    model, joint = pin.Model(), 0
     model.name, model.gravity = tree.name, pin.Motion.Zero()
-    for name, turns, axis in (
-        ("base_horizontal", False, plane.horizontal),
-        ("base_vertical", False, plane.vertical),
-        ("base_orientation", True, plane.normal),
-    ):
+    for name, kind in _base_joints(choice.plane):
         while name in tree.links or name in tree.joint:
             name += "_"
-        joint = model.addJoint(joint, _joint(turns, axis), pin.SE3.Identity(), name, *np.array(UNLIMITED)[:, None])
+        limits = np.repeat(np.array(UNLIMITED)[:, None], kind.nq, axis=1)
+        joint = model.addJoint(joint, kind, pin.SE3.Identity(), name, *limits[:2, : kind.nv], *limits[2:])
         model.addJointFrame(joint)
     links = {tree.root: _add_link(model, tree.links[tree.root], joint, model.nframes - 1, pin.SE3.Identity())}
     for each in tree.joints:
@@ -85,6 +83,17 @@ def build_model(tree: UrdfTree, choice: Choice) -> Any:
             frame = model.addFrame(fixed)
         links[each.child] = _add_link(model, tree.links[each.child], joint, frame, placement)
     return model
+
+
+def _base_joints(plane: Plane | None) -> list[tuple[str, Any]]:
+    """Names and kinds of the joints by which the base moves in a plane, or in space."""
+    if plane is None:
+        return [("base", pin.JointModelFreeFlyer())]
+    return [
+        ("base_horizontal", _joint(False, plane.horizontal)),
+        ("base_vertical", _joint(False, plane.vertical)),
+        ("base_orientation", _joint(True, plane.normal)),
+    ]
 
 
 def _joint(turns: bool, axis: Array) -> Any:
@@ -106,18 +115,24 @@ def _add_link(model: Any, link: UrdfLink, joint: int, above: int, placement: Any
 
 
 def coordinates(model: Any, choice: Choice) -> tuple[Array, Array, Array]:
-    """Return ``reference`` (nv,), ``selection`` (nv, n) and ``transmission`` (nv, motors).
+    """Return ``reference`` (nq,), ``selection`` (nv, n) and ``transmission`` (nv, motors).
 
-    The full configuration is ``reference + selection @ positions``. Each motor's torque is ``transmission.T`` times the
-    torques of all joints: its own joint's, and those that the file gears to it, by their ratios.
+    The full configuration is ``reference + selection @ positions``, of the joints behind the base in space. Each
+    motor's torque is ``transmission.T`` times the torques of all joints: its own joint's, and those that the file gears
+    to it, by their ratios.
     """
-    names, positions = list(model.names)[1:], choice.positions_at_zero
-    reference = read_only([positions.get(name, 0.0) for name in names])
+    joints, positions = list(model.joints)[1:], choice.positions_at_zero
+    names = list(model.names)[1:]
+    at_identity = pin.neutral(model)
+    for name, joint in zip(names, joints, strict=True):
+        if name in positions:
+            at_identity[joint.idx_q] = positions[name]
+    rows = [name for name, joint in zip(names, joints, strict=True) for _ in range(joint.nv)]
     selection, transmission = (
-        read_only([ratios.get(name, np.zeros(count)) for name in names])
+        read_only([ratios.get(name, np.zeros(count)) for name in rows])
         for ratios, count in ((choice.ratios, len(choice.planned)), (choice.motor_ratios, len(choice.motors)))
     )
-    return reference, selection, transmission
+    return read_only(at_identity), selection, transmission
 
 
 def planned_limits(tree: UrdfTree, choice: Choice) -> tuple[Array, Array, Array]:
@@ -164,23 +179,26 @@ def check_model(model: Any, reference: Array, selection: Array, joints: Sequence
     InputError
         If the robot has no mass, or a planned joint moves none.
     """
-    moving = np.concatenate([np.eye(model.nv, BASE_COORDINATES), selection], axis=1)
+    base = FREE_FLYER if model.nq > model.nv else BASE_COORDINATES
+    moving = np.concatenate([np.eye(model.nv, base), selection], axis=1)
     data = model.createData()
     for positions in sample_postures(limits, POSTURES, Random(0)):
-        upper = np.triu(pin.crba(model, data, reference + selection @ positions))
+        q = np.array(reference)
+        q[len(q) - model.nv + base :] += selection[base:] @ positions
+        upper = np.triu(pin.crba(model, data, q))
         mass_matrix = moving.T @ (upper + np.triu(upper, 1).T) @ moving
         if not np.isfinite(mass_matrix).all():
             raise InputError("its mass matrix is not finite", advice="check that masses are in kg and lengths in m")
         diagonal = mass_matrix.diagonal()
         if not diagonal[0] > 0.0:
             raise InputError("has no mass", advice="give its links an <inertial> element")
-        culprit = int(np.argmin(diagonal[BASE_COORDINATES:]))
+        culprit = int(np.argmin(diagonal[base:]))
         if diagonal.min() > 0.0:
             scale = 1.0 / np.sqrt(diagonal)
             values, vectors = np.linalg.eigh(scale[:, None] * mass_matrix * scale)
             if values[0] > LEAST_EIGENVALUE:
                 continue
-            culprit = int(np.argmax(abs(vectors[BASE_COORDINATES:, 0])))
+            culprit = int(np.argmax(abs(vectors[base:, 0])))
         reason, advice = "moves no inertia of its own: the mass matrix is singular", "give the links beyond it mass"
         raise InputError(reason, element=f'joint "{joints[culprit]}"', advice=f"{advice}, or lock it")
 

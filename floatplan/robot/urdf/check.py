@@ -56,13 +56,18 @@ def check_urdf(root: Element) -> UrdfTree:
         raise InputError(f"has {len(joint_elements)} joints, more than the {MOST_JOINTS} that can be handled")
     link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
     if not link_elements:
-        raise InputError("has no <link>", advice="if it is a xacro file, run xacro on it first")
+        raise InputError("has no <link>", advice="if it is a xacro file, let its name end in .xacro")
     name = (root.get("name") or "").strip()
     if not name:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
     check_name(name, "<robot>")
     links = {
-        link: UrdfLink(link, _read_inertial(f'link "{link}"', element), tuple(element.findall("collision")))
+        link: UrdfLink(
+            link,
+            _read_inertial(f'link "{link}"', element),
+            tuple(element.findall("collision")),
+            element.get("type") == "frame",
+        )
         for link, element in link_elements.items()
     }
     joints = [_read_joint(joint, element, named) for joint, element in named.items()]

@@ -1,0 +1,130 @@
+"""Reference motions for programs that learn from them: frames at k/rate, in a world whose z axis is up.
+
+Joints and bodies are in the order of the model that is to read the file, or else of the robot's own file. A body is
+where its link's frame is. World: the plan's, turned by the least angle that brings its vertical to z.
+"""
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.export.motion import Exported
+from floatplan.export.table import archive, check_size, frame_times, number_rows
+from floatplan.motion.flight import free_flyer
+
+FREE, SLIDE, HINGE = 0, 2, 3  # MuJoCo's types of joints
+
+
+def isaac_amp_content(motion: Exported, rate: float) -> bytes:
+    """Return NumPy's archive as the AMP motion loader of Isaac Lab reads it.
+
+    ``fps``, ``dof_names``, ``body_names`` and the arrays of :func:`_frames`. The loader passes over what it does not
+    know: ``dof_torques``, and of a jump ``contact_names`` (C,), ``contacts`` (N, C), whether each stands,
+    ``contact_forces`` (N, C, 3), N, in the world.
+
+    Raises
+    ------
+    InputError
+        The rate is no whole number.
+    """
+    if rate != round(rate):
+        raise InputError(f"{rate} Hz is no whole number, as these files have it", element="rate", advice="round it")
+    names, frames = motion.names, _frames(motion, rate, motion.names.bodies)
+    contacts = motion.contacts(frame_times(motion.duration, rate))
+    if contacts:
+        forces = contacts["forces"] @ _to_world(motion).matrix().T
+        contacts = {name: contacts[name] for name in ("contact_names", "contacts")} | {"contact_forces": forces}
+    about = {"fps": np.int64(rate), "dof_names": np.array(names.joints), "body_names": np.array(names.bodies)}
+    return archive(about | frames | contacts)
+
+
+def motion_csv_content(motion: Exported, rate: float) -> str:
+    """Return CSV without a header: place of the root link, quaternion x y z w, joints; no time, rows 1/rate apart."""
+    frames = _frames(motion, rate)
+    quaternion = np.roll(frames["body_rotations"][:, 0], -1, axis=1)
+    return number_rows(np.concatenate((frames["body_positions"][:, 0], quaternion, frames["dof_positions"]), axis=1))
+
+
+def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
+    """Return NumPy's archive of a trajectory of LocoMuJoCo, whose loader refuses other keys than its own.
+
+    ``joint_names``, ``jnt_type`` (1 + J,): the free joint, then the others; ``njnt``, ``frequency``; ``qpos``
+    (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world, angular velocity in the
+    body, joints; ``split_points``: where the trajectory begins and ends.
+
+    Raises
+    ------
+    InputError
+        The model that is to read it does not float by one joint with a name.
+    """
+    names, tree = motion.names, motion.robot.file_tree
+    if not names.root:
+        reason, advice = "has no free joint with a name, by which LocoMuJoCo finds it", 'add <freejoint name="root"/>'
+        raise InputError(reason, element="model", advice=advice)
+    frames = _frames(motion, rate)
+    place, turn = frames["body_positions"][:, 0], frames["body_rotations"][:, 0]
+    spin = Rotation.from_quat(turn, scalar_first=True).apply(frames["body_angular_velocities"][:, 0], inverse=True)
+    arrays = {
+        "joint_names": np.array([names.root, *names.joints]),
+        "jnt_type": np.array([FREE, *(HINGE if tree.joint[name].turns else SLIDE for name in names.joints)]),
+        "njnt": np.int64(1 + len(names.joints)),
+        "frequency": np.float64(rate),
+        "qpos": np.concatenate((place, turn, frames["dof_positions"]), axis=1),
+        "qvel": np.concatenate((frames["body_linear_velocities"][:, 0], spin, frames["dof_velocities"]), axis=1),
+        "split_points": np.array([0, len(place)]),
+    }
+    return archive(arrays)
+
+
+def _to_world(motion: Exported) -> Any:
+    """The rotation, a ``pinocchio.Quaternion``, from the plan's world to one whose z axis is up."""
+    return pin.Quaternion.FromTwoVectors(motion.robot.plane.vertical, np.array([0.0, 0.0, 1.0])).normalized()
+
+
+def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict[str, Array]:
+    """Return N frames of the joints, and of the bodies of these names, or else of the root link.
+
+    ``dof_positions``, ``dof_velocities``, ``dof_torques`` (N, J), rad, rad/s, N m (m, m/s, N where they slide), the
+    motors' own; in the world ``body_positions``, ``body_linear_velocities``, ``body_angular_velocities`` (N, B, 3),
+    and ``body_rotations`` (N, B, 4), w x y z, of unit length, and nowhere of opposite sign to the frame before.
+
+    Raises
+    ------
+    InputError
+        The rate is wrong, or gives one frame only.
+    """
+    times, bodies = frame_times(motion.duration, rate), bodies or (motion.robot.file_tree.root,)
+    if len(times) < 2:
+        reason = f"{rate} Hz give one frame of a motion of {motion.duration} s"
+        raise InputError(reason, element="rate", advice="give a higher rate")
+    check_size(len(times), len(bodies), rate)
+    whole, flyer, turn = motion.at(times), free_flyer(motion.robot), _to_world(motion)
+    q, v = flyer.configurations(whole), flyer.velocities(whole)
+    q[:, :3] = q[:, :3] @ turn.matrix().T
+    q[:, 3:7] = (Rotation.from_quat(turn.coeffs()) * Rotation.from_quat(q[:, 3:7])).as_quat()
+    order = [motion.joints.index(name) for name in motion.names.joints]
+    joints = {"positions": whole.positions, "velocities": whole.velocities, "torques": whole.motor_torques}
+    return {f"dof_{name}": values[:, order] for name, values in joints.items()} | _bodies(flyer.model, bodies, q, v)
+
+
+def _bodies(model: Any, names: tuple[str, ...], q: Array, v: Array) -> dict[str, Array]:
+    """Motion of bodies of a free-flyer model, from its coordinates (N, nq) and (N, nv); see :func:`_frames`."""
+    data, frames = model.createData(), [model.getFrameId(name, pin.FrameType.BODY) for name in names]
+    places, linear, angular = np.empty((3, len(q), len(names), 3))
+    rotations = np.empty((len(q), len(names), 3, 3))
+    for k, (configuration, velocity) in enumerate(zip(q, v, strict=True)):
+        pin.forwardKinematics(model, data, configuration, velocity)
+        for body, frame in enumerate(frames):
+            placement = pin.updateFramePlacement(model, data, frame)
+            twist = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            places[k, body], rotations[k, body] = placement.translation, placement.rotation
+            linear[k, body], angular[k, body] = twist.linear, twist.angular
+    wxyz = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*places.shape[:2], 4)
+    turned_over = np.einsum("kbi,kbi->kb", wxyz[1:], wxyz[:-1]) < 0
+    wxyz[1:] *= np.cumprod(np.where(turned_over, -1.0, 1.0), axis=0)[:, :, None]
+    velocities = {"body_linear_velocities": linear, "body_angular_velocities": angular}
+    return {"body_positions": places, "body_rotations": wxyz} | velocities

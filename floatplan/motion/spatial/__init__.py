@@ -1,0 +1,1 @@
+"""Flight in space: attitudes follow from a differential equation."""

@@ -1,0 +1,117 @@
+"""Robots that other packages give: one of robot_descriptions by its name, and what a xacro file makes.
+
+Both run code that is not floatplan's: a module that may clone a repository, and the expressions of a file. So they run
+in a process of their own, for ``LONGEST`` seconds at most, with ``MEMORY``, and Git brings nothing from other machines.
+"""
+
+import difflib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from floatplan.errors import InputError, install_advice
+from floatplan.files import LARGEST_URDF, is_file, read_regular
+from floatplan.pool import same_modules
+from floatplan.tables import ROBOT_KINDS, RobotKind
+
+PACKAGE = "robot_descriptions"
+ADDRESS = re.compile(rf"(?:{PACKAGE}:)?(\w+_description)")
+LONGEST = 60.0  # [s] of a file that is expanded, or a module that is imported
+MEMORY = 2_000_000_000  # [bytes]
+SCRIPT = Path(__file__).with_name("other_process.py")
+
+
+def robot_content(path: Path) -> bytes:
+    """Return the content of a robot's file; of a ``.xacro``, the URDF that it makes.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read; xacrodoc is not installed, or refuses it.
+    """
+    content = read_regular(path, LARGEST_URDF, "a URDF file")
+    if path.suffix.lower() != ".xacro":
+        return content
+    if find_spec("xacrodoc") is None:
+        reason = 'is a xacro file, and xacrodoc is not installed: it comes with the extra "xacro"'
+        raise InputError(reason, source=path, advice=install_advice("xacro"))
+    try:
+        content = _asked("xacro", str(path.resolve()), path.resolve().parent)
+    except InputError as error:
+        raise InputError(f"xacro refuses it: {error.reason}", source=path) from None
+    if len(content) > LARGEST_URDF:
+        raise InputError(f"makes a URDF of more than {LARGEST_URDF // 1_000_000} MB, as no robot has", source=path)
+    return content
+
+
+@cache
+def description_path(address: str, kind: RobotKind | None) -> Path:
+    """Return the file of a robot of robot_descriptions, of one kind or of either.
+
+    Raises
+    ------
+    InputError
+        The package is not installed, has no such robot, or not of this kind; or the robot is not on this machine yet.
+    """
+    name = address.rpartition(":")[2]
+    spec = find_spec(PACKAGE)
+    if spec is None:
+        pip = f"{sys.executable} -m pip install {PACKAGE}"
+        advice = f"install it: {pip}; or name a robot of example-robot-data, which `floatplan robots` lists"
+        raise InputError(f"the package {PACKAGE} is not installed", source=address, advice=advice)
+    if find_spec(f"{PACKAGE}.{name}") is None:
+        folders = spec.submodule_search_locations or []
+        known = [file.stem for folder in folders for file in Path(folder).glob("*_description.py")]
+        close = ", ".join(difflib.get_close_matches(name, known))
+        raise InputError(f"{PACKAGE} has no {name}", source=address, advice=f"it has {close}" if close else None)
+    try:
+        answer = json.loads(_asked("description", name, Path.cwd()))
+    except InputError as error:
+        advice = f"bring it here first: {sys.executable} -m {PACKAGE} pull {name}"
+        raise InputError(f"{PACKAGE} does not give it: {error.reason}", source=address, advice=advice) from None
+    for wanted in ROBOT_KINDS if kind is None else (kind,):
+        path = answer.get(f"{wanted.upper()}_PATH")
+        if path and is_file(Path(path)):
+            return Path(path)
+    given = ", ".join(f"{key} {path}" for key, path in answer.items()) or "nothing"
+    reason = f"{PACKAGE} gives no {'URDF or MJCF' if kind is None else kind.upper()} of it"
+    raise InputError(reason, source=address, advice=f"it gives {given}")
+
+
+def _asked(what: str, subject: str, folder: Path) -> bytes:
+    """The answer of another process, which runs in a folder; InputError in a line where it has none."""
+    command = [sys.executable, str(SCRIPT), what, subject, str(MEMORY)]
+    with tempfile.TemporaryFile() as answer, tempfile.TemporaryFile() as said:
+        with same_modules():
+            git = {"GIT_ALLOW_PROTOCOL": "file", "GIT_TERMINAL_PROMPT": "0"}
+            process = subprocess.Popen(
+                command,
+                cwd=folder,
+                env={**os.environ, **git},
+                stdin=subprocess.DEVNULL,
+                stdout=answer,
+                stderr=said,
+                start_new_session=True,
+            )
+        try:
+            code = process.wait(LONGEST)
+        except subprocess.TimeoutExpired:
+            raise InputError(f"it took more than {LONGEST:g} s") from None
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # with what it started
+            process.wait()
+        if code:
+            said.seek(max(0, said.seek(0, os.SEEK_END) - 10_000))
+            lines = said.read().decode("utf-8", "replace").split("\n")
+            raise InputError(next((line for line in reversed(lines) if line.strip()), f"it ended with {code}"))
+        answer.seek(0)
+        return answer.read(LARGEST_URDF + 1)

@@ -1,0 +1,133 @@
+"""The motions of a study's rows: rebuilt, proved, and written as files for other programs, with an index."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext, suppress
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.certificate.certificate import certify
+from floatplan.errors import InputError
+from floatplan.export.formats import format_of
+from floatplan.files import read_json, read_regular, write_atomically
+from floatplan.kernel.batch import is_plain_family
+from floatplan.planning.repair import judged
+from floatplan.plans.plan import Plan
+from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
+from floatplan.pool import in_order, processes
+from floatplan.stance.jump import Jump
+from floatplan.stance.planner import jump
+from floatplan.studies.file import StudyFile
+from floatplan.studies.rows import row_seed
+
+FORMAT, INDEX = "floatplan.motions/1", "index.json"
+LARGEST_INDEX = 50_000_000  # [bytes]
+LARGEST_MOTION = 1_000_000_000  # [bytes]
+EVERY = 5.0  # [s] the index is written
+
+Row = Mapping[str, Any]  # of a study's table
+
+
+def row_plan(study: StudyFile, row: Row) -> Plan:
+    """Return a row's plan, rebuilt and proved; errors as of :meth:`floatplan.studies.study.Study.plan`."""
+    index = row["index"]
+    family, seed = study.family(index, index + 1), row_seed(study.samples.seed, index)
+    if row["coefficients"] is None:
+        advice = "call jump, which plans it once more" if study.plan.jump else None
+        raise InputError(row["explanation"], element=f"row {index}", advice=advice)
+    solved = row["status"] in SOLVED
+    answer = Answer(
+        status=row["status"],
+        objective=row["objective"] if solved else np.nan,
+        angular_momentum=row["angular_momentum"],
+        coefficients=np.array(list(zip_longest(*row["coefficients"], fillvalue=0.0))).T,
+        starts=row["starts"],
+        message="" if row["explanation"] == GOAL_MET else row["explanation"],
+    )
+    plan = answer.plan(family[0], study.samples.seed if is_plain_family(family) else seed)
+    return judged(plan, certify(plan)) if solved else plan
+
+
+def row_jump(study: StudyFile, index: int) -> Jump:
+    """Plan a row's whole jump once more; InputError where its problem is wrong."""
+    problem, seed = study.family(index, index + 1)[0], row_seed(study.samples.seed, index)
+    return jump(problem, seed=seed, starts=study.plan.starts, helps=False)
+
+
+def write_motions(
+    study: StudyFile, rows: list[Row], folder: Path, options: Mapping[str, Any], jobs: int, progress: Any
+) -> Path:
+    """Write the motions of rows into a folder of theirs, and their index, which is returned; what is there is kept.
+
+    ``rows`` hold a plan or a jump each; ``options`` are ``form``, ``rate`` and ``model`` of :meth:`Plan.export`;
+    ``progress`` is told how many are done, and of how many, or None.
+    """
+    about = {"format": FORMAT, "study": study.digest(), **options, "units": study.units}
+    about["model"] = _sha256(options["model"]) if options["model"] else None
+    index, name = folder / INDEX, "{:07d}" + Path(format_of(options["form"]).file).suffix
+    known = _entries(index, about)
+    done = {row: known[row] for row in known if known[row]["sha256"] == _sha256(folder / name.format(row))}
+    for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)):  # of another study, or without an entry
+        if int(path.stem) not in done:
+            path.unlink()
+    waiting, given = [(row,) for row in rows if row["index"] not in done], (study, folder, name, options)
+    written = time.monotonic()
+    try:
+        with processes(jobs, (__name__,), _writer, *given) if min(jobs, len(waiting)) > 1 else nullcontext() as pool:
+            for entry in in_order(pool, waiting, _writer(*given)):
+                done |= {entry["row"]: entry} if entry else {}
+                if progress is not None:
+                    progress(len(done), len(rows))
+                if time.monotonic() - written > EVERY:
+                    _write_index(index, about, done)
+                    written = time.monotonic()
+    finally:
+        _write_index(index, about, done)
+    return index
+
+
+def _writer(study: StudyFile, folder: Path, name: str, options: Mapping[str, Any]) -> Callable[[Row], Any]:
+    """Return what writes the file of a row and returns its entry in the index; None of what is no motion after all."""
+
+    def write(row: Row) -> dict[str, Any] | None:
+        index = row["index"]
+        motion = row_jump(study, index) if study.plan.jump else row_plan(study, row)
+        flight = motion.flight if isinstance(motion, Jump) else motion
+        if not motion.ok or flight is None:
+            return None
+        verdict = (flight.certificate or certify(flight)).verdict
+        try:
+            path = motion.export(path=folder / name.format(index), **options)
+        except InputError as error:
+            raise error.within(element=f"row {index}") from None
+        entry = {"row": index, "values": {key: row[key] for key in study.paths}, "file": path.name}
+        told = {"status": row["status"], "verdict": verdict, "proved": verdict == "proved"}
+        return {**entry, **told, "sha256": _sha256(path)}
+
+    return write
+
+
+def _sha256(path: str | Path) -> str | None:
+    """Of a file; None where there is none."""
+    with suppress(InputError):
+        return hashlib.sha256(read_regular(path, LARGEST_MOTION, "a motion")).hexdigest()
+    return None
+
+
+def _entries(index: Path, about: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
+    """Entries by row of an index that was begun in the same way; none of another, or where there is none."""
+    with suppress(ValueError, KeyError, TypeError, AttributeError):
+        content = read_json(index, LARGEST_INDEX, "an index of motions")
+        if {key: content[key] for key in about} == about:
+            return {int(entry["row"]): entry for entry in content["motions"] if entry["sha256"]}
+    return {}
+
+
+def _write_index(index: Path, about: Mapping[str, Any], done: Mapping[int, Mapping[str, Any]]) -> None:
+    content = {**about, "motions": [done[row] for row in sorted(done)]}
+    write_atomically(index, json.dumps(content, indent=1, allow_nan=False))

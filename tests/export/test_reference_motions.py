@@ -1,0 +1,388 @@
+"""Reference motions: each file is read as its readers read it, and is the plan's motion in MuJoCo's world."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jumps
+import mujoco
+import numpy as np
+import pytest
+from flown_plans import forward_plan
+from robot_samples import PAIR, RandomTree, inertial, robot_text
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.export.formats import export
+
+EXACT = 1e-9
+RATE = 60.0
+KEYS_OF_LOCO_MUJOCO = {"joint_names", "frequency", "njnt", "jnt_type", "qpos", "qvel", "split_points"}
+# normal and name of a plane, and where z is up: the plan's axes there, as columns
+PLANES = {
+    "xz": ("y", np.eye(3)),
+    "xy": ("z", np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),
+    "zx": ("y", np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])),
+}
+
+
+@pytest.fixture(scope="module", params=PLANES)
+def plan(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+    """Turned frames, fixed, locked, continuous and sliding joints, a turn and a half."""
+    drawn = RandomTree(1260, PLANES[request.param][0], joints=7)
+    path = tmp_path_factory.mktemp("robot") / "tree.urdf"
+    path.write_text(drawn.text)
+    robot = fp.Robot.from_urdf(path, plane=request.param, locked=drawn.locked)
+    assert drawn.locked
+    return turning(robot, 15.0)
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+    """Coupled legs; the joints in the file are not in Pinocchio's order, nor its links in that of its joints."""
+    path = tmp_path_factory.mktemp("robot") / "pair.urdf"
+    links, moving = re.findall(r"<link.*?</link>", PAIR), re.findall(r"<joint.*?</joint>", PAIR)
+    path.write_text(robot_text(f'<link name="body">{inertial(2.0, "0 0 0")}</link>', *links, *reversed(moving)))
+    return turning(fp.Robot.from_urdf(path, coupled={"right_hip": "left_hip", "right_knee": "left_knee"}), 6.0)
+
+
+def turning(robot: fp.Robot, momentum: float) -> fp.Plan:
+    posture = np.linspace(-0.5, 0.4, len(robot.joints))
+    rest = fp.Posture(0.2, posture, 0.0, 0.0), fp.Posture(9.0, -posture, 0.0, 0.0)
+    return forward_plan(fp.Problem(robot, *rest, fp.Flight(0.8, angular_momentum=momentum, horizontal_velocity=0.4)))
+
+
+def near(found: Any, wanted: Any, most: float = EXACT) -> None:
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=most)
+
+
+def read(path: Path) -> dict[str, Any]:
+    with np.load(path, allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def frame_times(motion: fp.Plan | fp.Jump, rate: float) -> np.ndarray:
+    return np.arange(math.floor(motion.duration * rate) + 1) / rate
+
+
+def in_mujoco(robot: fp.Robot) -> Any:
+    """The robot's file in MuJoCo, on a free joint, with every link as a body."""
+    compiler = '<mujoco><compiler fusestatic="false" balanceinertia="true" discardvisual="true"/></mujoco>'
+    ends = f'<parent link="world"/><child link="{robot.layout.tree.root}"/>'
+    head, _, rest = re.sub(r"<(visual|collision)\b.*?</\1>", "", robot.xml, flags=re.DOTALL).partition("<link")
+    free = f'<link name="world"/><joint name="root" type="floating">{ends}</joint>'
+    return mujoco.MjModel.from_xml_string(f"{head}{compiler}{free}<link{rest}")
+
+
+def state_in_mujoco(model: Any, motion: fp.Plan | fp.Jump, to_world: np.ndarray, time: float) -> Any:
+    """MuJoCo's data of a plan's own coordinates at a time, in a world whose z axis is up."""
+    data, whole = mujoco.MjData(model), motion.full_motion([time])
+    x, y, z, w = whole.base_quaternion[0]
+    turn = np.zeros(4)
+    mujoco.mju_mat2Quat(turn, to_world.ravel())
+    data.qpos[:3] = to_world @ whole.base_position[0]
+    mujoco.mju_mulQuat(data.qpos[3:7], turn, np.array([w, x, y, z]))
+    data.qvel[:3] = to_world @ whole.base_velocity[0]
+    data.qvel[3:6] = motion.v(time)[3:6]
+    for index, name in enumerate(whole.joints):
+        data.qpos[model.joint(name).qposadr] = whole.positions[0, index]
+        data.qvel[model.joint(name).dofadr] = whole.velocities[0, index]
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def check_bodies(motion: fp.Plan | fp.Jump, content: dict[str, Any], to_world: np.ndarray, every: int = 7) -> None:
+    """Places, orientations and velocities of all links are MuJoCo's."""
+    model = in_mujoco(motion.problem.robot)
+    names = content["body_names"].tolist()
+    assert sorted(names) == sorted(model.body(index).name for index in range(1, model.nbody))
+    for frame in range(0, len(content["dof_positions"]), every):
+        data, twist = state_in_mujoco(model, motion, to_world, frame / RATE), np.zeros(6)
+        for index, name in enumerate(names):
+            near(content["body_positions"][frame, index], data.body(name).xpos)
+            near(abs(content["body_rotations"][frame, index] @ data.body(name).xquat), 1.0)
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, data.body(name).id, twist, 0)
+            near(content["body_angular_velocities"][frame, index], twist[:3])
+            near(content["body_linear_velocities"][frame, index], twist[3:])
+
+
+def check_joints(motion: fp.Plan | fp.Jump, content: dict[str, Any]) -> None:
+    """Joints by their names are the plan's, to the last bit."""
+    whole = motion.full_motion(frame_times(motion, RATE))
+    names = content["dof_names"].tolist()
+    assert sorted(names) == sorted(whole.joints)
+    order = [whole.joints.index(name) for name in names]
+    np.testing.assert_array_equal(content["dof_positions"], whole.positions[:, order])
+    np.testing.assert_array_equal(content["dof_velocities"], whole.velocities[:, order])
+    np.testing.assert_array_equal(content["dof_torques"], whole.motor_torques[:, order])
+
+
+def to_world(plan: fp.Plan) -> np.ndarray:
+    plane = plan.robot.plane
+    name = "".join("xyz"[int(np.argmax(np.abs(axis)))] for axis in (plane.horizontal, plane.vertical))
+    return PLANES[name][1]
+
+
+def test_isaac_lab_reads_every_link_and_joint(plan: fp.Plan, tmp_path: Path) -> None:
+    """What its loader takes: the keys, their shapes, ``1 / fps``, and lists of names to look in."""
+    content = read(export(plan, "isaac-amp", tmp_path / "file", rate=RATE))
+    assert content["fps"].dtype == np.int64
+    assert 1.0 / content["fps"] == 1 / RATE
+    frames, joints, bodies = len(frame_times(plan, RATE)), len(content["dof_names"]), len(content["body_names"])
+    assert content["dof_positions"].shape == content["dof_velocities"].shape == (frames, joints)
+    for key in ("body_positions", "body_linear_velocities", "body_angular_velocities"):
+        assert content[key].shape == (frames, bodies, 3)
+        assert content[key].dtype == np.float64
+    assert content["body_rotations"].shape == (frames, bodies, 4)
+    assert not {key for key in content if key.startswith("contact")}
+    check_joints(plan, content)
+    check_bodies(plan, content, to_world(plan))
+
+
+def test_coupled_joints_are_in_the_order_of_the_file(pair: fp.Plan, tmp_path: Path) -> None:
+    content = read(export(pair, "isaac-amp", tmp_path / "file", rate=RATE))
+    assert content["dof_names"].tolist() == ["right_knee", "right_hip", "left_knee", "left_hip"]
+    assert content["body_names"].tolist()[:3] == ["body", "left_hip_link", "left_knee_link"]
+    check_joints(pair, content)
+    check_bodies(pair, content, np.eye(3))
+
+
+def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan: fp.Plan, tmp_path: Path) -> None:
+    content = read(export(plan, "isaac-amp", tmp_path / "file", rate=2000))
+    rotations, step = content["body_rotations"], 5e-4
+    near(np.linalg.norm(rotations, axis=2), 1.0, 1e-15)
+    assert (np.einsum("kbi,kbi->kb", rotations[1:], rotations[:-1]) > 0.99).all()
+    assert rotations[:, 0, 0].min() < -0.1  # it turned far enough for another sign
+    for quantity, rate in (("dof_positions", "dof_velocities"), ("body_positions", "body_linear_velocities")):
+        near((content[quantity][2:] - content[quantity][:-2]) / (2 * step), content[rate][1:-1], 5e-4)
+    w, vector = rotations[..., :1], rotations[..., 1:]
+    dw, dvector = ((each[2:] - each[:-2]) / (2 * step) for each in (w, vector))
+    turning = 2 * (w[1:-1] * dvector - dw * vector[1:-1] - np.cross(dvector, vector[1:-1]))
+    near(turning, content["body_angular_velocities"][1:-1], 5e-4)
+
+
+def test_up_is_z(plan: fp.Plan, tmp_path: Path) -> None:
+    """The centre of mass of what MuJoCo is given falls along minus z."""
+    content = read(export(plan, "loco-mujoco", tmp_path / "file", rate=RATE))
+    model = in_mujoco(plan.robot)
+    data, order = mujoco.MjData(model), content["joint_names"].tolist()
+    joints = [model.joint(name).qposadr[0] for name in order[1:]]
+    places = []
+    for row in content["qpos"]:
+        data.qpos[:7], data.qpos[joints] = row[:7], row[7:]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        places.append(data.subtree_com[0].copy())
+    falling = np.diff(places, 2, axis=0) * RATE**2
+    near(falling, np.broadcast_to([0, 0, -9.81], falling.shape), 1e-6)
+
+
+def test_csv_is_what_csv_to_npz_reads(plan: fp.Plan, pair: fp.Plan, tmp_path: Path) -> None:
+    """Nothing but numbers: place, quaternion with w last, and joints in the file's order."""
+    for motion in (plan, pair):
+        text = export(motion, "motion-csv", tmp_path / "file", rate=RATE).read_text()
+        assert not set(text) - set("0123456789.,-e\n")
+        table = np.loadtxt(tmp_path / "file", delimiter=",")
+        content = read(export(motion, "isaac-amp", tmp_path / "npz", rate=RATE))
+        root = content["body_names"].tolist().index(motion.robot.layout.tree.root)
+        np.testing.assert_array_equal(table[:, :3], content["body_positions"][:, root])
+        np.testing.assert_array_equal(table[:, [6, 3, 4, 5]], content["body_rotations"][:, root])
+        np.testing.assert_array_equal(table[:, 7:], content["dof_positions"])
+
+
+def test_loco_mujoco_takes_each_key_and_integrates_qvel(plan: fp.Plan, tmp_path: Path) -> None:
+    """Its loader knows seven of these keys and no others; its handler finds joints by name, and rows by type."""
+    content = read(export(plan, "loco-mujoco", tmp_path / "file", rate=RATE))
+    assert set(content) == KEYS_OF_LOCO_MUJOCO
+    model, names = in_mujoco(plan.robot), content["joint_names"].tolist()
+    assert content["frequency"].tolist() == RATE
+    assert content["split_points"].tolist() == [0, len(content["qpos"])]
+    assert content["njnt"] == len(names) == model.njnt
+    assert content["jnt_type"].tolist() == [int(model.jnt_type[model.joint(name).id]) for name in names]
+    qpos, qvel = np.zeros((2, len(content["qpos"]), model.nq))
+    at_q = at_v = 0
+    for name in names:  # as the handler does
+        joint = model.joint(name)
+        size = len(joint.qpos0)
+        width = 6 if size == 7 else size
+        qpos[:, joint.qposadr[0] : joint.qposadr[0] + size] = content["qpos"][:, at_q : at_q + size]
+        qvel[:, joint.dofadr[0] : joint.dofadr[0] + width] = content["qvel"][:, at_v : at_v + width]
+        at_q, at_v = at_q + size, at_v + width
+    for frame in range(0, len(qpos), 7):
+        data = state_in_mujoco(model, plan, to_world(plan), frame / RATE)
+        near(qpos[frame, :3], data.qpos[:3])
+        near(abs(qpos[frame, 3:7] @ data.qpos[3:7]), 1.0)
+        near(qpos[frame, 7:], data.qpos[7:])
+        near(qvel[frame, :-1], data.qvel)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(importlib.util.find_spec("loco_mujoco") is None, reason="LocoMuJoCo is not installed")
+def test_loco_mujoco_itself_reads_it(pair: fp.Plan, tmp_path: Path) -> None:
+    from loco_mujoco.trajectory.dataclasses import Trajectory
+    from loco_mujoco.trajectory.handler import TrajectoryHandler
+
+    path, model = export(pair, "loco-mujoco", tmp_path / "file.npz", rate=RATE), in_mujoco(pair.robot)
+    content = read(path)
+    found = Trajectory.load(str(path))
+    assert found.info.joint_names == content["joint_names"].tolist()
+    handled = TrajectoryHandler(model, traj_path=str(path), control_dt=1 / RATE).traj
+    assert handled.info.joint_names == [model.joint(index).name for index in range(model.njnt)]
+    near(np.array(handled.data.qpos[:, :7]), content["qpos"][:, :7], 1e-6)
+
+
+@pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
+def test_a_jump_has_its_contacts_and_forces(tmp_path: Path) -> None:
+    jump = jumps.backflip()
+    content, times = read(export(jump, "isaac-amp", tmp_path / "file", rate=RATE)), frame_times(jump, RATE)
+    check_joints(jump, content)
+    check_bodies(jump, content, np.eye(3), every=20)
+    names = content["contact_names"].tolist()
+    assert content["contacts"].shape == (len(times), len(names))
+    forces = jump.forces(times)
+    for index, name in enumerate(names):
+        np.testing.assert_array_equal(content["contact_forces"][:, index], forces[name])
+        stands = [any(name in phase.contacts for phase in jump.phases if phase.begin <= t <= phase.end) for t in times]
+        assert (content["contacts"][:, index] <= np.array(stands)).all()
+    flight = next(phase for phase in jump.phases if phase.kind == "flight")
+    standing = content["contacts"].any(axis=1)
+    assert (standing == ~((times > flight.begin) & (times <= flight.end))).all()
+    assert {path.name for path in tmp_path.iterdir()} == {"file"}
+
+
+MODEL = """<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><geom type="plane" size="1 1 1"/>
+<body name="body"><freejoint name="floating_base"/><geom type="mesh" mesh="m"/>
+<body name="right_hip_link"><joint name="right_hip"/><geom size=".1"/>
+<body name="right_knee_link"><joint name="right_knee"/><geom size=".1"/></body></body>
+<body name="left_hip_link"><joint name="left_hip"/><geom size=".1"/>
+<body name="left_knee_link"><joint name="left_knee"/><geom size=".1"/></body></body>
+</body><body name="box"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+IN_ITS_ORDER = ["right_hip", "right_knee", "left_hip", "left_knee"]
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL)
+    return path
+
+
+def test_files_are_in_the_order_of_the_model_that_reads_them(pair: fp.Plan, model: Path, tmp_path: Path) -> None:
+    own = read(export(pair, "isaac-amp", tmp_path / "own", rate=RATE))
+    amp = read(export(pair, "isaac-amp", tmp_path / "amp", rate=RATE, model=model))
+    assert amp["dof_names"].tolist() == IN_ITS_ORDER
+    assert amp["body_names"].tolist() == ["body", *(f"{name}_link" for name in IN_ITS_ORDER)]
+    order = [own["dof_names"].tolist().index(name) for name in IN_ITS_ORDER]
+    np.testing.assert_array_equal(amp["dof_velocities"], own["dof_velocities"][:, order])
+    check_bodies(pair, amp, np.eye(3), every=20)
+    table = np.loadtxt(export(pair, "motion-csv", tmp_path / "csv", rate=RATE, model=model), delimiter=",")
+    np.testing.assert_array_equal(table[:, 7:], own["dof_positions"][:, order])
+    loco = read(export(pair, "loco-mujoco", tmp_path / "loco", rate=RATE, model=model))
+    assert loco["joint_names"].tolist() == ["floating_base", *IN_ITS_ORDER]
+    np.testing.assert_array_equal(loco["qvel"][:, 6:], own["dof_velocities"][:, order])
+
+
+def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan: fp.Plan, pair: fp.Plan, tmp_path: Path) -> None:
+    """Links on fixed joints are often fused with what they are on: the file leaves them out."""
+    own = read(export(plan, "isaac-amp", tmp_path / "own", rate=RATE))
+    fixed = [joint.child for joint in plan.robot.file_tree.joints if not joint.moves]
+    assert fixed
+    text = plan.robot.xml
+    for name in fixed:
+        text = re.sub(rf'<link name="{name}">.*?</link>', "", text)
+    path = tmp_path / "fused.urdf"
+    path.write_text(text)
+    fused = read(export(plan, "isaac-amp", tmp_path / "fused", rate=RATE, model=path))
+    assert fused["body_names"].tolist() == [name for name in own["body_names"].tolist() if name not in fixed]
+    kept = [own["body_names"].tolist().index(name) for name in fused["body_names"].tolist()]
+    np.testing.assert_array_equal(fused["body_positions"], own["body_positions"][:, kept])
+
+
+@pytest.mark.parametrize(
+    ("form", "old", "new", "message"),
+    [
+        (
+            "isaac-amp",
+            'name="left_knee"',
+            'name="knee"',
+            "the motion has no joint knee; the model has no joint left_knee; give",
+        ),
+        ("isaac-amp", "left_knee_link", "shank", "the motion has no body shank;"),
+        ("motion-csv", '<joint name="left_knee"/>', "", "the model has no joint left_knee;"),
+        (
+            "motion-csv",
+            '</body><body name="box">',
+            '<joint name="tail"/></body><body name="box">',
+            "the motion has no joint tail;",
+        ),
+        ("loco-mujoco", ' name="floating_base"', "", "has no free joint with a name"),
+        ("loco-mujoco", '<freejoint name="floating_base"/>', "", "has no free joint with a name"),
+        ("isaac-amp", "mujoco>", "sdf>", "is neither a URDF nor an MJCF"),
+        ("isaac-amp", "</worldbody>", "", "is not well-formed"),
+        ("isaac-amp", "<worldbody>", "<worldbody><nonsense/>", "MuJoCo refuses it"),
+    ],
+)
+def test_a_model_that_does_not_fit_is_told(
+    floatplan: Callable[..., Any],
+    pair: fp.Plan,
+    model: Path,
+    tmp_path: Path,
+    form: str,
+    old: str,
+    new: str,
+    message: str,
+) -> None:
+    model.write_text(MODEL.replace(old, new))
+    run = floatplan("export", pair.save(tmp_path / "run" / "plan.json"), "-f", form, "--model", model)
+    assert run.code == 2
+    assert message in run.stderr
+    assert str(model) in run.stderr or "--model: " in run.stderr
+    assert run.stderr.count("error: ") == 1
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["plan.json"]
+
+
+def test_names_of_bodies_do_not_matter_where_there_are_none(pair: fp.Plan, model: Path, tmp_path: Path) -> None:
+    model.write_text(MODEL.replace("left_knee_link", "shank"))
+    export(pair, "motion-csv", tmp_path / "csv", model=model)
+
+
+def test_the_command_tells_of_another_order(
+    floatplan: Callable[..., Any], pair: fp.Plan, model: Path, tmp_path: Path
+) -> None:
+    plan_file = pair.save(tmp_path / "run" / "plan.json")
+    run = floatplan("export", plan_file, "-f", "motion-csv", "--model", model)
+    assert run.code == 0
+    assert "joints and bodies are in another order" in run.stderr
+    run = floatplan("export", plan_file, "-f", "motion-csv", "--model", pair.robot.path)
+    assert "in the same order as in the robot's file" in run.stderr
+    run = floatplan("export", plan_file, "-f", "ros", "--model", model)
+    assert run.code == 2
+    assert "no room for the order of a model; take one of isaac-amp, motion-csv, loco-mujoco" in run.stderr
+
+
+def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="no whole number"):
+        export(pair, "isaac-amp", tmp_path / "file", rate=29.97)
+    for form in ("isaac-amp", "motion-csv", "loco-mujoco"):
+        with pytest.raises(InputError, match="one frame"):
+            export(pair, form, tmp_path / "file", rate=1)
+        with pytest.raises(InputError, match="no room for gains"):
+            export(pair, form, tmp_path / "file", kp=1.0)
+    monkeypatch.setattr("floatplan.export.table.MOST_PLACES", 100)
+    with pytest.raises(InputError, match="more than 100 places"):
+        export(pair, "isaac-amp", tmp_path / "file")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_last_frame_is_the_end_where_it_is_a_whole_number_of_steps(pair: fp.Plan, tmp_path: Path) -> None:
+    """0.8 s are 40 steps of 50 Hz, and 23 and a bit of 29 Hz; 0.7 s are 49 of 70 Hz, though 0.7 * 70 rounds below."""
+    for duration, rate, frames in ((0.8, 50.0, 41), (0.8, 29.0, 24), (0.7, 70.0, 50), (1.1, 30.0, 34)):
+        flight = replace(pair.problem.flight, duration=duration)
+        motion = forward_plan(replace(pair.problem, flight=flight))
+        assert len(np.loadtxt(export(motion, "motion-csv", tmp_path / "file", rate=rate), delimiter=",")) == frames
