@@ -15,7 +15,6 @@ from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 from floatplan.simulation.forward import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
-from floatplan.stance.jump import Jump
 from floatplan.stance.jump_motion import JumpMotion
 
 Exportable: TypeAlias = Plan | JumpMotion
@@ -141,7 +140,7 @@ def exported(
     InputError
         No jump was found, or its check does not hold; or a gain is wrong.
     """
-    if isinstance(motion, Jump):
+    if isinstance(motion, JumpMotion):
         motion.refuse_unless_ok("export")
     found = Exported(motion, model=model)
     if isinstance(motion, JumpMotion):

@@ -27,7 +27,10 @@ STEPS = round(PERIOD / STEP)  # [-] of the simulation in it
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion."""
+    """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion.
+
+    ``balanced`` is as of :func:`floatplan.simulation.mujoco_model.inertial_spec`.
+    """
 
     stands: bool
     touched: tuple[str, ...]
@@ -35,6 +38,7 @@ class Flown:
     torque: float
     slid: float
     statuses: Counter[str]
+    balanced: dict[str, float]
     motion: FlownJump
 
 
@@ -100,6 +104,7 @@ class JumpControl:
             torque=loop.share,
             slid=float(np.max(slid)),
             statuses=loop.statuses,
+            balanced=robot.balanced,
             motion=self._recorded(rows, tuple(robot.feet)),
         )
 

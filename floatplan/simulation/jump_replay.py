@@ -1,12 +1,11 @@
 """Replay of whole jumps: perturbed robots fly one in MuJoCo with contact, with corrections in flight and without."""
 
+import itertools
 import math
 import time as clock
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from floatplan.arguments import SEED, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
@@ -21,38 +20,37 @@ from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_pe
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 
-MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 1.0), (1.0, 1.5), (2.0, 2.0), (0.5, 0.5), (3.0, 3.0))
+MULTIPLES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
 TRIALS, SEARCH = 4, 977  # [-] flights with the lightest and with the heaviest rotors each, and their seed
+CORRECTED = 250.0  # [Hz]
 TO_SPARE = 0.2  # [-] of friction
 STRAIGHT = 0.1  # [rad]
 ROTORS = 2.5  # [-] armature that may be there, over the least inertia that a joint turns where the robot stands
 
 
-def search_gains(control: JumpControl) -> int:
-    """Give a controller the gains with which robots land that measure late, whatever rotors they have.
+def search_gains(jump: Jump) -> tuple[Array, int]:
+    """Return gains (2, J) with which robots land that measure late, whatever rotors they have, and how many were tried.
 
-    Light rotors ring where gains are high, heavy ones lag where they are low, so each of some multiples of the gains
-    that it has is flown with none and with the heaviest, ``TRIALS`` times each, with corrections too where there are
-    any: the first with which all land on their feet alone, ``STRAIGHT`` at touchdown, or else those with which most
-    do. Returns how many were tried.
+    Light rotors ring where gains are high, heavy ones lag where they are low, so each of some multiples of
+    :func:`first_gains` is flown with none and with the heaviest, with corrections in flight and without, ``TRIALS``
+    times each: the first with which all land on their feet alone, ``STRAIGHT`` at touchdown, or else those with which
+    most do.
     """
-    jump, first, found = control.jump, control.gains, list[tuple[tuple[float, ...], Array]]()
-    heaviest = ROTORS * joint_inertia(control.robot.model, control.wanted.positions[0]).min()
+    first, found = first_gains(jump), list[tuple[tuple[float, ...], Array]]()
+    control = JumpControl(jump, first, CORRECTED)
+    heaviest = ROTORS * float(joint_inertia(control.robot.model, control.wanted.positions[0]).min())
     late = Perturbation(mass=0.05, noise=math.radians(0.1), delay=4e-3)
-    ways = [(rotors, way) for rotors in (0.0, heaviest) for way in ((False, True) if control.replanner else (False,))]
-    for factors in MULTIPLES:
-        control.gains = first * np.array(factors)[:, None]
-        tried = [
-            control.fly(late, jump.request.friction + TO_SPARE, (SEARCH, trial), correct, rotors=rotors)
-            for rotors, correct in ways
-            for trial in range(TRIALS)
-        ]
-        ends = _landings(tried)
+    friction = jump.request.friction + TO_SPARE
+    ways = list(itertools.product((0.0, heaviest), (False, True), range(TRIALS)))
+    for factor in MULTIPLES:
+        control.gains = factor * first
+        ends = _landings(
+            [control.fly(late, friction, (SEARCH, trial), correct, rotors=rotors) for rotors, correct, trial in ways]
+        )
         found.append(((int(ends.clean.sum()), int(ends.stands.sum()), -ends.pitch_rms), control.gains))
         if ends.clean.all() and ends.pitch_rms < STRAIGHT:
             break
-    control.gains = max(found, key=lambda each: each[0])[1]
-    return len(found)
+    return max(found, key=lambda each: each[0])[1], len(found)
 
 
 @one_thread
@@ -104,9 +102,8 @@ def replay_jump(
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    control = JumpControl(jump, first_gains(jump, gains), replan)
-    tried = search_gains(control) if gains == (None, None) else 0
-    kp, kd = control.gains
+    chosen, tried = search_gains(jump) if gains == (None, None) else (first_gains(jump, gains), 0)
+    control = JumpControl(jump, chosen, replan)
     corrected: list[Flown] = []
     uncorrected: list[Flown] = []
     for flight in range(flights):
@@ -121,13 +118,14 @@ def replay_jump(
         perturbation=perturbation,
         friction=friction,
         joints=control.joints,
-        kp=read_only(kp),
-        kd=read_only(kd),
+        kp=read_only(chosen[0]),
+        kd=read_only(chosen[1]),
         tried=tried,
         rate=replan,
         uncorrected=_landings(uncorrected),
         corrected=_landings(corrected) if corrected else None,
         statuses=dict(sum((each.statuses for each in corrected), Counter[str]())),
+        balanced=uncorrected[0].balanced,
         motion=(corrected or uncorrected)[0].motion,
         seconds=clock.perf_counter() - began,
     )

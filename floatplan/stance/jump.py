@@ -84,12 +84,11 @@ class Jump(Outputs, JumpMotion):
         return found
 
     def refuse_unless_ok(self, action: str) -> None:
-        """Raise InputError where there is no jump to "fly", say, or where it is no motion that its robot can make."""
-        if self.flight is None or self.status != "found":
-            reason = f"no jump was found, so there is nothing to {action}"
-            raise InputError(reason, source=self.problem.name, element="status")
+        """Raise InputError where there is no jump to "fly", say, or it is no motion that its robot can make."""
+        super().refuse_unless_ok(action)
         if not self.ok:
-            reason = f"a jump that does not hold is none to {action}: {self.check.sentences[0]}"
+            fault = self.check.sentences[0] if self.status == "found" else f"its status is {self.status!r}"
+            reason = f"a jump that does not hold is none to {action}: {fault}"
             raise InputError(reason, source=self.problem.name, element="stances", advice="plan it again")
 
     @property
