@@ -24,7 +24,7 @@ SHOWN = {  # the pages' order
     "Many flights": ("sweep", "study"),
     "Is it true?": ("certificate", "mujoco_playback", "in_flight"),
     "From standing to standing": ("jump", "fly_a_go2"),
-    "With others": ("pinocchio_interop", "ros_trajectory", "reference_motion"),
+    "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion"),
     "How it works": ("bounds_by_hand", "the_method"),
 }
 DRAWN_ELSEWHERE = {"handstand": "../images/handstand.png", "the_method": "../images/obstacle.png"}
@@ -64,7 +64,7 @@ class Example:
     @property
     def entry(self) -> str:
         """Its row of the list of all."""
-        shown = picture(self.pictures[0], self.title, "100%", f"{self.name}.md").replace("\n", "\n    ")
+        shown = picture(self.pictures[0], self.title, "100%", f"{self.name}.html").replace("\n", "\n    ")
         return f"* - {shown}\n  - **[{self.title}]({self.name}.md)**\n\n    {self.text[0]}"
 
 

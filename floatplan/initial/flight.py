@@ -53,7 +53,7 @@ def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
         Motion(objective="torque"),
         limits_of(chosen),
         name=robot.name,
-        jump=asked.request(robot, foot),
+        jump=asked.request(chosen, foot),
     )
 
 
@@ -70,7 +70,7 @@ def flight_of_jump(found: Jump, flight: Plan) -> Problem:
         free,
         duration=found.problem.flight.duration if "duration" in request.fixed else _round(free.duration),
         angular_momentum=_round(flight.angular_momentum),
-        horizontal_velocity=_round(free.horizontal_velocity),
+        horizontal_velocity=_round(free.speed_in_plane),
         landing=Landing(asked.landing.frame, round(asked.landing_height, PLACES)),
     )
     return replace(
@@ -138,12 +138,7 @@ def asked_flight(
 ) -> tuple[ChosenRobot, FirstFlight]:
     """Choose a robot and search for a first flight as asked; where there is none, say without what there is one.
 
-    Parameters
-    ----------
-    source : path of the robot
-    asked, given : of the flight; of the robot, keyword arguments of ``Robot.from_urdf``
-    words : how the latter are typed
-    seed, progress : as of :func:`first_flight`, whose errors are raised
+    What is ``given`` of the robot is as of :func:`chosen_robot`, in the ``words`` in which it is typed.
     """
     chosen = chosen_robot(source, given, asked.foot)
     try:

@@ -29,7 +29,8 @@ from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation import forward
 from floatplan.simulation.forward import Accelerations, Engine, State
 from floatplan.simulation.perturbation import OF_JUMPS, Drawn, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, perturbed_takeoff, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, reduced_model
+from floatplan.simulation.takeoff import perturbed_takeoff
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
@@ -106,6 +107,8 @@ class ClosedLoop(Outlined):
 
     Attributes
     ----------
+    engine, rate, seed, perturbation : as asked for; rate in Hz
+    joints : names of the moving joints
     flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
     corrected, uncorrected : Landings
         With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
@@ -116,6 +119,7 @@ class ClosedLoop(Outlined):
     effort : (m,) N m
         What its motor can; infinite where the URDF does not say.
     paths, uncorrected_paths : of the first flights
+    seconds : s that all took
     """
 
     engine: Engine

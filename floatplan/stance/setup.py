@@ -139,6 +139,12 @@ class Setup:
     fixed: tuple[Meeting, ...] = ()
     momentum: float | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse feet that cannot stay where they stand."""
+        for phase in self.phases:
+            for contact in phase.others:
+                phase.own_joints(self.problem.robot.tree, contact)
+
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
@@ -166,7 +172,7 @@ class Setup:
     def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
-        parts = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        parts = problem.obstacles, problem.self_clearances, problem.takeoff.place_in_plane, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
         return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
@@ -212,7 +218,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
 
 def _momentum(problem: Problem, request: JumpRequest) -> float | None:
     """The flight's angular momentum, kg m^2/s, where the request keeps it."""
-    asked = problem.flight.angular_momentum
+    asked = problem.flight.momentum_in_plane
     if "angular_momentum" not in request.fixed:
         return None
     if isinstance(asked, str):
