@@ -88,14 +88,19 @@ def given_gains(joints: Sequence[str], given: Gain | None, element: str, otherwi
 def first_gains(jump: JumpMotion, given: Gains = (None, None)) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as given.
 
-    What is left out is the same of all: what gives the lightest joint in flight the bandwidth ``STIFFEST``, and
-    ``LEAD`` times that. The lightest bounds them all, for damping of more than its inertia over the delay rings.
-    InputError where one that is given is wrong.
+    What is left out is the same of all: what gives the lightest joint in flight the bandwidth ``STIFFEST``, but at
+    least the weight times its height where the robot stands, which it falls over without; and ``LEAD`` times that. The
+    lightest bounds them all, for damping of more than its inertia over the delay rings. InputError where one that is
+    given is wrong.
     """
-    model, joints = jump.problem.robot.model, tuple(jump.problem.robot.model.names)[BASE_COORDINATES + 1 :]
-    begin, end = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
-    postures = jump.at(np.linspace(begin, end, INSTANTS)).positions
-    stiffness = STIFFEST**2 * float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
+    robot, begin = jump.problem.robot, jump.at(0.0).positions[0]
+    com = pin.centerOfMass(robot.model, robot.model.createData(), begin) @ robot.plane.vertical
+    standing = robot.mass * jump.problem.flight.gravity * float(com - jump.ground)
+    model, joints = robot.model, tuple(robot.model.names)[BASE_COORDINATES + 1 :]
+    takeoff, landing = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
+    postures = jump.at(np.linspace(takeoff, landing, INSTANTS)).positions
+    lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
+    stiffness = max(STIFFEST**2 * lightest, standing)
     usual = [float(f"{gain:.2g}") for gain in (stiffness, LEAD * stiffness)]
     rows = zip(given, ("kp", "kd"), usual, strict=True)
     return np.array([given_gains(joints, each, name, np.full(len(joints), gain)) for each, name, gain in rows])
