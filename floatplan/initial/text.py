@@ -72,10 +72,11 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
     if choices.get("coupled"):
         mirror = choices["coupled"] == "mirror"
-        asked = "mirror" if mirror else {name: asdict(coupling) for name, coupling in robot.coupled.items()}
+        pairs = {name: asdict(each) | {"offset": _degrees(each.offset)} for name, each in robot.coupled.items()}
+        asked = "mirror" if mirror else pairs
         lines.append(f"coupled = {_value(asked)}{'     # left and right move as one' if mirror else ''}")
-        pairs = (f"{follower} follows {coupling.leader}" for follower, coupling in robot.coupled.items())
-        lines += _comment(f"{', '.join(pairs)}.")
+        told = (f"{follower} follows {coupling.leader}" for follower, coupling in robot.coupled.items())
+        lines += _comment(f"{', '.join(told)}.")
     if "reference" in choices:
         lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
     if choices.get("locked"):
