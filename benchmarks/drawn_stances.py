@@ -9,6 +9,7 @@ Pinocchio's inverse dynamics is drawn again. Limits are a little above what the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -271,15 +272,16 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
     first = before.motion[:, 1:, -1]
     begin, start = before.times[-1], (float(before.y[0, -1]), float(before.v[0, -1]))
     rates = first[1] + first[2] * duration / 2 + rng.uniform(-25.0, 25.0, len(first[0])) * duration
-    last = first[0] + (0.6 * first[1] + 0.4 * rates) * duration + rng.uniform(-2.0, 2.0, len(rates)) * duration**2
+    moved = (0.6 * first[1] + 0.4 * rates) * duration + rng.uniform(-2.0, 2.0, len(rates)) * duration**2
     weight = drawing.robot.mass * GRAVITY
 
-    accelerations = np.zeros(len(last))
+    accelerations = np.zeros(len(rates))
     for point in (drawing.tried, drawing.point):  # most do not hold, which few nodes show
         point.times = begin + duration * np.linspace(0.0, 1.0, len(point.times))
         for _ in range(FOLLOWED):
-            end = np.stack((last, rates, accelerations))
-            found = point.follow(lambda at, end=end: quintic(at, point.times[[0, -1]], first, end), start)
+            end = np.stack((first[0] + moved, rates, accelerations))
+            joints = partial(quintic, span=point.times[[0, -1]], first=first, last=end)
+            found = point.follow(joints, start)
             if not np.isfinite(found).all() or abs(found[1, 0, -1]) > FASTEST:
                 return None
             y, v, a = found[:, :, -1]
