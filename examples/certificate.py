@@ -2,8 +2,8 @@
 
 The proof encloses the whole flight by ball arithmetic, from the plan's file and its URDF alone: it shares no dynamics
 with the planner. What it says is "proved", "refuted", with the instant, or "undecided", never a guess. Here the plan
-keeps 20 mm; it is asked whether it keeps a little less, and a little more. The picture shows what it found along the
-flight.
+keeps 20 mm; it is asked whether it keeps a little less, and a little more. The picture shows the distance along the
+flight, and where the line between the two falls.
 """
 
 import sys

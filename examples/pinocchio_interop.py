@@ -1,8 +1,8 @@
 """A plan in Pinocchio: `plan.q`, `plan.v`, `plan.a` and `plan.tau` are in the order of its free-flyer model.
 
 So whatever is written on Pinocchio takes a plan as it is: here inverse dynamics, the centroidal momentum, the place
-of a frame, and the kinetic energy. What of that is not the flight of the centre of mass is what the motors put in and
-take out.
+of a frame, and the kinetic energy. What of that is not the flight of the centre of mass changes by what the motors
+put in and take out.
 """
 
 import sys

@@ -1,8 +1,7 @@
-"""A study: how weak may the motors be, and how long the flight? A table on disk, which is resumed and looked at
-later.
+"""A study: how weak may the motors be, and how long the flight? A table on disk, which is resumed, and read later.
 
 A study file names a problem and what varies; `floatplan study` and `fp.study` plan every row, on all processors or
-many machines, in chunks that survive whatever happens. The table is Parquet, so whatever reads that can go on with
+many machines, in chunks that a killed run leaves whole. The table is Parquet, so whatever reads that can go on with
 it; any row is a plan, proved when asked for. Needs the extra `study`.
 """
 

@@ -24,7 +24,7 @@ asked = np.stack(np.meshgrid(momenta, durations), axis=-1).reshape(-1, 2)
 family = fp.Family(problem, {"flight.angular_momentum": asked[:, 0], "flight.duration": asked[:, 1]})
 
 plans = fp.plan_many(family)
-swing = plans.objective  # (17), half the sum of the squares of all coefficients; NaN where no plan was found
+swing = plans.objective  # (17), the norm of all coefficients; NaN where no plan was found
 best = plans[int(np.nanargmin(swing))]
 print(f"{np.count_nonzero(plans.ok)} of {len(asked)} found, with {plans.evaluations.sum()} motions evaluated")
 print(f"calmest: h = {best.angular_momentum:.3f} kg m^2/s, T = {best.duration:.3f} s")

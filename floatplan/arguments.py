@@ -29,7 +29,7 @@ Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a m
 
 
 class Checked:
-    """A dataclass whose fields are checked when it is made."""
+    """A dataclass whose fields are checked when it is made, those that ``checks`` names."""
 
     checks: ClassVar[Mapping[str, Check]]
     _is_checked = True

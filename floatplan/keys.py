@@ -95,6 +95,12 @@ class Keyed(Checked):
         cls.hints = {name: noted[name][0] for name in cls.keys}
         made_of = {name: key.check or _check(cls.hints[name], key.numbers or name) for name, key in cls.keys.items()}
         cls.checks = made_of | {name: check for name, (_, check) in noted.items() if name not in made_of}
+        if cls.__doc__ and cls.keys and not _parameters(cls):
+            units = {
+                name: f" : {key.unit}".replace(" or deg", "") if key.unit else "" for name, key in cls.keys.items()
+            }
+            rows = (f"{name}{units[name]}\n        {key.meaning}." for name, key in cls.keys.items())
+            cls.__doc__ = "\n    ".join([cls.__doc__.rstrip() + "\n", "Parameters", "----------", *rows])
 
     @classmethod
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:

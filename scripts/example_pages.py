@@ -24,10 +24,11 @@ SHOWN = {  # the pages' order
     "Many flights": ("sweep", "study"),
     "Is it true?": ("certificate", "mujoco_playback", "in_flight"),
     "From standing to standing": ("jump", "fly_a_go2"),
-    "With others": ("pinocchio_interop", "ros_trajectory"),
+    "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion"),
     "How it works": ("bounds_by_hand", "the_method"),
 }
 DRAWN_ELSEWHERE = {"handstand": "../images/handstand.png", "the_method": "../images/obstacle.png"}
+WIDE = 950  # [pixels] of a picture that has a row of its own
 INTRODUCTION = (
     "Short scripts with one idea each, in `examples/`. They read `problems/` and `urdf/`, run from any folder,"
     " and write into `runs/` or the folder that they are given: `.venv/bin/python examples/first_flight.py somewhere`."
@@ -52,8 +53,9 @@ class Example:
     @property
     def page(self) -> str:
         """The page, as Markdown."""
-        width = "100%" if len(self.pictures) == 1 else "49%"
-        drawn = [picture(path, self.title, width) for path in self.pictures]
+        narrow = [path for path in self.pictures if width_of(path) < WIDE]
+        beside = "49%" if len(narrow) > 1 else "60%"
+        drawn = [picture(path, self.title, beside if path in narrow else "100%") for path in self.pictures]
         printed = f"{self.name}.txt"
         if (PAGES / printed).exists():
             drawn.append(f"```{{literalinclude}} {printed}\n:language: text\n:caption: It prints\n```")
@@ -62,8 +64,13 @@ class Example:
     @property
     def entry(self) -> str:
         """Its row of the list of all."""
-        shown = picture(self.pictures[0], self.title, "100%", f"{self.name}.md").replace("\n", "\n    ")
+        shown = picture(self.pictures[0], self.title, "100%", f"{self.name}.html").replace("\n", "\n    ")
         return f"* - {shown}\n  - **[{self.title}]({self.name}.md)**\n\n    {self.text[0]}"
+
+
+def width_of(path: str) -> int:
+    """Width of a picture in PNG, as its head says."""
+    return int.from_bytes((PAGES / path).read_bytes()[16:20])
 
 
 def picture(path: str, alt: str, width: str, target: str = "") -> str:

@@ -101,7 +101,7 @@ BEND: Edits = {
             "from floatplan.problem.parts import Bend as Bend\nfrom floatplan.problem.parts import Circle",
         ),
     ),
-    "docs/api.md": ((".. autoclass:: Bar\n", ".. autoclass:: Bar\n.. autoclass:: Bend\n"),),
+    "docs/api/problems.md": ((".. autoclass:: Bar\n", ".. autoclass:: Bar\n.. autoclass:: Bend\n"),),
     "floatplan/certificate/planar/obstacles.py": (
         (
             "SEPARATIONS: dict[",

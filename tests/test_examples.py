@@ -38,17 +38,21 @@ PROMISED = {
     "fly_a_go2": "degrees off at touchdown, and stands",
     "pinocchio_interop": "nothing pushes the base",
     "ros_trajectory": "with accelerations too",
+    "reference_motion": "118 frames, 50 a second",
+    "from_mjcf": "optimal, proved",
     "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
     "the_method": "|b| = 25.0411",
 }
 EXTRAS = {
     "fly_a_go2": ("mujoco", "casadi"),
+    "from_mjcf": ("mujoco",),
     "jump": ("casadi",),
     "mujoco_playback": ("mujoco",),
+    "reference_motion": ("casadi",),
     "ros_trajectory": ("yaml",),
     "study": ("pyarrow",),
 }
-LONG = {"fly_a_go2", "jump", "ros_trajectory", "study"}
+LONG = {"fly_a_go2", "from_mjcf", "jump", "reference_motion", "ros_trajectory", "study"}
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import datetime
 import importlib.util
+import inspect
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 import release
 import yaml
+from check_links import broken_links
 from needed import skip_or_fail
 
 import floatplan
@@ -66,17 +68,49 @@ def test_public_names_are_there(name: str) -> None:
 
 
 def test_every_public_name_has_its_place_in_the_api_reference() -> None:
-    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\.\. auto(?:class|function|exception):: (\w+)$", page, re.MULTILINE)
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: (\w+)$", pages, re.MULTILINE)
     assert sorted(listed) == sorted(set(floatplan.__all__) - {"__version__"})
 
 
+def documented(of: type, member: str) -> bool:
+    """Whether a class, or one that it is derived from, says what a member is: in a docstring of its own, or by name."""
+    for base in of.__mro__:
+        own = vars(base).get(member)
+        function = getattr(own, "fget", None) or getattr(own, "func", None) or getattr(own, "__func__", own)
+        if inspect.isroutine(function) and function.__doc__:
+            return True
+        text = inspect.cleandoc(vars(base).get("__doc__") or "")
+        if re.search(rf"^(?:\w+, )*{member}(?:, \w+)*(?: : .*)?$|``{member}``", text, re.MULTILINE):
+            return True
+    return False
+
+
+def test_every_public_member_is_documented() -> None:
+    without, count = [], 0
+    for name in floatplan.__all__[1:]:
+        value = getattr(floatplan, name)
+        assert value.__doc__, name
+        if inspect.isclass(value):
+            own = [base for base in value.__mro__ if base.__module__.startswith("floatplan.")]
+            members = {member for base in own for member in (*vars(base), *vars(base).get("__annotations__", {}))}
+            public = {member for member in members if not member.startswith("_")}
+            attributes = inspect.cleandoc(value.__doc__).partition("Attributes\n-")[2]
+            twice = {each for each in public if re.search(rf"^(?:\w+, )*{each}\b", attributes, re.MULTILINE)}
+            assert not [each for each in twice if isinstance(inspect.getattr_static(value, each, None), property)]
+            count += len(public)
+            without += [f"{name}.{member}" for member in sorted(public) if not documented(value, member)]
+    assert (without, count > 500) == ([], True)
+
+
 @pytest.mark.long
-def test_the_pages_are_built_without_a_warning(tmp_path: Path) -> None:
+def test_the_pages_are_built_without_a_warning_and_their_links_lead_somewhere(tmp_path: Path) -> None:
     if importlib.util.find_spec("sphinx") is None:
         skip_or_fail("Sphinx is not installed: the extra docs")
     python("-m", "sphinx", "-q", "--fail-on-warning", "-d", str(tmp_path / "cache"), "docs", str(tmp_path / "pages"))
-    assert "floatplan.Plan.at" in (tmp_path / "pages" / "api.html").read_text(encoding="utf-8")
+    assert "floatplan.Plan.at" in (tmp_path / "pages" / "api" / "plans.html").read_text(encoding="utf-8")
+    broken = broken_links(tmp_path / "pages")
+    assert [link for link in broken if ": reports/" not in link] == [], "reports are made by scripts/docs"
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:

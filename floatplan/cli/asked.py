@@ -12,7 +12,8 @@ from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST
 
@@ -21,16 +22,34 @@ NUMBERS: dict[str, Callable[[str], Any]] = {"angular_momentum": float, "degree":
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
-def _chosen_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
-    """Load the robot; InputError where an option is wrong."""
-    said: dict[str, Any] = {"joints": None, **dict.fromkeys(ROBOT_OPTIONS), **choices}
-    if said["coupled"] is not None and said["coupled"].strip() != "mirror":
+def robot_choices(choices: RobotOptions, degrees: bool) -> dict[str, Any]:
+    """Return the keyword arguments of ``Robot.from_urdf`` that the options stand for; InputError where one is wrong."""
+    said: dict[str, Any] = dict(choices)
+    if "coupled" in said and said["coupled"].strip() != "mirror":
         pairs = _pairs("--coupled", said["coupled"], "FOLLOWER=LEADER")
         said["coupled"] = {name: _leader(name, leader) for name, leader in pairs}
-    if said["locked"] is not None:
+    if "locked" in said:
         pairs = _pairs("--locked", said["locked"], "JOINT=ANGLE")
         said["locked"] = {joint: _angle("--locked", value, degrees) for joint, value in pairs}
+    return said
+
+
+def _chosen_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
+    """Load the robot; InputError where an option is wrong."""
+    said = {"joints": None, **dict.fromkeys(ROBOT_OPTIONS), **robot_choices(choices, degrees)}
     return robot_as_asked(source, said, PLACE, "--")
+
+
+def contacts(option: str, text: str | None) -> list[tuple[str, ...]] | None:
+    """Return phases of contact as typed, ``a,b;a``; InputError where one of them names nothing."""
+    if text is None:
+        return None
+    phases = [tuple(name for name in map(str.strip, phase.split(",")) if name) for phase in text.split(";")]
+    if not all(phases):
+        raise _wrong(
+            option, f"{text!r} has a phase without a frame", "give frames by commas, phases by semicolons: a,b;a"
+        )
+    return phases
 
 
 def _refuse_beside_a_file(choices: RobotOptions) -> None:

@@ -67,7 +67,9 @@ def flag(text: str, *names: str) -> Any:
 
 
 MODEL = "URDF or MJCF of what reads a reference motion: the file has its joints and bodies, in its order."
-RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
+RobotSource = Annotated[
+    str, argument("ROBOT", "A URDF, xacro or MJCF file, example-robot-data:PATH, or a NAME_description.")
+]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.")]

@@ -28,6 +28,7 @@ OF_ROBOT = (  # as they are
 OF_ENDS = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
+MOST_TURNS = 2  # [-] of a jump; what asks for more is taken for degrees
 
 
 def robots(json_output: common.Json = False) -> None:
@@ -36,7 +37,7 @@ def robots(json_output: common.Json = False) -> None:
 
     with progress("reading"):
         place = common.folder()
-        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
+        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.*"))
         known = [_facts(source) for source in (*own, *(PREFIX + name for name in example_urdfs()))]
     usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
     if json_output:
@@ -51,7 +52,7 @@ def _facts(source: str) -> dict[str, Any]:
     reason = ""
     for coupled in ("mirror", None):
         try:
-            robot = fp.Robot.from_urdf(common.bundled(source), coupled=coupled)
+            robot = fp.Robot.from_file(common.bundled(source), coupled=coupled)
         except InputError as error:
             reason = error.reason
         else:
@@ -122,6 +123,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
     from floatplan.motion.flight import inertia_extremes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
+    from floatplan.robot.wheels import explain_wheels
 
     low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
@@ -140,6 +142,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
                 for shape in robot.shapes
             ],
             "out_of_plane_leak": leak,
+            "wheels": explain_wheels(robot),
             "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
         }
     )
@@ -148,6 +151,22 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
 
 def init(
     robot: common.RobotSource,
+    choices: common.RobotOptions,
+    takeoff: Annotated[str | None, option("FRAME", "The foot that leaves the ground last.")] = None,
+    landing: Annotated[str | None, option("FRAME", "The foot that meets the ground first.")] = None,
+    turns: Annotated[
+        int | None, typer.Option(min=0, max=MOST_TURNS, metavar="N", help="Whole turns, forwards; 0: a jump without.")
+    ] = None,
+    backwards: Annotated[bool, flag("Turn backwards: once, unless --turns says more.", "--backwards")] = False,
+    duration: Annotated[float | None, option("S", "Time of flight, s.")] = None,
+    contacts: Annotated[
+        str | None,
+        option("A,B;A", "What stands until takeoff: frames of one phase or two, with those coupled to them."),
+    ] = None,
+    landing_contacts: Annotated[
+        str | None, option("A;A,B", "What stands after landing; left out, the same in reverse, front for rear.")
+    ] = None,
+    degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
     force: Annotated[bool, flag("Overwrite the file.", "--force")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
@@ -158,10 +177,15 @@ def init(
     The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight,
     without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
     URDF. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
+
+    What is asked by options is kept, or nothing is written: where no jump as asked is found, the exit code is 1,
+    and the answer says what stands in the way, and without which option one is found.
     """
-    from floatplan.initial.flight import first_flight
-    from floatplan.initial.robots import chosen_robot
+    from floatplan.cli import asked as typed
+    from floatplan.initial.asked import Asked
+    from floatplan.initial.flight import asked_flight
     from floatplan.initial.text import problem_file_text
+    from floatplan.robot.asked import blamed
 
     path = Path(f"{Path(robot).stem}.toml") if output is None else output
     if path.suffix != ".toml":
@@ -171,8 +195,19 @@ def init(
             "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
         )
 
-    chosen = chosen_robot(robot)
-    flight = first_flight(chosen, seed=seed, progress=common.tell(quiet))
+    given = typed.robot_choices(choices, degrees)
+    words = {name: f"--{name} {text}" for name, text in choices.items()}
+    asked = Asked(
+        takeoff=takeoff,
+        landing=landing,
+        turns=turns,
+        backwards=backwards,
+        duration=duration,
+        contacts=typed.contacts("--contacts", contacts),
+        landing_contacts=typed.contacts("--landing-contacts", landing_contacts),
+    )
+    with blamed(given, typed.PLACE, "--"):
+        chosen, flight = asked_flight(robot, asked, given, words, seed, common.tell(quiet))
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:

@@ -109,7 +109,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     rest.append(("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2"))
     warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
     listed = _table(("joint", "range, rad", "rad/s", "N m", "D_i, kg m^2"), joints)
-    return Group(table, listed, *follows, _named(rest), *warnings)
+    return Group(table, listed, *follows, _named(rest), *map(Text, facts["wheels"]), *warnings)
 
 
 def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> RenderableType:

@@ -1,18 +1,19 @@
 """Names and order of joints and bodies: of a robot's own file, and of the model of a program that reads a motion."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element, fromstring
 
-from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
+import numpy as np
+
+from floatplan.errors import InputError, naming
+from floatplan.robot.mjcf.compiled import compiled_mjcf
+from floatplan.robot.mjcf.text import whole_mjcf
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import MOVING
-from floatplan.simulation.mujoco_model import import_mujoco
+from floatplan.robot.urdf.tree import MOVING, read_xml
 
 MOST_NAMED = 8  # in a message
+FREE = 7  # numbers of a free joint's configuration
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ def own_names(robot: Robot) -> ModelNames:
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
     """Return the names in a model, URDF or MJCF, that is to read a motion of the robot with the names ``own``.
 
-    In an MJCF the robot is what hangs together by most joints. Links of ``own`` that a model has fused are left out.
+    In an MJCF the robot is what hangs together by most joints, but for those of its base, which floats here. Links of
+    ``own`` that a model has fused are left out.
 
     Raises
     ------
@@ -52,24 +54,20 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
         The file cannot be read, or MuJoCo is not installed; one of both has a joint that the other has not; or, where
         bodies matter, it has a body that the robot has not.
     """
-    root = parsed_xml(read_regular(path, LARGEST_URDF, "a URDF or MJCF file"), Path(path))
+    _, root = read_xml(Path(path))
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
-    names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(path)
+    names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(root, Path(path))
     if not with_bodies:
         names = replace(names, bodies=tuple(name for name in names.bodies if name in own.bodies))
-    lacking = (
-        ("the motion has no joint", [name for name in names.joints if name not in own.joints]),
-        ("the model has no joint", [name for name in own.joints if name not in names.joints]),
-        ("the motion has no body", [name for name in names.bodies if name not in own.bodies]),
-        (
-            "the model names twice",
-            [name for kind in (names.joints, names.bodies) for name in kind if kind.count(name) > 1],
-        ),
-    )
-    wrong = [
-        f"{what} {', '.join(each[:MOST_NAMED])}{', ..' * (len(each) > MOST_NAMED)}" for what, each in lacking if each
-    ]
+    pairs = {
+        "the motion has no joint": (names.joints, own.joints),
+        "the model has no joint": (own.joints, names.joints),
+        "the motion has no body": (names.bodies, own.bodies),
+    }
+    lacking = {what: [name for name in wanted if name not in there] for what, (wanted, there) in pairs.items()}
+    told = {what: each[:MOST_NAMED] + [".."] * (len(each) > MOST_NAMED) for what, each in lacking.items() if each}
+    wrong = [f"{what} {', '.join(each)}" for what, each in told.items()]
     if wrong:
         raise InputError("; ".join(wrong), source=path, advice="give the model of the same robot, or rename them in it")
     return names
@@ -77,26 +75,16 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
 
 def _in_urdf(root: Element) -> ModelNames:
     joints = (joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") in MOVING)
-    return ModelNames(tuple(joints), tuple(link.get("name", "") for link in root.iterfind("link")))
+    links = (link.get("name", "") for link in root.iterfind("link") if link.get("type") != "frame")  # no body
+    return ModelNames(tuple(joints), tuple(links))
 
 
-def _in_mjcf(path: str | Path) -> ModelNames:
-    """What MuJoCo reads; nothing is compiled, so that meshes need not be there."""
-    mujoco = import_mujoco("model")
-    try:
-        top = mujoco.MjSpec.from_file(str(path)).worldbody.bodies
-    except ValueError as error:
-        raise InputError(f"MuJoCo refuses it: {error}", source=path) from None
-    free, trees = mujoco.mjtJoint.mjJNT_FREE, [list(_from(base)) for base in top]
-    tree = max(trees, key=lambda tree: sum(len(body.joints) for body in tree), default=[])
-    joints = [(joint.name, joint.type == free) for body in tree for joint in body.joints]
-    floats = [name for name, is_free in joints if is_free]
-    of_joints = tuple(name for name, is_free in joints if not is_free)
-    return ModelNames(of_joints, tuple(body.name for body in tree if body.name), floats[0] if floats else "")
-
-
-def _from(body: Any) -> Iterator[Any]:
-    """A body and all that it carries, in the order of MuJoCo's numbers."""
-    yield body
-    for each in body.bodies:
-        yield from _from(each)
+def _in_mjcf(root: Element, path: Path) -> ModelNames:
+    with naming(path):
+        model = compiled_mjcf(whole_mjcf(root, path))
+    base = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=1).argmax()  # it carries most joints
+    bodies = (model.body(body).name for body in np.flatnonzero(model.body_rootid == base))
+    joints = [model.joint(joint) for joint in np.flatnonzero(model.body_rootid[model.jnt_bodyid] == base)]
+    free = [joint.name for joint in joints if len(joint.qpos0) == FREE]
+    moving = (joint.name for joint in joints if joint.bodyid[0] != base)
+    return ModelNames(tuple(moving), tuple(name for name in bodies if name), free[0] if free else "")

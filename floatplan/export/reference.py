@@ -31,7 +31,7 @@ def isaac_amp_content(motion: Exported, rate: float) -> bytes:
     InputError
         The rate is no whole number.
     """
-    if rate != round(rate):
+    if rate % 1:
         raise InputError(f"{rate} Hz is no whole number, as these files have it", element="rate", advice="round it")
     names, frames = motion.names, _frames(motion, rate, motion.names.bodies)
     contacts = motion.contacts(frame_times(motion.duration, rate))

@@ -3,19 +3,22 @@
 import json
 import math
 import re
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 
-from floatplan.initial.flight import DIGITS, FAST, FirstFlight
+from floatplan.initial.afloat import FAST
+from floatplan.initial.flight import DIGITS, FirstFlight
 from floatplan.initial.robots import ChosenRobot
-from floatplan.problem.file import urdf_from
+from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
-from floatplan.problem.resolution import position_limits
 from floatplan.robot.robot import Robot
+from floatplan.robot.wheels import explain_wheels
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
 WIDTH = 110  # [-] characters of a comment
@@ -45,7 +48,9 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
     if found is None:
         what = f"{name}, afloat without gravity, turns its base by {turn:.3g} degrees with its joints."
         return [*_comment(what), *_comment(" ".join(flight.reasons))]
-    does = "flips backwards" if turn * robot.plane.turn > 0 else "flips forwards" if turn else "jumps"
+    times = round(abs(turn) / 360)
+    way = "backwards" if turn * robot.plane.turn > 0 else "forwards"
+    does = "jumps" if not turn else f"flips {way}" if times == 1 else f"turns {way} {times} times"
     what = f"{name} stands, {does} and stands again: floatplan jump {path.name}"
     used = [f"{found.check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items()]
     checked = (
@@ -59,20 +64,30 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
     lines = [
         "[robot]",
-        f"urdf = {_value(urdf_from(robot, path))}",
+        f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
     choices = chosen.choices
     if "joints" in choices:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
-    if "coupled" in choices:
-        lines.append(f"coupled = {_value(choices['coupled'])}     # left and right move as one")
+    if choices.get("coupled"):
+        mirror = choices["coupled"] == "mirror"
+        asked = "mirror" if mirror else {name: asdict(coupling) for name, coupling in robot.coupled.items()}
+        lines.append(f"coupled = {_value(asked)}{'     # left and right move as one' if mirror else ''}")
         pairs = (f"{follower} follows {coupling.leader}" for follower, coupling in robot.coupled.items())
         lines += _comment(f"{', '.join(pairs)}.")
     if "reference" in choices:
         lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
-    if robot.locked:
-        lines += _comment(f"Locked: {', '.join(robot.locked)}.")
+    if choices.get("locked"):
+        turns = {joint.name for joint in robot.layout.tree.joints if joint.turns}
+        held = {name: _degrees(each) if name in turns else each for name, each in choices["locked"].items()}
+        lines.append(f"locked = {_value(held)}")
+    sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
+    turning = [name for name in robot.locked if name not in sliding]
+    told = [("Locked", turning), ("Held, because joints that slide are not planned", sliding)]
+    for words, names in told:
+        lines += _comment(f"{words}: {', '.join(names)}.") if names else []
+    lines += [line for told in explain_wheels(robot) for line in _comment(f"{told[0].upper()}{told[1:]}.")]
     if chosen.feet:
         lines += _comment(f"Feet: {', '.join(chosen.feet)}.")
     return lines
@@ -99,11 +114,7 @@ def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
     for key in ("positions", "velocities", "accelerations"):
         angles = np.asarray(getattr(posture, key))
         if key == "positions" or angles.any():
-            pairs = (
-                f"{joint if BARE.fullmatch(joint) else _value(joint)} = {_degrees(angle)}"
-                for joint, angle in zip(robot.joints, angles.tolist(), strict=True)
-            )
-            lines.append(f"{key} = {{ {', '.join(pairs)} }}")
+            lines.append(f"{key} = {_value(dict(zip(robot.joints, map(_degrees, angles.tolist()), strict=True)))}")
     return lines
 
 
@@ -127,7 +138,12 @@ def _jump(jump: JumpRequest) -> list[list[str]]:
     margin = ", ".join(f"{name} = {share:g}" for name, share in jump.margin.items())
     shares = "  # shares of the limits that stances may use"
     return [
-        ["[jump]", f"friction = {jump.friction:g}", f"margin = {{ {margin} }}{shares}"],
+        [
+            "[jump]",
+            f"friction = {jump.friction:g}",
+            f"margin = {{ {margin} }}{shares}",
+            *([f"fixed = {_value(list(jump.fixed))}"] if jump.fixed else []),
+        ],
         ["[jump.takeoff]", f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs"],
         ["[jump.landing]", f"contacts = {_value(jump.landing.contacts)}"],
     ]
@@ -136,8 +152,13 @@ def _jump(jump: JumpRequest) -> list[list[str]]:
 def _limits(flight: FirstFlight) -> list[str]:
     limits, robot = flight.problem.limits, flight.problem.robot
     lines = ["[limits]"]
-    if not np.isfinite(position_limits(robot, limits) - robot.position_limits).all():
+    spun = limits.position if isinstance(limits.position, Mapping) else {}
+    ranged = (math.isfinite(low) and math.isfinite(high) for low, high in robot.position_limits.tolist())
+    if not all(known or name in spun for name, known in zip(robot.joints, ranged, strict=True)):
         lines.append("# Joints without a range in the URDF have -180 to 180 degrees.")
+    if spun:
+        ranges = {name: [_degrees(end) for end in ends] for name, ends in spun.items()}
+        lines.append(f"position = {_value(ranges)}  # degrees: a wheel may turn on")
     fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the URDF gives none"
     lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)
     none = "# torque: the URDF gives none; a number is for all, N m"
@@ -159,7 +180,13 @@ def _degrees(angle: float) -> float | int:
 
 def _value(value: Any) -> str:
     """A TOML value: texts are escaped as JSON's are, of which TOML's are a superset."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_key(name)} = {_value(each)}' for name, each in value.items())} }}"
     return json.dumps(value, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if BARE.fullmatch(name) else _value(name)
 
 
 def _comment(text: str) -> list[str]:

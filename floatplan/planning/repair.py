@@ -53,11 +53,11 @@ def proved_plan(found: SearchedPlan) -> Plan:
         return found.plan
     plan, certificate = proved(found)
     LOG.info("proof: %s, %d intervals of time", certificate.verdict, certificate.subintervals)
+    if any(finding.kind == "robot" for finding in certificate.findings):
+        return judged(plan, certificate)  # whatever it does, the certificate does not read what moves
     for other in alternatives(found):  # a plan proved may have lost by being corrected: then these may be better still
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
-        if any(finding.kind == "robot" for finding in certificate.findings):
-            break  # whose file the certificate does not read, whatever it does
         answers = (plan, certificate), proved(other)
         plan, certificate = min(answers, key=lambda each: (VERDICTS.index(each[1].verdict), each[0].objective_value))
     return judged(plan, certificate)
@@ -203,5 +203,5 @@ def _claims_proved(plan: Plan, certificate: Certificate) -> tuple[Plan, Certific
 def _sentence(finding: Finding) -> str:
     at = "" if finding.instant is None else f" at {finding.instant:.4g} s"
     against = "" if finding.limit is None else f" against {finding.limit:.6g}"
-    value = "unbounded" if finding.bound is None or not math.isfinite(finding.bound) else f"{finding.bound:.6g}"
-    return f"{finding.label} {value}{against}{at}"
+    value = "" if finding.bound is None else f" {finding.bound:.6g}" if math.isfinite(finding.bound) else " unbounded"
+    return f"{finding.label}{value}{against}{at}"

@@ -18,6 +18,7 @@ from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
+from floatplan.robot.wheels import wheels
 from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
@@ -245,12 +246,12 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
 
 
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
-    """Angles that are asked for and so large that degrees may have been meant: of the base, and of each joint."""
+    """Angles that are asked for and so large that degrees may have been meant, of base and joints; wheels turn on."""
     start, goal = problem.initial, problem.final
     base = max(abs(start.orientation), abs(goal.orientation), abs(goal.orientation - start.orientation))
     joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
     for name, angle in zip((problem.robot.tree.names[0], *problem.robot.joints), (base, *joints), strict=True):
-        if angle > MOST_TURNS + ROUNDING:
+        if angle > MOST_TURNS + ROUNDING and name not in wheels(problem.robot):
             message = (
                 f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"
                 ' where degrees are meant, fp.Posture.degrees or angles = "deg" says so.'

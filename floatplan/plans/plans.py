@@ -105,12 +105,16 @@ class Plans(Outlined, Sequence[Plan]):
     coefficients : (N, n, k+1)
         b of (12), of the nearest motion where no plan was found; NaN where a problem has fewer joints, or a lower
         degree, than another, or is wrong.
-    evaluations : (N,) int
-        Motions evaluated.
+    evaluations, iterations : (N,) int
+        Motions evaluated, and iterations of the search.
+    starts, solved : (N,) int
+        Starts that were tried, and those that led to a plan.
     verdict : (N,) of str
         "proved", "undecided" or "refuted" with ``prove``; else empty.
+    seed : int
     messages : index -> str
         Why there is no plan, where there is none.
+    certificates : index -> what :meth:`~floatplan.Certificate.to_dict` gives
     """
 
     problems: Sequence[Problem]

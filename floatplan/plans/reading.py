@@ -15,7 +15,8 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FILE, FORMAT, PlanRecord, RobotRecord, check_asked
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
@@ -172,9 +173,12 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     choices: dict[str, Any] = {name: getattr(record, name) for name in ("plane", "joints", "locked", *LOSSES)}
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_robot(record, plan_file) if urdf is None else urdf
-    robot = robot_as_asked(source, choices, plan_file, "robot.")
+    robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
     if robot.sha256 != record.sha256:
         raise _changed(f"the {record.kind.upper()}", f"robot.sha256 of {urdf or record.file}", plan_file)
+    for name in robot.files:
+        if record.meshes.get(name) != robot.files[name]:
+            raise _changed("what the MJCF is read with", f"robot.meshes of {name}", plan_file)
     if not record.resting:
         return robot
     if len(record.resting) != len(robot.joints):

@@ -50,9 +50,10 @@ non_negative = number_in(Range(0.0, math.inf, ""))
 class RobotRecord:
     """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf`` or ``from_mjcf``.
 
-    Exactly one of ``urdf`` and ``mjcf`` is given: the path (or ``example-robot-data:`` address) as resolved when
-    planned; ``sha256`` is that of the file, ``meshes`` are those of the collision meshes that its shapes are around, by
-    their file names in the file, and of an MJCF also those of all else that it is read with, such as included files;
+    Exactly one of ``urdf`` and ``mjcf`` is given: the path (or the address in a package) as resolved when planned;
+    ``sha256`` is that of the file (of a xacro file, of the URDF that it makes), ``meshes`` are those of the collision
+    meshes that its shapes are around, by their file names in the file, and of an MJCF also those of all else that it is
+    read with, such as included files;
     ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them;
     ``resting`` is its reference posture, rad; empty in files without it.
     """

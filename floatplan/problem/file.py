@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -18,9 +18,10 @@ from floatplan.keys import ANGLE, Key, Keyed, json_schema, read_tables, table_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Coupling, Robot, robot_as_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
-from floatplan.tables import REST
+from floatplan.tables import REST, ROBOT_KINDS, RobotKind
 
 Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]
 Name: TypeAlias = Annotated[
@@ -34,9 +35,15 @@ SETTLED = STATE[1:]  # of which words may be asked for
 
 @dataclass(frozen=True)
 class RobotRequest(Keyed):
-    """``[robot]``: the URDF and the choices that it leaves open."""
+    """``[robot]``: the robot's file, and the choices that it leaves open."""
 
-    urdf: Annotated[str, Key("Path from this file's folder, or `example-robot-data:` and a path in that package")]
+    urdf: Annotated[
+        str | None,
+        Key("Path from this file's folder; or `example-robot-data:` and a path there, or a name of robot_descriptions"),
+    ] = None
+    mjcf: Annotated[str | None, Key("In place of `urdf`: path or address of an MJCF file, which MuJoCo compiles")] = (
+        None
+    )
     plane: Annotated[
         str | None, Key('Horizontal and vertical axis, such as "xz"; found from the joints where left out')
     ] = None
@@ -53,7 +60,8 @@ class RobotRequest(Keyed):
         Key("Joints that stay where they are, by name", f"{ANGLE}, m of those that slide", check=by_name(FINITE)),
     ] = field(default_factory=dict)
     reference: Annotated[
-        str | None, Key("Posture of an SRDF file beside the URDF, where joints that are not planned are locked")
+        str | None,
+        Key("Posture of an SRDF file beside the URDF, or keyframe of the MJCF, where joints not planned are locked"),
     ] = None
     armature: Annotated[
         float | Mapping[str, float] | None,
@@ -66,8 +74,15 @@ class RobotRequest(Keyed):
 
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""
-        chosen = {name: getattr(self, name) for name in self.keys if name != "urdf"}
+        chosen = {name: getattr(self, name) for name in self.keys if name not in ROBOT_KINDS}
         return {**chosen, "coupled": self.coupled or None, "locked": self.locked or None}
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """The robot has one file."""
+        if self.urdf is None and self.mjcf is None:
+            yield "urdf", "is missing: give it, or mjcf"
+        if self.urdf is not None and self.mjcf is not None:
+            yield "mjcf", "is given beside urdf: keep one of them"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +106,7 @@ class ProblemTables(Keyed):
 class ProblemFile(ProblemTables):
     """A whole problem file."""
 
-    robot: Annotated[RobotRequest, Key("The robot: its URDF, and the choices that it leaves open")]
+    robot: Annotated[RobotRequest, Key("The robot: its file, and the choices that it leaves open")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +136,7 @@ def load_problem(path: str | Path) -> Problem:
     Parameters
     ----------
     path : path
-        A TOML file. The path of its URDF is taken from the folder of this file.
+        A TOML file. The path of its robot's file is taken from the folder of this file.
 
     Raises
     ------
@@ -253,7 +268,7 @@ def _of_motors(problem: Problem) -> dict[str, Any]:
 
 
 def save_problem(problem: Problem, path: str | Path) -> Path:
-    """Write a problem file, in radians, with the URDF's path relative to it.
+    """Write a problem file, in radians, with the path of the robot's file relative to it.
 
     Raises
     ------
@@ -291,8 +306,10 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
 
 def _robot(asked: RobotRequest, path: Path) -> Robot:
     asked.check("robot")
-    source = asked.urdf if is_address(asked.urdf) else path.parent / asked.urdf
-    return robot_as_asked(source, asked.choices(), path, "robot.")
+    kind: RobotKind = "urdf" if asked.mjcf is None else "mjcf"
+    file = asked.urdf or asked.mjcf or ""
+    source = file if is_address(file) else path.parent / file
+    return robot_as_asked(source, asked.choices(), path, "robot.", kind)
 
 
 def _problem(
@@ -320,8 +337,8 @@ def _posture(state: JointState, rest: str) -> dict[str, Any]:
     return values
 
 
-def urdf_from(robot: Robot, path: Path) -> str:
-    """The robot's URDF as a file at a path names it: relative to its folder, or in example-robot-data."""
+def file_of(robot: Robot, path: Path) -> str:
+    """The robot's file as a file at a path names it: relative to its folder, or in another package."""
     if is_address(robot.source):
         return robot.source
     return Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
@@ -329,7 +346,7 @@ def urdf_from(robot: Robot, path: Path) -> str:
 
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
     return {
-        "urdf": urdf_from(robot, path),
+        robot.kind: file_of(robot, path),
         "plane": robot.plane.name,
         "joints": list(robot.joints),
         "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},

@@ -31,7 +31,7 @@ def _margin(value: Any, element: str) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class JumpSide(Keyed):
-    """What is on the ground on one side of the flight.
+    """What is on the ground on one side of the flight; in phase ``outer`` it stands still, ``wrong`` is what others do.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class JumpSide(Keyed):
 
     contacts: Annotated[Groups | None, Key()] = None
     durations: Annotated[Durations | None, Key(unit="s", numbers="duration")] = None
-    outer: ClassVar[int] = 0  # index of the phase in which it stands still
+    outer: ClassVar[int] = 0
     wrong: ClassVar[str] = "come to the ground before takeoff"  # of a frame that does not stand then
 
     def contradictions(self) -> Iterator[tuple[str, str]]:

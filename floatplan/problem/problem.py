@@ -32,12 +32,24 @@ PAIRS = many(made(parts.SelfClearance), "SelfClearance")
 class Problem(Checked):
     """A flight to plan. Checked and resolved when made; raises :class:`~floatplan.errors.InputError`.
 
-    Attributes
+    Parameters
     ----------
+    robot : Robot
+    start, goal : Posture
+    flight, motion, limits : Flight, Motion, Limits
+    obstacles : sequence of Circle, HalfPlane or Bar
+    self_clearances : sequence of SelfClearance
+    name : str
+        Of the problem, and of the folder of its results.
     ground : bool
         Whether all links stay above the horizontal line through the lowest point of the takeoff link's shapes at t = 0.
     jump : JumpRequest or None
         The whole jump of which this is the flight, for :func:`floatplan.jump`; plans of the flight leave it alone.
+    written : str, optional
+        The problem file, kept as ``file_text``; ``dataclasses.replace`` drops it.
+
+    Attributes
+    ----------
     initial, final : JointState
         ``start`` and ``goal`` as arrays.
     position_limits : (n, 2) rad, always finite
@@ -49,7 +61,6 @@ class Problem(Checked):
     motor_slope : (m,) N m s/rad
     degrees : (n,) int
     file_text : str or None
-        The problem file as written, where there is one (``written`` gives it); ``dataclasses.replace`` drops it.
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
     """

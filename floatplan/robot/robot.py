@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -13,7 +13,7 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import FINITE, by_name, for_all, made, many, number, one_of, optional, text
+from floatplan.arguments import FINITE, Check, by_name, for_all, made, many, number, one_of, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -24,15 +24,31 @@ from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
+from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.tree import UrdfText, UrdfTree, read_urdf, reference_posture, urdf_path
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
 from floatplan.tables import RobotKind
 
-NAME = optional(text)
-NAMES = many(text, "names")
-LEADER = made(str, Coupling)
 Base: TypeAlias = Literal["planar", "free-flyer"]
-BASE = one_of(*get_args(Base))
+
+
+def _coupled(value: Any, element: str) -> Any:
+    """Check followers and leaders, or the word for pairs left and right."""
+    if isinstance(value, str) and value != "mirror":
+        raise InputError(f'must be a table of joints, or "mirror", not "{value}"', element=element)
+    return value if isinstance(value, str) else by_name(made(str, Coupling))(value, element)
+
+
+CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arguments of whatever reads one
+    "plane": optional(text),
+    "reference": optional(text),
+    "armature": optional(for_all(number("armature"))),
+    "damping": optional(for_all(number("damping"))),
+    "joints": optional(many(text, "names")),
+    "locked": optional(by_name(FINITE)),
+    "coupled": optional(_coupled),
+    "base": one_of(*get_args(Base)),
+}
 __all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
 
 
@@ -75,6 +91,7 @@ class Robot:
     reference_name : of the reference posture in an SRDF file, where one was named
     tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
     kind : "urdf" or "mjcf", what its file is
+    files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
     """
 
     name: str
@@ -104,9 +121,9 @@ class Robot:
     tilt: float
     reference_name: str | None = None
     kind: RobotKind = "urdf"
+    files: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    @one_thread
     def from_urdf(
         cls,
         source: str | Path,
@@ -125,7 +142,8 @@ class Robot:
         Parameters
         ----------
         source : path
-            The URDF file; or the text ``example-robot-data:`` and a file's path in that package.
+            The URDF file, or a xacro file, which makes one; or the text ``example-robot-data:`` and a file's path in
+            that package; or a name of robot_descriptions, such as "go2_description".
         plane : str, optional
             The plane's horizontal and vertical axis among the root link's, such as "xz". Found from the joints' axes
             where left out.
@@ -157,25 +175,56 @@ class Robot:
         InputError
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
+        choices = {"plane": plane, "joints": joints, "coupled": coupled, "locked": locked, "reference": reference}
+        return cls.from_file(source, "urdf", **choices, armature=armature, damping=damping, base=base)
+
+    @classmethod
+    def from_mjcf(cls, source: str | Path, **choices: Any) -> Robot:
+        """Load a robot from an MJCF file, which MuJoCo compiles.
+
+        Bodies are links with their own frames; the base is the one body of the world that moves. Positions of joints
+        are MuJoCo's. Torque limits are those of the actuators, by gear and range of control or of force, and the
+        joint's ``actuatorfrcrange``. Shapes are around the geoms that can touch something.
+
+        Parameters
+        ----------
+        source : path
+        **choices
+            As of :meth:`from_urdf`; ``reference`` names a keyframe.
+
+        Raises
+        ------
+        InputError
+            MuJoCo is not installed (extra ``mjcf``) or refuses the file; the robot cannot fly, or has what is no tree
+            of joints with one motor each: ball joints, constraints, tendons that pull; or as of :meth:`from_urdf`.
+        """
+        return cls.from_file(source, "mjcf", **choices)
+
+    @classmethod
+    @one_thread
+    def from_file(cls, source: str | Path, kind: RobotKind | None = None, **choices: Any) -> Robot:
+        """Load a robot from a URDF or an MJCF, or a file of a given kind; choices and errors as of the ones above."""
+        if unknown := choices.keys() - CHOICES:
+            raise TypeError(f"there is no keyword argument {min(unknown)!r}")
         source = source if isinstance(source, str) else as_path(source, "source")
-        path = urdf_path(source, "urdf")
+        path = urdf_path(source, kind)
         with naming(path):
-            plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
-            given = (("armature", armature), ("damping", damping))
-            motors = {key: optional(for_all(number(key)))(value, key) for key, value in given}
-            joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
-            if not isinstance(coupled, str):
-                coupled = optional(by_name(LEADER))(coupled, "coupled")
-            text = read_urdf(path)
+            choices = {
+                name: check(choices.get(name, "planar" if name == "base" else None), name)
+                for name, check in CHOICES.items()
+            }
+            plane, joints, coupled = (choices[name] for name in ("plane", "joints", "coupled"))
+            text = read_source(path, kind)
             tree = check_urdf(text.root)
-            posture = None if reference is None else reference_posture(reference, tree, path)
-            choose = partial(choose_joints, tree, base=BASE(base, "base"), locked=locked, posture=posture)
+            tree = replace(tree, warnings=(*text.warnings, *tree.warnings))
+            reference = choices["reference"]
+            posture = None if reference is None else reference_posture(reference, tree, text)
+            choose = partial(choose_joints, tree, base=choices["base"], locked=choices["locked"], posture=posture)
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
                 plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
-            elif isinstance(coupled, str):
-                raise InputError(f'must be a table of joints, or "mirror", not "{coupled}"', element="coupled")
             choice = choose(plane=plane, joints=joints, coupled=coupled)
+            motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
             return robot if reference is None else replace(robot, reference_name=reference)
 
@@ -217,6 +266,8 @@ class Robot:
             source=source,
             in_plane=None if choice.plane is None else TreeLayout.of(tree, choice),
             tilt=planar.largest_turn(written, tree),
+            kind=text.kind,
+            files=MappingProxyType(dict(text.files)),
         )
 
     @property
@@ -296,8 +347,8 @@ class Robot:
 
     @cached_property
     def meshes(self) -> Mapping[str, str]:
-        """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
-        return MappingProxyType(links.mesh_digests(self.joint_tree, self.path.parent))
+        """SHA-256 of the collision meshes that ``shapes`` are around, by their names in the file, and of ``files``."""
+        return MappingProxyType({**links.mesh_digests(self.joint_tree, self.path.parent), **self.files})
 
     @property
     def shapes(self) -> tuple[LinkCapsule, ...]:
@@ -376,27 +427,3 @@ class Robot:
     def __repr__(self) -> str:
         where = f"plane={self.plane.name!r}" if self.in_plane else f"base={self.base!r}"
         return f"Robot({self.name!r}, {where}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
-
-
-def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:
-    """Return the robot of a URDF, as a problem file, a plan file or a command line asks for it.
-
-    Parameters
-    ----------
-    urdf : path
-    choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
-    prefix : of their names there, such as "robot."
-
-    Raises
-    ------
-    InputError
-        As of ``Robot.from_urdf``.
-    """
-    try:
-        return Robot.from_urdf(urdf, **choices)
-    except InputError as error:
-        word = (error.element or "").replace(".", " ").split(" ")[0]
-        if asker is None or word not in choices or all(value is None for value in choices.values()):
-            raise
-        raise InputError(error.reason, source=asker, element=f"{prefix}{error.element}", advice=error.advice) from None

@@ -106,6 +106,8 @@ class ClosedLoop(Outlined):
 
     Attributes
     ----------
+    engine, rate, seed, perturbation : as asked for; rate in Hz
+    joints : names of the moving joints
     flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
     corrected, uncorrected : Landings
         With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
@@ -116,6 +118,7 @@ class ClosedLoop(Outlined):
     effort : (m,) N m
         What its motor can; infinite where the URDF does not say.
     paths, uncorrected_paths : of the first flights
+    seconds : s that all took
     """
 
     engine: Engine

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import compiled, import_mujoco, inertial_spec, scale_bodies
+from floatplan.simulation.mujoco_model import compiled, inertial_spec, scale_bodies
 from floatplan.simulation.perturbation import Drawn
 from floatplan.stance.check import LIGHT
 from floatplan.stance.jump_motion import JumpMotion
@@ -167,7 +168,7 @@ def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(orientation, np.array(joints)))
     found: dict[str, tuple[int, Array, float]] = {}
     for contact in (contact for stance in jump.stances for contact in stance.contacts):
-        radius = SMALLEST if contact.suffix else max(contact.depth, SMALLEST)
+        radius = SMALLEST if contact.of_sole else max(contact.depth, SMALLEST)
         for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True):
             centre = spot.place + (radius - contact.depth) * upwards[spot.body]
             found[name] = (*point_in_joint(robot, frame, complex(centre)), radius)

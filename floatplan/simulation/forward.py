@@ -16,9 +16,10 @@ import pinocchio as pin
 from floatplan.arguments import by_name, number, one_of
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError, InputError
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import import_mujoco, planar_model
+from floatplan.simulation.mujoco_model import planar_model
 from floatplan.simulation.perturbation import Drawn
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel
 from floatplan.stance.jump_motion import JumpMotion

@@ -12,11 +12,11 @@ from floatplan.arguments import SEED, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.pool import one_thread
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
 from floatplan.simulation.forward import Gains, first_gains
 from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
-from floatplan.simulation.mujoco_model import import_mujoco
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range

@@ -1,37 +1,22 @@
 """The robot for MuJoCo: the URDF's links and joints, on slide, slide, hinge at the base, or on a free joint."""
 
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray
-from floatplan.errors import InputError, import_optional
+from floatplan.errors import InputError
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfTree
 from floatplan.simulation.recorded_motion import ReducedModel
 
-ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
 BASE = ("base_horizontal", "base_vertical", "base_orientation")
-
-
-def import_mujoco(element: str = "engine") -> ModuleType:
-    """Return the module, which then writes no log of its warnings; InputError where it is not installed."""
-    with ONE_AT_A_TIME:
-        mujoco = import_optional("mujoco", name="MuJoCo", element=element, extra="replay")
-        if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
-            mujoco.set_mju_user_warning(_ignore)
-    return mujoco
-
-
-def _ignore(_: str) -> None:
-    """Take a warning: whether the robot lands as planned is what counts."""
 
 
 def planar_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> tuple[Any, IntArray]:

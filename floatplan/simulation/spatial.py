@@ -14,11 +14,12 @@ import pinocchio as pin
 from floatplan.arrays import Array, BoolArray
 from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import PlanRecord
+from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation import forward
 from floatplan.simulation.forward import JointTorques, State
-from floatplan.simulation.mujoco_model import SpatialModel, import_mujoco, rigid_joints, spatial_model
+from floatplan.simulation.mujoco_model import SpatialModel, rigid_joints, spatial_model
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
 

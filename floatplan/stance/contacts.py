@@ -7,14 +7,14 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
-from floatplan.robot import Frame, LinkCapsule, Robot
+from floatplan.robot import LinkCapsule, Robot
 from floatplan.stance.model import Spot, spot_weights
 from floatplan.tables import POINT_FEET
 
 SAME = 2e-3  # [m] by which places of left and right may differ
 LEVEL = 0.02  # [m] by which feet that stand together may differ in the reference posture
 SOLE = 0.05  # [m] a foot that is shorter is a point
-HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot
+HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot that stands on it; others stand on their tips
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
 WAYS = 64  # [-] directions in which the hull is looked at
@@ -23,7 +23,7 @@ FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
 UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
 BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
-NAMED = (".heel", ".toe")
+NAMED, TIP = (".heel", ".toe"), ".tip"
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Contact:
     Attributes
     ----------
     frames : the frame, then its followers'
-    suffix : ".heel" or ".toe" for an end of a sole, which has no frame of its own; else nothing
+    suffix : ".heel" or ".toe" for an end of a sole, ".tip" for that of a leg, which have no frames of their own
     spots : the points, in the order of the frames
     depth : its height over the ground where it stands, m; where it rolls, the radius
     vertical : whether it only presses: a heel, whose toe holds the foot, and shares its horizontal force
@@ -49,6 +49,11 @@ class Contact:
     def names(self) -> tuple[str, ...]:
         """Names of the points, by which forces are listed."""
         return tuple(frame + self.suffix for frame in self.frames)
+
+    @property
+    def of_sole(self) -> bool:
+        """Whether it is an end of a sole."""
+        return self.suffix in NAMED
 
     @property
     def radius(self) -> float:
@@ -102,6 +107,8 @@ def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
 def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     """Return the contact of a frame, a point; or toe and heel where its link has a sole.
 
+    The point is the frame's origin; where that is high above the ground, the middle of the shape's lowest end, its tip.
+
     Parameters
     ----------
     frame : name of a link or joint
@@ -110,7 +117,7 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     Raises
     ------
     InputError
-        The frame is unknown, or high above the lowest point of its link.
+        The frame is unknown, or high above the lowest point of its link where its body has a lower one.
     """
     if frame not in robot.frames:
         raise InputError(f'no frame "{frame}" is known', advice="name a link or a joint")
@@ -124,10 +131,12 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     rear, front = low[found.real[low].argmin()], low[found.real[low].argmax()]
     if found.real[front] - found.real[rear] <= SOLE:
         depth = float(place.imag - under.min())
-        if depth > HIGHEST:
-            reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
-            raise InputError(reason, advice=_lower(robot, home, y))
-        return (_contact(robot, frame, "", spot, depth),)
+        if depth <= HIGHEST:
+            return (_contact(robot, frame, "", spot, depth),)
+        _refuse_above(robot, frame, depth, y)
+        middle = Spot(home.body, (ends[rear].place + ends[front].place) / 2)
+        height = (found.imag[rear] + found.imag[front]) / 2
+        return (_contact(robot, frame, TIP, middle, float(height - under.min())),)
     heel, toe = (
         _contact(robot, frame, name, ends[at]._replace(radius=0.0), float(found[at].imag - under.min()), vertical)
         for name, at, vertical in zip(NAMED, (rear, front), (True, False), strict=True)
@@ -156,20 +165,23 @@ def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
         for each in _ends(robot, frame):
             reach = np.maximum(reach, ((each.place - spot.place) * ways.conj()).real + each.radius)
         off = float(np.abs(reach - contact.depth).max())
-        if contact.suffix or not off < min(POINT_FEET, UNROUND * contact.depth):
+        if contact.of_sole or not off < min(POINT_FEET, UNROUND * contact.depth):
             round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
-            reason = f"{frame!r} cannot roll: its link is {'a sole' if contact.suffix else round_}"
+            reason = f"{frame!r} cannot roll: its link is {'a sole' if contact.of_sole else round_}"
             advice = 'name a frame at the centre of a round foot, or let feet = "point"'
             raise InputError(reason, advice=advice)
     return replace(contact, spots=tuple(each._replace(radius=contact.depth) for each in contact.spots))
 
 
-def _lower(robot: Robot, home: Frame, y: Array) -> str:
-    """Which frame to name in the place of one that is high above the ground: a link's, lower on the same body."""
+def _refuse_above(robot: Robot, frame: str, depth: float, y: Array) -> None:
+    """Refuse a frame that is high above the ground, where a link's on the same body is lower: it is the foot's."""
+    home = robot.frames[frame]
     links = [name for name, each in robot.frames.items() if each.body == home.body and name == each.link]
     heights = heights_over_com(robot, [Spot(home.body, robot.frames[name].local) for name in links], y).imag
     lowest = links[int(heights.argmin())]
-    return "name a foot's frame" + (f", such as {lowest!r}" if robot.frames[lowest].local != home.local else "")
+    if robot.frames[lowest].local != home.local:
+        reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
+        raise InputError(reason, advice=f"name a foot's frame, such as {lowest!r}")
 
 
 def _contact(robot: Robot, frame: str, suffix: str, spot: Spot, depth: float, vertical: bool = False) -> Contact:
@@ -248,7 +260,7 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
     for contact in contacts:
         shank, thigh = contact.spots[0].body, int(tree.parent[contact.spots[0].body])
         ways = tree.turns[shank] - tree.turns[thigh]
-        if contact.suffix or thigh <= 0 or np.count_nonzero(ways) != 1:
+        if contact.of_sole or thigh <= 0 or np.count_nonzero(ways) != 1:
             continue
         spots, knee = [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], int(np.flatnonzero(ways)[0])
         hip, middle, foot = heights_over_com(robot, spots, postures.T).T

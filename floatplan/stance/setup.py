@@ -189,7 +189,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
     before = _wanted(problem, problem.initial, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
-    outer, inner = ((), []) if all(given) else _usual_groups(problem.robot, problem.takeoff.frame, "takeoff", before)
+    outer, inner = ((), []) if all(given) else usual_groups(problem.robot, problem.takeoff.frame, "takeoff", before)
     inner = inner[
         :: 1 if turns * problem.robot.tree.turn >= 0 else -1
     ]  # backwards from the rear feet to the front ones
@@ -241,7 +241,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     wanted = wanted if takes_off else _wanted(problem, problem.final, request.landing.to, wanted)
     groups: Sequence[Sequence[str]] = getattr(request, side).contacts or ()
     if not groups:
-        feet, inner = _usual_groups(robot, frame, side, wanted)
+        feet, inner = usual_groups(robot, frame, side, wanted)
         groups = [feet, *([(frame,)] if len(feet) > 1 else inner)][:: 1 if takes_off else -1]
     contacts, posture = _side(problem, request, side, groups, wanted)
     ground, time = ground_below(robot, contacts[0 if takes_off else -1][0], posture), problem.flight.duration
@@ -327,17 +327,18 @@ def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Arra
     return np.array([level, *(given.get(*pair) for pair in zip(robot.joints, robot.resting.tolist(), strict=True))])
 
 
-def _usual_groups(robot: Robot, frame: str, side: Side, wanted: Array) -> tuple[tuple[str, ...], list[tuple[str]]]:
-    """Frames on which it stands where none are asked, the rearmost first, and what may stand next to the flight.
+def usual_groups(robot: Robot, frame: str, side: Side, wanted: Array) -> tuple[tuple[str, ...], list[tuple[str]]]:
+    """Return frames on which it stands where none are asked, the rearmost first; and what may stand next to the flight.
 
-    Those are each foot alone; or of the only one its toe, nothing where that is a point.
+    Those are each foot alone; or of the only one its toe, nothing where that is a point. A frame of the base itself
+    is refused.
     """
     _check_stands(robot, frame, side)
     feet = standing_feet(robot, frame, wanted)
     if len(feet) > 1:
         return tuple(feet), [(foot,) for foot in feet]
     toe = contact_at(robot, frame, wanted)[0]
-    return (frame,), [(toe.name,)] if toe.suffix else []
+    return (frame,), [(toe.name,)] if toe.of_sole else []
 
 
 def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, feet: str) -> tuple[Contact, ...]:

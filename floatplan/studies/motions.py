@@ -73,7 +73,7 @@ def write_motions(
     known = _entries(index, about)
     done = {row: known[row] for row in known if known[row]["sha256"] == _sha256(folder / name.format(row))}
     for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)):  # of another study, or without an entry
-        if int(path.stem) not in done:
+        if int(path.stem) not in done and path.is_file():
             path.unlink()
     waiting, given = [(row,) for row in rows if row["index"] not in done], (study, folder, name, options)
     written = time.monotonic()

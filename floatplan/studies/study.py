@@ -47,8 +47,6 @@ class Study:
     table : pyarrow.Table
         A row for each problem, in the order of their index: the keys that vary, in the units of the problem file, and
         what was found; what there is not is null. A column's unit is in its field's metadata.
-    statuses : dict of str to int
-        Number of rows by status.
     files : list of Path
         The table, and the maps where there is one.
     """

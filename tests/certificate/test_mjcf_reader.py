@@ -18,7 +18,7 @@ from floatplan.certificate.planar.mjcf import NotReadError, read_mjcf, whole_mjc
 from floatplan.certificate.planar.urdf import Placement, Urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
-from floatplan.simulation.mujoco_model import import_mujoco
+from floatplan.robot.mjcf.compiled import import_mujoco
 
 FILE = Path("robot.xml")
 ROUNDING = 3e-9  # [-] MuJoCo's, of the shell of an ellipsoid, which is a small difference of large numbers
@@ -192,6 +192,8 @@ class TestIncludes:
         ({"sections": '<tendon><spatial range="0 1"/></tendon>'}, "<spatial>: range"),
         ({"sections": '<default><tendon damping="1"/></default>'}, "<tendon>: damping"),
         ({"sections": '<actuator><motor name="pull" tendon="rope"/></actuator>'}, "motor.*pull"),
+        ({"sections": '<actuator><motor name="drive" joint="hip" armature="1"/></actuator>'}, "motor.*drive"),
+        ({"sections": '<default><position armature="1"/></default>'}, "position.*armature"),
         ({"sections": '<equality><weld name="held"/></equality>'}, "weld.*held"),
         ({"sections": '<equality><joint joint1="hip" active="true"/></equality>'}, "<joint>"),
         ({"sections": '<deformable><flex name="cloth"/></deformable>'}, "flex.*cloth"),

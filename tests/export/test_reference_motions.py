@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -256,8 +257,8 @@ def test_a_jump_has_its_contacts_and_forces(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"file"}
 
 
-MODEL = """<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><geom type="plane" size="1 1 1"/>
-<body name="body"><freejoint name="floating_base"/><geom type="mesh" mesh="m"/>
+MODEL = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+<body name="body"><freejoint name="floating_base"/><geom size=".1"/>
 <body name="right_hip_link"><joint name="right_hip"/><geom size=".1"/>
 <body name="right_knee_link"><joint name="right_knee"/><geom size=".1"/></body></body>
 <body name="left_hip_link"><joint name="left_hip"/><geom size=".1"/>
@@ -318,7 +319,7 @@ def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan: fp.Plan, pair: fp.
         (
             "motion-csv",
             '</body><body name="box">',
-            '<joint name="tail"/></body><body name="box">',
+            '<body name="tail_link"><joint name="tail"/><geom size=".1"/></body></body><body name="box">',
             "the motion has no joint tail;",
         ),
         ("loco-mujoco", ' name="floating_base"', "", "has no free joint with a name"),
@@ -369,6 +370,9 @@ def test_the_command_tells_of_another_order(
 def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="no whole number"):
         export(pair, "isaac-amp", tmp_path / "file", rate=29.97)
+    for wrong in (np.inf, np.nan, -50.0):
+        with pytest.raises(InputError, match="Hz"):
+            export(pair, "isaac-amp", tmp_path / "file", rate=wrong)
     for form in ("isaac-amp", "motion-csv", "loco-mujoco"):
         with pytest.raises(InputError, match="one frame"):
             export(pair, form, tmp_path / "file", rate=1)
@@ -386,3 +390,42 @@ def test_the_last_frame_is_the_end_where_it_is_a_whole_number_of_steps(pair: fp.
         flight = replace(pair.problem.flight, duration=duration)
         motion = forward_plan(replace(pair.problem, flight=flight))
         assert len(np.loadtxt(export(motion, "motion-csv", tmp_path / "file", rate=rate), delimiter=",")) == frames
+
+
+PLANAR = """<mujoco model="planar"><worldbody><body name="torso"><joint name="rootx" type="slide" axis="1 0 0"/>
+<joint name="rootz" type="slide" axis="0 0 1"/><joint name="rooty" axis="0 1 0"/><geom type="capsule" size=".05 .3"/>
+<body name="shin" pos="0 0 -.3"><joint name="b_knee" axis="0 -1 0" pos="0 0 .1"/><geom size=".2"/></body>
+<body name="arm" pos="0 0 .3"><joint name="a_arm" axis="0 -1 0" range="-99 99"/><geom size=".1"/></body>
+</body></worldbody></mujoco>"""
+
+
+def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path: Path) -> None:
+    """Bodies and joints are those of the file, in its order; what floatplan adds for a joint's anchor is no body."""
+    path = tmp_path / "planar.xml"
+    path.write_text(PLANAR)
+    motion = turning(fp.Robot.from_mjcf(path), 1.0)
+    content = read(export(motion, "isaac-amp", tmp_path / "amp", rate=RATE))
+    assert content["body_names"].tolist() == ["torso", "shin", "arm"]
+    assert content["dof_names"].tolist() == ["b_knee", "a_arm"]
+    check_joints(motion, content)
+    free = PLANAR.replace('<joint name="rootx" type="slide" axis="1 0 0"/>', '<freejoint name="root"/>')
+    model = mujoco.MjModel.from_xml_string(re.sub(r'<joint name="root[yz]"[^>]*>', "", free))
+    for frame in range(0, len(content["dof_positions"]), 7):
+        data = state_in_mujoco(model, motion, np.eye(3), frame / RATE)
+        near(content["body_positions"][frame], data.xpos[1:])
+    same = export(motion, "isaac-amp", tmp_path / "same", rate=RATE, model=path)
+    assert same.read_bytes() == (tmp_path / "amp").read_bytes()
+    with pytest.raises(InputError, match="has no free joint with a name"):
+        export(motion, "loco-mujoco", tmp_path / "loco", model=path)
+
+
+def test_a_model_is_read_whole_and_safely(pair: fp.Plan, tmp_path: Path) -> None:
+    """Included files are read, and those that are no regular files are not waited for."""
+    (tmp_path / "robot.xml").write_text(MODEL)
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<mujoco><include file="robot.xml"/></mujoco>')
+    assert export(pair, "loco-mujoco", tmp_path / "file", model=scene).stat().st_size > 0
+    (tmp_path / "robot.xml").unlink()
+    os.mkfifo(tmp_path / "robot.xml")
+    with pytest.raises(InputError, match="is not a regular file"):
+        export(pair, "loco-mujoco", tmp_path / "file", model=scene)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_samples import PAIR, RandomTree, inertial, robot_text
+from robot_samples import PAIR, TWO_LINKS, RandomTree, inertial, robot_text
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -248,3 +248,12 @@ def test_the_command_s_help_tells_of_every_format(floatplan: Any) -> None:
     text = floatplan("export", "--help").stdout
     for form in FORMATS:
         assert f"\n  {form:<11}" in text, text
+
+
+def test_a_rotor_alone_is_no_obstacle(tmp_path: Path) -> None:
+    """Pinocchio refuses ``<dynamics>`` without damping and friction: the coordinates are the same."""
+    path = tmp_path / "rotor.urdf"
+    path.write_text(TWO_LINKS.replace("</joint>", '<dynamics armature="0.01"/></joint>'))
+    plan = flown(fp.Robot.from_urdf(path))
+    np.testing.assert_array_equal(plan.q(0.4)[7:], plan.at(0.4).positions)
+    np.testing.assert_array_equal(plan.v(0.4)[6:], plan.at(0.4).velocities)

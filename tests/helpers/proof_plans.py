@@ -4,6 +4,7 @@ import hashlib
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import proof_reference as reference
@@ -88,14 +89,15 @@ def make_plan(
     takeoff, landing = frames or (robot.tree.names[0], robot.tree.names[0])
     centre = np.zeros(n) if centre is None else np.asarray(centre)
     amplitude = np.full(n, np.pi) if amplitude is None else np.asarray(amplitude)
+    file: dict[str, Any] = {robot.kind: str(robot.path)}
     blank = PlanRecord(
         status="feasible",
         ok=True,
         explanation="",
         problem={"flight": {"duration": duration}},
         robot=RobotRecord(
-            urdf=str(robot.path),
-            sha256=hashlib.sha256(Path(str(robot.path)).read_bytes()).hexdigest(),
+            **file,
+            sha256=hashlib.sha256(robot.path.read_bytes()).hexdigest(),
             joints=robot.joints,
             plane=robot.plane.name,
             coupled={name: asdict(coupling) for name, coupling in robot.coupled.items()},

@@ -12,7 +12,8 @@ from jumps import GO2, INSTALLED, backflip
 
 import floatplan as fp
 from floatplan.initial import flight
-from floatplan.initial.flight import first_flight, turns_afloat
+from floatplan.initial.afloat import turns_afloat
+from floatplan.initial.flight import first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions

@@ -8,7 +8,8 @@ import pytest
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.initial.robots import chosen_robot, feet, standing_height, upright
+from floatplan.initial.feet import feet, standing_height, upright
+from floatplan.initial.robots import chosen_robot
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")

@@ -19,7 +19,7 @@ STANDING = dict(
 )
 REFUSED = {
     "the knee": ([["FL_calf"]], "standing", r"contacts: 'FL_calf' is a point \d+ mm above .*such as 'FL_foot'"),
-    "the hip": ([["FL_thigh"]], "standing", r"contacts: 'FL_thigh' is a point \d+ mm above .*name a foot's frame$"),
+    "the hip": ([["FL_thigh"]], "standing", r"contacts: 'FL_thigh\.tip' is in the air: 'F[LR]_foot' is \d+ mm lower"),
     "a locked joint's link": (
         [["FL_hip"]],
         "standing",

@@ -137,7 +137,7 @@ class _Reading:
             _known(tendon)
         acting = [each for each in root.iterfind("equality/*") if each.get("active") != "false"]
         acting += [each for each in root.iterfind("deformable/*") if each.tag != "skin"]
-        acting += [each for each in root.iterfind("actuator/*") if "tendon" in each.attrib]
+        acting += [each for each in root.iterfind("actuator/*") if {"tendon", "armature"} & each.attrib.keys()]
         if acting:
             raise NotReadError(f'<{acting[0].tag}> "{acting[0].get("name", "")}"')
         self.root = root
@@ -168,6 +168,8 @@ class _Reading:
         for element in section:
             if element.tag in ("joint", "geom", "tendon"):
                 own[element.tag] = _over(own.get(element.tag, {}), _known(element))
+            elif "armature" in element.attrib:
+                raise NotReadError(f'<{element.tag}> in class "{name}": armature')
         for element in section.findall("default"):
             self.classes[element.attrib["class"]] = dict(own)
             self.read_class(element, element.attrib["class"])

@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import numpy.typing as npt
@@ -370,7 +371,12 @@ class FreeFlyer:
                 element=f'joint "{ROOT_JOINT}"',
                 advice="rename it",
             )
-        self.model = model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
+        root = fromstring(robot.xml)
+        for part in root:
+            for inner in (*part.findall("collision"), *part.findall("dynamics")):  # which Pinocchio does not all take
+                part.remove(inner)
+        text = tostring(root, encoding="unicode")
+        self.model = model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         joints = [model.joints[model.getJointId(name)] for name in list(robot.model.names)[BASE + 1 :]]
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))

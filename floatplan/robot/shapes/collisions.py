@@ -27,7 +27,8 @@ LARGEST_MESH = 100_000_000  # [bytes]
 LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
 FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
-KINDS = ("sphere", "box", "capsule", "cylinder", "mesh")
+AROUND = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
+KINDS = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")
 UNMOVED = complex(-0.0, -0.0)  # [m] added, it changes nothing, not even the sign of zero
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 
@@ -233,6 +234,8 @@ def read_collision(
             raise InputError("is negative", element=f"{where}: size")
         corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
         return Outline.convex(placed(corners * size)), UNMOVED
+    if shape.tag == "ellipsoid":  # of an MJCF
+        return Outline.convex(_ellipse(triple(f"{where}: radii", shape, "radii", (0.0, 0.0, 0.0)), placed)), UNMOVED
     if shape.tag not in KINDS:
         return None
     radius = _length(where, shape, "radius")
@@ -241,6 +244,14 @@ def read_collision(
     ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * _length(where, shape, "length")
     round_ends = shape.tag == "capsule"
     return Outline.convex(placed(ends), radius) if round_ends else _cylinder(radius, ends, placed), UNMOVED
+
+
+def _ellipse(radii: Array, placed: Projection) -> ComplexArray:
+    """Corners of a polygon around an ellipsoid of three radii, whose outline is an ellipse."""
+    seen = radii * placed.row
+    axes, lengths, _ = np.linalg.svd(np.array([seen.real, seen.imag]))
+    rim = axes @ (lengths[:, None] * np.array([AROUND.real, AROUND.imag]))
+    return np.asarray(placed(np.zeros((1, 3))) + rim[0] + 1j * rim[1])
 
 
 def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:
@@ -254,8 +265,7 @@ def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:
     if thickness < FLAT:
         rim = np.array([1j * radius, -1j * radius]) * along
     else:
-        around = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
-        rim = radius * along * (thickness * around.real + 1j * around.imag)
+        rim = radius * along * (thickness * AROUND.real + 1j * AROUND.imag)
     return Outline.convex((placed(ends)[:, None] + rim[None, :]).ravel())
 
 

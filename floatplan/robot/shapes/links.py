@@ -201,6 +201,8 @@ def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
 
 def _segments(layout: TreeLayout, link: str) -> list[LinkCapsule]:
     """From the link's origin to those of its children's joints, and of its own where it stands away from there."""
+    if layout.tree.links[link].frame:
+        return []
     body = layout.body_of[link]
     start = layout.local(body, layout.placements[link].translation)
     ends = dict.fromkeys(

@@ -61,7 +61,12 @@ def check_urdf(root: Element) -> UrdfTree:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
     check_name(name, "<robot>")
     links = {
-        link: UrdfLink(link, _read_inertial(f'link "{link}"', element), tuple(element.findall("collision")))
+        link: UrdfLink(
+            link,
+            _read_inertial(f'link "{link}"', element),
+            tuple(element.findall("collision")),
+            element.get("type") == "frame",
+        )
         for link, element in link_elements.items()
     }
     joints = [_read_joint(joint, element, named) for joint, element in named.items()]

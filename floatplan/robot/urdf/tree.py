@@ -9,7 +9,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib import metadata
 from pathlib import Path
@@ -58,11 +58,15 @@ class Inertial:
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements."""
+    """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements.
+
+    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    """
 
     name: str
     inertial: Inertial | None
     collisions: tuple[Element, ...]
+    frame: bool = False
 
 
 @dataclass(frozen=True)
@@ -161,29 +165,38 @@ class UrdfTree:
 
 @dataclass(frozen=True, eq=False)
 class UrdfText:
-    """A URDF file as read: its text, the SHA-256 of its bytes, and its root element."""
+    """A robot's file as read: as a URDF, the text and its root element; the SHA-256 of its bytes.
+
+    Of an MJCF, ``files`` are the SHA-256 of what it is read with, by their paths from its folder, ``keyframes`` its
+    reference postures, and ``warnings`` say what it has and a URDF has not.
+    """
 
     path: Path
     xml: str
     sha256: str
     root: Element
+    kind: RobotKind = "urdf"
+    files: Mapping[str, str] = field(default_factory=dict)
+    keyframes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
-def read_urdf(path: str | Path) -> UrdfText:
-    """Read a URDF file.
+def read_xml(path: Path) -> tuple[bytes, Element]:
+    """Return the content of a robot's file, and its root element.
 
     Raises
     ------
     InputError
-        If the file is missing, a directory, unreadable, empty, binary, truncated, not XML, or not a ``<robot>``.
+        If the file is missing, a directory, unreadable, empty, binary, truncated, or not XML.
     """
-    path = Path(path)
     content = robot_content(path)
     if not content.strip():
         raise InputError("is empty", source=path)
-    root = parsed_xml(content, path)
-    if root.tag != "robot":
-        raise InputError(f"is not a URDF: its root element is <{root.tag}>, not <robot>", source=path)
+    return content, parsed_xml(content, path)
+
+
+def urdf_text(path: Path, content: bytes, root: Element) -> UrdfText:
+    """Return a URDF file as read, from its content and root element."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:  # in another encoding: written anew
@@ -233,8 +246,8 @@ def _parsed(place: str, text: str, largest: float) -> float:
     return value
 
 
-def reference_posture(name: str, tree: UrdfTree, urdf: Path) -> dict[str, float]:
-    """Return positions, rad or m, of the joints that the SRDF state called ``name`` gives.
+def reference_posture(name: str, tree: UrdfTree, text: UrdfText) -> Mapping[str, float]:
+    """Return positions, rad or m, of the joints that the SRDF state, or the keyframe of an MJCF, called ``name`` gives.
 
     SRDF files are searched in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
     comes before others. A state counts where the URDF has most of its joints; those it does not have, and those that do
@@ -245,15 +258,22 @@ def reference_posture(name: str, tree: UrdfTree, urdf: Path) -> dict[str, float]
     InputError
         If no such state is found, or a position is not a number.
     """
-    known = reference_postures(tree, urdf)
+    known = reference_postures(tree, text)
     if name not in known:
-        advice = f"known are {', '.join(known)}" if known else "put an SRDF file of this robot beside its URDF"
+        write = {
+            "urdf": "put an SRDF file of this robot beside its URDF",
+            "mjcf": "write it as a <key> of a <keyframe>",
+        }
+        advice = f"known are {', '.join(known)}" if known else write[text.kind]
         raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
     return known[name]
 
 
-def reference_postures(tree: UrdfTree, urdf: Path) -> dict[str, dict[str, float]]:
+def reference_postures(tree: UrdfTree, text: UrdfText) -> Mapping[str, Mapping[str, float]]:
     """Return all reference postures by their names, see :func:`reference_posture`."""
+    if text.kind == "mjcf":
+        return text.keyframes
+    urdf = text.path
     paths = [path for folder in (urdf.parent, urdf.parent.parent / "srdf") for path in sorted(folder.glob("*.srdf"))]
     known: dict[str, dict[str, float]] = {}
     for path in sorted(paths, key=lambda path: path.stem != urdf.stem):
@@ -266,7 +286,10 @@ def reference_postures(tree: UrdfTree, urdf: Path) -> dict[str, dict[str, float]
 
 def _states(path: Path, tree: UrdfTree) -> Iterator[tuple[str, dict[str, float]]]:
     """Names and positions of the states in one SRDF file, less those of other robots."""
-    for state in read_urdf(path).root.iterfind("group_state"):
+    _, root = read_xml(path)
+    if root.tag != "robot":
+        raise InputError(f"is not an SRDF: its root element is <{root.tag}>, not <robot>", source=path)
+    for state in root.iterfind("group_state"):
         name = state.get("name", "")
         joints = {joint.get("name", ""): joint for joint in state.iterfind("joint")}
         moving = {

@@ -1,0 +1,161 @@
+"""What a first flight is asked to be: options of ``floatplan init``, which are kept, or refused by their names."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from floatplan.arguments import number
+from floatplan.errors import InputError
+from floatplan.initial.feet import place, standing_height, upright
+from floatplan.initial.robots import ChosenRobot
+from floatplan.problem.jump import Groups, JumpLanding, JumpRequest, JumpTakeoff
+from floatplan.robot.robot import Robot
+from floatplan.stance.setup import usual_groups
+
+GRAVITY = 9.81  # [m/s^2]
+LEAST_RISE, MOST_RISE = 1e-3, 10.0  # [-] times the height of the centre of mass, standing, that a jump may rise
+OPTIONS = {  # that may be to blame for a key of the problem, the likeliest first
+    "jump.takeoff": ("contacts", "takeoff"),
+    "jump.landing": ("landing_contacts", "landing", "contacts", "takeoff"),
+    "flight.takeoff": ("takeoff", "contacts"),
+    "flight.landing": ("landing", "landing_contacts"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """Options by their names; None is left open.
+
+    Attributes
+    ----------
+    takeoff, landing : frames that leave the ground last, and meet it first
+    turns : whole turns of the base, forwards unless ``backwards``; 0 for a jump without
+    backwards : one turn where their number is left open
+    duration : of the flight, s
+    contacts, landing_contacts : phases, frames each, before and after; the latter left open are the former in reverse,
+        front and rear exchanged
+    """
+
+    takeoff: str | None = None
+    landing: str | None = None
+    turns: int | None = None
+    backwards: bool = False
+    duration: float | None = None
+    contacts: Groups | None = None
+    landing_contacts: Groups | None = None
+
+    @property
+    def given(self) -> dict[str, str]:
+        """What is asked, as it is typed."""
+        return {name: _typed(name, value) for name, value in asdict(self).items() if value not in (None, False)}
+
+    @property
+    def foot(self) -> str | None:
+        """The frame that is asked to take off."""
+        return self.takeoff or (_frame(self.contacts[-1][0]) if self.contacts else None)
+
+    def refuse_own(self, error: InputError) -> None:
+        """Raise an error about a key that stands for an option which is given as one of that."""
+        for key, names in OPTIONS.items():
+            for name in names if (error.element or "").startswith(key) else ():
+                if name in self.given:
+                    raise wrong(name, error.reason, error.advice)
+
+    def check(self, chosen: ChosenRobot) -> None:
+        """Refuse what contradicts itself, frames that the robot has not, and durations of no jump.
+
+        Raises
+        ------
+        InputError
+            It names the option.
+        """
+        if self.turns == 0 and self.backwards:
+            raise wrong("backwards", "no turn is neither forwards nor backwards", "leave it out, or give --turns 1")
+        for name, frame, phases, last in (
+            ("takeoff", self.takeoff, self.contacts or (), -1),
+            ("landing", self.landing, self.landing_contacts or (), 0),
+        ):
+            contacts = "contacts" if name == "takeoff" else "landing_contacts"
+            for option, each in [(name, frame), *((contacts, each) for group in phases for each in group)]:
+                if each and not {each, _frame(each)} & set(chosen.robot.frames):
+                    advice = "floatplan info ROBOT --frames lists them"
+                    raise wrong(option, f"the robot has no frame {each!r}", advice)
+            if frame and phases and frame not in map(_frame, phases[last]):
+                reason = f"{_typed(contacts, phases)} has {', '.join(phases[last])} next to the flight"
+                raise wrong(name, reason, "leave one of the two out")
+        if self.duration is not None:
+            number("duration")(self.duration, "duration")
+            height = standing_height(chosen.robot, chosen.feet[0]) if chosen.feet else math.inf
+            rise = GRAVITY * self.duration**2 / 8
+            if chosen.feet and not LEAST_RISE * height <= rise <= MOST_RISE * height:
+                low, high = (math.sqrt(8 * share * height / GRAVITY) for share in (LEAST_RISE, MOST_RISE))
+                reason = (
+                    f"it jumps {rise:.2g} m high in {self.duration:g} s, and stands with its mass {height:.2g} m high"
+                )
+                raise wrong("duration", reason, f"give {low:.2g} to {high:.2g} s")
+
+    def whole_turns(self, chosen: ChosenRobot) -> tuple[int, ...]:
+        """Return the whole turns that are tried, those backwards positive.
+
+        Left open, it is one over the side on which it takes off, then none.
+        """
+        if self.turns is not None or self.backwards:
+            count = 1 if self.turns is None else self.turns
+            return (count if self.backwards else -count,)
+        rear, front = (place(chosen.robot, foot).real for foot in (chosen.feet[0], chosen.feet[-1]))
+        return (1 if not self.foot or 2 * place(chosen.robot, self.foot).real <= rear + front else -1, 0)
+
+    def request(self, robot: Robot, foot: str) -> JumpRequest:
+        """Return what is asked of the jump that takes off from a foot."""
+        fixed: Sequence[Literal["duration"]] = () if self.duration is None else ("duration",)
+        if not set(self.given) - {"turns", "backwards", "duration"}:
+            return JumpRequest(fixed=fixed)
+        before = self.contacts or _usual(robot, foot, "takeoff")
+        meeting = _usual(robot, self.landing, "landing") if self.landing else _mirrored(robot, before)
+        try:
+            takeoff = JumpTakeoff(contacts=before)
+        except InputError as error:
+            raise error.within(element="jump.takeoff") from None
+        try:
+            return JumpRequest(
+                fixed=fixed, takeoff=takeoff, landing=JumpLanding(contacts=self.landing_contacts or meeting)
+            )
+        except InputError as error:
+            raise error.within(element="jump.landing") from None
+
+
+def wrong(name: str, reason: str, advice: str | None = None) -> InputError:
+    """Return the error of an option."""
+    return InputError(reason, element=name.replace("_", "-"), advice=advice)
+
+
+def _typed(name: str, value: Any) -> str:
+    if not isinstance(value, bool | int | float | str):
+        value = '"' + ";".join(map(",".join, value)) + '"'
+    return f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}")
+
+
+def _frame(name: str) -> str:
+    """The frame of a contact's name."""
+    frame, _, end = name.rpartition(".")
+    return frame if end in ("toe", "heel", "tip") else name
+
+
+def _usual(robot: Robot, frame: str, side: Literal["takeoff", "landing"]) -> list[tuple[str, ...]]:
+    """Phases of a side: all feet, and next to the flight the frame alone, of a sole its toe."""
+    outer, inner = usual_groups(robot, frame, side, np.append(upright(robot, frame), robot.resting))
+    own: list[tuple[str, ...]] = [each for each in inner if _frame(each[0]) == frame]
+    return [outer, *own] if side == "takeoff" else [*own, outer]
+
+
+def _mirrored(robot: Robot, phases: Groups) -> list[tuple[str, ...]]:
+    """The phases in reverse order, the rear foot in place of the front one and the other way about."""
+    order = sorted(set(map(_frame, phases[0])), key=lambda frame: place(robot, frame).real)
+    other = dict(zip(order, reversed(order), strict=True))
+    return [
+        tuple(other.get(_frame(name), _frame(name)) + name[len(_frame(name)) :] for name in group)
+        for group in reversed(phases)
+    ]

@@ -1,0 +1,67 @@
+"""What the actuators of a compiled MJCF can, and what their joints feel of them."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.mjcf.tree import MjcfTree
+
+UNLIMITED = np.array([-math.inf, math.inf])
+
+
+class JointMotor(NamedTuple):
+    """A joint's largest torque, N m, zero without a limit; armature kg m^2, damping N m s/rad, friction N m."""
+
+    effort: float
+    armature: float
+    damping: float
+    friction: float
+
+
+def joint_motors(tree: MjcfTree) -> tuple[dict[int, JointMotor], list[str]]:
+    """Return the motor of each joint that moves the robot's bodies, and warnings about what is not as in the file.
+
+    What several actuators of a joint can adds up. Limits are one number for both directions, the smaller one, and none
+    where the joint is driven in one direction only.
+    """
+    model, motors = tree.model, {}
+    of_joints = model.actuator_trntype <= int(import_mujoco().mjtTrn.mjTRN_JOINTINPARENT)
+    others = [f"number {1 + each}" for each in np.flatnonzero(~of_joints)]
+    idle, uneven = [], []
+    for joint in tree.moving:
+        actuators = np.flatnonzero(of_joints & (model.actuator_trnid[:, 0] == joint)).tolist()
+        torques = np.sum([_torques(model, each) for each in actuators] or [UNLIMITED], axis=0)
+        if model.jnt_actfrclimited[joint]:
+            torques = np.clip(torques, *model.jnt_actfrcrange[joint])
+        low, high = torques.tolist()
+        effort, degree = min(-low, high), model.jnt_dofadr[joint]
+        idle += [] if actuators or not of_joints.any() else [tree.joint_names[joint]]
+        uneven += [] if effort > 0.0 and low == -high else [tree.joint_names[joint]]
+        felt = [float(getattr(model, f"dof_{key}")[degree]) for key in ("armature", "damping", "frictionloss")]
+        for index, key in enumerate(("actuator_armature", "actuator_damping")):  # of newer versions of MuJoCo
+            if hasattr(model, key):
+                felt[index] += float(model.actuator_gear[actuators, 0] ** 2 @ getattr(model, key)[actuators])
+        motors[joint] = JointMotor(effort if 0.0 < effort < math.inf else 0.0, *felt)
+    said = {
+        "actuators that act on no joint, left out": others,
+        "joints without an actuator, planned as if they had one without limits": idle,
+        "torques that differ by direction, taken to be the smaller one, or without limit where that is zero": uneven,
+    }
+    return motors, [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
+
+
+def _torques(model: Any, number: int) -> Array:
+    """Least and largest torque of an actuator on its joint: by its range of forces, and of control where known."""
+    mujoco, gear = import_mujoco(), model.actuator_gear[number, 0]
+    forces = model.actuator_forcerange[number] if model.actuator_forcelimited[number] else UNLIMITED
+    by_control = (
+        model.actuator_gaintype[number] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[number] == mujoco.mjtBias.mjBIAS_NONE
+        and model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_NONE
+    )
+    if by_control and model.actuator_ctrllimited[number]:
+        forces = np.clip(np.sort(model.actuator_gainprm[number, 0] * model.actuator_ctrlrange[number]), *forces)
+    return np.sort(gear * forces) if gear else np.zeros(2)

@@ -1,0 +1,126 @@
+"""An MJCF file with all that it includes, as one element, and the content of its meshes: MuJoCo itself opens no file.
+
+Left out is what a robot in flight does not have: sensors, pictures, terrain, sizes of buffers. Elements by which a
+short file makes thousands of bodies, or calls code, are refused.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from xml.etree.ElementTree import Element
+
+from floatplan.errors import InputError
+from floatplan.files import LARGEST_URDF, check_depth, parsed_xml, read_regular
+from floatplan.robot.shapes.collisions import LARGEST_MESH
+
+MOST = {"*": 20_000, "body": 1000}  # [-] elements of a file with its includes: many times those of any robot
+MOST_FILES = 200  # [-] included files, and meshes
+FOLDERS = ("meshdir", "assetdir", "texturedir", "strippath")  # of a <compiler>: where files are
+LEFT_OUT = ("size", "visual", "statistic", "custom", "sensor", "texture", "material", "hfield", "skin")
+SAVED = "load the file in MuJoCo and save it with mj_saveLastXML, which writes out what they make"
+REFUSED = {  # elements: why, and what to do about it
+    **dict.fromkeys(("replicate", "composite"), ("makes many bodies out of one", SAVED)),
+    **dict.fromkeys(("attach", "model"), ("is another model inside this one", SAVED)),
+    **dict.fromkeys(("flexcomp", "flex"), ("is a body that bends, and only rigid ones can be planned", "remove it")),
+    **dict.fromkeys(("plugin", "extension"), ("calls code that is not in the file", "remove it")),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfText:
+    """A ``<mujoco>`` element without includes, of the file at ``path``.
+
+    ``files`` is the content of what it is read with, by paths from its folder; ``meshes`` are the paths of mesh assets.
+    """
+
+    root: Element
+    path: Path
+    files: dict[str, bytes] = field(default_factory=dict)
+    meshes: dict[str, str] = field(default_factory=dict)
+
+
+def whole_mjcf(root: Element, path: Path) -> MjcfText:
+    """Return the whole of the MJCF file at ``path``, whose own element is ``root``.
+
+    Raises
+    ------
+    InputError
+        It includes a file that is not to be found, lies outside its folder or was included already; a mesh is not to be
+        found or has no file; there are too many elements; or one of them is not read.
+    """
+    text = MjcfText(root, path)
+    while include := next(((each, child) for each in root.iter() for child in each if child.tag == "include"), None):
+        parent, child = include
+        index = list(parent).index(child)
+        parent[index : index + 1] = list(_included(text, child))
+        _check_size(root)
+    _check_size(root)
+    check_depth(root, Element)
+    for element in root.iter():
+        if element.tag in REFUSED:
+            reason, advice = REFUSED[element.tag]
+            raise InputError(f"{reason}; it is not read", element=_place(element), advice=advice)
+        element.attrib.pop("material", None)
+        for child in list(element):
+            if child.tag in LEFT_OUT or (child.tag, child.get("type")) == ("geom", "hfield"):
+                element.remove(child)
+    _read_meshes(text)
+    return text
+
+
+def _check_size(root: Element) -> None:
+    for tag, most in MOST.items():
+        count = sum(1 for _ in root.iter(tag))
+        if count > most:
+            raise InputError(f"has {count} elements, more than the {most} that can be handled", element=f"<{tag}>")
+
+
+def _place(element: Element) -> str:
+    name = element.get("name") or element.get("file")
+    return f'<{element.tag}> "{name}"' if name else f"<{element.tag}>"
+
+
+def _included(text: MjcfText, include: Element) -> Element:
+    """The root element of the file that an ``<include>`` names."""
+    folder = text.path.parent.resolve()
+    target = (folder / include.get("file", "")).resolve()
+    if not target.is_relative_to(folder):
+        reason, advice = "lies outside the folder of the file that includes it", "put it into that folder"
+        raise InputError(reason, element=_place(include), advice=advice)
+    name = target.relative_to(folder).as_posix()
+    if name in text.files or target == text.path.resolve():
+        raise InputError("is included twice, or includes itself", element=_place(include))
+    root = parsed_xml(_content(text, name, LARGEST_URDF, include), text.path.parent / name)
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise InputError(f"is not an MJCF: its root element is <{root.tag}>", source=text.path.parent / name)
+    return root
+
+
+def _content(text: MjcfText, name: str, largest: int, element: Element) -> bytes:
+    """Content of a file, which ``text`` then holds."""
+    if len(text.files) >= MOST_FILES:
+        raise InputError(f"is read with more than {MOST_FILES} other files, as no robot is")
+    try:
+        text.files[name] = read_regular(text.path.parent / name, largest, "a part of an MJCF")
+    except InputError as error:
+        raise error.within(element=_place(element)) from None
+    return text.files[name]
+
+
+def _read_meshes(text: MjcfText) -> None:
+    """Read the files of the mesh assets, whose elements then have a name, and the path from the MJCF's folder."""
+    compiler: dict[str, str] = {}
+    for element in text.root.findall("compiler"):
+        compiler |= {key: element.attrib.pop(key) for key in FOLDERS if key in element.attrib}
+    folder = compiler.get("meshdir", compiler.get("assetdir", ""))
+    for mesh in text.root.iterfind("asset/mesh"):
+        if not mesh.get("file") or mesh.get("refpos") or mesh.get("refquat"):
+            reason = "is written here or moved by refpos or refquat, and only meshes of files, as they are, can be read"
+            raise InputError(reason, element=_place(mesh), advice="write the mesh to a file, in its place")
+        written = PurePath(mesh.get("file", ""))
+        path = PurePath(folder) / (written.name if compiler.get("strippath") == "true" else written)
+        name = path.as_posix()
+        if name not in text.files:
+            _content(text, name, LARGEST_MESH, mesh)
+        mesh.set("file", name)
+        mesh.set("name", mesh.get("name") or written.stem)
+        text.meshes[mesh.get("name", "")] = name

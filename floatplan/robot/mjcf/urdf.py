@@ -1,0 +1,141 @@
+"""An MJCF as the URDF that the rest of the house knows, of the same links, joints, masses, shapes and motors.
+
+Every body is a link with its own frame, every joint keeps its name and the zero of its position. A joint whose anchor
+is not the body's origin, or that is not the last of its body, moves a link that is a frame alone.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, fromstring
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.robot.mjcf.compiled import compiled_mjcf, import_mujoco
+from floatplan.robot.mjcf.motors import JointMotor, joint_motors
+from floatplan.robot.mjcf.text import whole_mjcf
+from floatplan.robot.mjcf.tree import MjcfTree, new_name
+from floatplan.robot.urdf.tree import UrdfText
+
+
+def read_mjcf(path: Path, content: bytes, root: Element) -> UrdfText:
+    """Return the URDF of an MJCF file, from its content and root element.
+
+    Raises
+    ------
+    InputError
+        As of :func:`~floatplan.robot.mjcf.text.whole_mjcf`, :func:`~floatplan.robot.mjcf.compiled.compiled_mjcf` and
+        :class:`~floatplan.robot.mjcf.tree.MjcfTree`.
+    """
+    name = (root.get("model") or "").strip() or path.stem
+    text = whole_mjcf(root, path)
+    model = compiled_mjcf(text)
+    tree = MjcfTree(model)
+    motors, of_motors = joint_motors(tree)
+    meshes = {number: text.meshes[model.mesh(number).name] for number in range(model.nmesh)}
+    parts = [*_links(tree, meshes), *_joints(tree, motors)]
+    xml = f"<robot {_written(name=name)}>{''.join(parts)}</robot>"
+    keys = {model.key(number).name: model.key_qpos[number] for number in range(model.nkey)}
+    entries = {tree.joint_names[joint]: int(model.jnt_qposadr[joint]) for joint in tree.moving}
+    return UrdfText(
+        path=path,
+        xml=xml,
+        sha256=hashlib.sha256(content).hexdigest(),
+        root=fromstring(xml),
+        kind="mjcf",
+        files={name: hashlib.sha256(each).hexdigest() for name, each in text.files.items()},
+        keyframes={key: {name: float(q[entry]) for name, entry in entries.items()} for key, q in keys.items() if key},
+        warnings=(*tree.warnings, *of_motors),
+    )
+
+
+def _written(**values: Any) -> str:
+    """Attributes: texts, numbers with all digits, or several of these."""
+    texts = {
+        key: value if isinstance(value, str) else " ".join(repr(float(each)) for each in np.atleast_1d(value))
+        for key, value in values.items()
+    }
+    return " ".join(f"{key}={quoteattr(value)}" for key, value in texts.items())
+
+
+def _origin(place: Any) -> str:
+    return f"<origin {_written(xyz=place.translation, rpy=pin.rpy.matrixToRpy(place.rotation))}/>"
+
+
+def _place(position: Any, quaternion: Any = (1.0, 0.0, 0.0, 0.0)) -> Any:
+    """``pinocchio.SE3`` of a place and a quaternion w x y z."""
+    return pin.SE3(pin.Quaternion(*quaternion).normalized().matrix(), np.array(position))
+
+
+def _links(tree: MjcfTree, meshes: Mapping[int, str]) -> Iterator[str]:
+    """The bodies: mass, and the geometry that can touch something, or all of it where none can."""
+    model = tree.model
+    touching = (model.geom_contype | model.geom_conaffinity).astype(bool)
+    touching[[*model.pair_geom1, *model.pair_geom2]] = True
+    of_robot = np.isin(model.geom_bodyid, tree.bodies)
+    shapes = touching & of_robot if (touching & of_robot).any() else of_robot
+    for body in tree.bodies:
+        inertial = ""
+        if model.body_mass[body] > 0.0:
+            xx, yy, zz = model.body_inertia[body]
+            moments = _written(ixx=xx, iyy=yy, izz=zz, ixy=0.0, ixz=0.0, iyz=0.0)
+            origin = _origin(_place(model.body_ipos[body], model.body_iquat[body]))
+            mass = _written(value=model.body_mass[body])
+            inertial = f"<inertial>{origin}<mass {mass}/><inertia {moments}/></inertial>"
+        geoms = np.flatnonzero(shapes & (model.geom_bodyid == body)).tolist()
+        collisions = "".join(_collision(model, geom, meshes) for geom in geoms)
+        yield f"<link {_written(name=tree.body_names[body])}>{inertial}{collisions}</link>"
+
+
+def _collision(model: Any, geom: int, meshes: Mapping[int, str]) -> str:
+    kinds, kind, size = import_mujoco().mjtGeom, int(model.geom_type[geom]), model.geom_size[geom]
+    place, mesh = _place(model.geom_pos[geom], model.geom_quat[geom]), int(model.geom_dataid[geom])
+    if kind == kinds.mjGEOM_MESH:
+        shape = f"mesh {_written(filename=meshes[mesh], scale=model.mesh_scale[mesh])}"
+        place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()  # from where MuJoCo has it
+    else:
+        shape = {
+            int(kinds.mjGEOM_SPHERE): f"sphere {_written(radius=size[0])}",
+            int(kinds.mjGEOM_CAPSULE): f"capsule {_written(radius=size[0], length=2 * size[1])}",
+            int(kinds.mjGEOM_CYLINDER): f"cylinder {_written(radius=size[0], length=2 * size[1])}",
+            int(kinds.mjGEOM_BOX): f"box {_written(size=2 * size)}",
+            int(kinds.mjGEOM_ELLIPSOID): f"ellipsoid {_written(radii=size)}",
+        }.get(kind, kinds(kind).name)
+    return f"<collision>{_origin(place)}<geometry><{shape}/></geometry></collision>"
+
+
+def _joints(tree: MjcfTree, motors: Mapping[int, JointMotor]) -> Iterator[str]:
+    """What carries each body: its joints one after the other, and what then leads to the body's own frame."""
+    model, links = tree.model, set(tree.body_names.values())
+    for body in tree.bodies[1:]:
+        own, carrier = tree.body_names[body], tree.body_names[int(model.body_parentid[body])]
+        place = _place(model.body_pos[body], model.body_quat[body])
+        for joint in tree.joints[body]:
+            slides, axis = tree.slides(joint), model.jnt_axis[joint]
+            anchor, back = np.zeros(3) if slides else model.jnt_pos[joint], -model.qpos0[model.jnt_qposadr[joint]]
+            turned = np.eye(3) if slides else pin.AngleAxis(back, axis).matrix()
+            place = place * _place(anchor) * pin.SE3(turned, back * axis if slides else np.zeros(3))
+            child = own
+            if anchor.any() or joint != tree.joints[body][-1]:
+                child = new_name(f"{own}/{tree.joint_names[joint]}", links)
+                yield f"<link {_written(name=child, type='frame')}/>"
+            limited, motor = bool(model.jnt_limited[joint]), motors[joint]
+            kind = "prismatic" if slides else "revolute" if limited else "continuous"
+            lower, upper = model.jnt_range[joint] if limited else (0.0, 0.0)  # zeros are no limits
+            limit = _written(lower=lower, upper=upper, effort=motor.effort, velocity=0.0)
+            losses = {key: value for key, value in motor._asdict().items() if key != "effort" and value}
+            inside = f"<axis {_written(xyz=axis)}/><limit {limit}/><dynamics {_written(**losses)}/>"
+            yield _joint(tree.joint_names[joint], kind, (carrier, child), place, inside)
+            carrier, place = child, _place(-anchor)
+        if carrier != own:
+            name = new_name(f"{own}/", set(tree.joint_names.values()))
+            yield _joint(name, "fixed", (carrier, own), place)
+
+
+def _joint(name: str, kind: str, links: tuple[str, str], place: Any, inside: str = "") -> str:
+    parent, child = (_written(link=link) for link in links)
+    ends = f"{_origin(place)}<parent {parent}/><child {child}/>"
+    return f"<joint {_written(name=name, type=kind)}>{ends}{inside}</joint>"
