@@ -12,7 +12,7 @@ from dataclasses import MISSING, fields
 from itertools import count, islice
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -213,13 +213,13 @@ def many(check: Check, of: str, count: int | None = None) -> Check:
     return each
 
 
-def pair(check: Check, of: str = "numbers", count: Literal[2, 3] = 2) -> Check:
-    """Two of what a check lets through, or three, kept as a tuple."""
+def pair(check: Check, of: str = "numbers", count: int = 2) -> Check:
+    """Two of what a check lets through, or three or four, kept as a tuple."""
 
     def each(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
         if items is None or len(items) != count:
-            raise InputError(f"{value!r} is not {'two' if count == 2 else 'three'} {of}", element=element)
+            raise InputError(f"{value!r} is not {('two', 'three', 'four')[count - 2]} {of}", element=element)
         return tuple(check(item, f"{element}[{index}]") for index, item in enumerate(items))
 
     return each
@@ -343,6 +343,11 @@ def shortened(values: Iterable[float], digits: int = 4) -> str:
     numbers = [f"{float(value) + 0.0:.{digits}g}" for value in values]
     more = len(numbers) - MOST_NUMBERS
     return ", ".join(numbers if more <= 0 else [*numbers[:MOST_NUMBERS], f"... ({more} more)"])
+
+
+def in_line(value: float | Iterable[float], digits: int = 4) -> str:
+    """A number, or the numbers of a vector in brackets."""
+    return f"({shortened(value, digits)})" if isinstance(value, Iterable) else f"{value:.{digits}g}"
 
 
 class Outlined:

@@ -132,8 +132,8 @@ def _check(hint: Any, numbers: str | Range) -> Check:
         return arguments.one_of(*inner)
     if origin is tuple and inner[-1] is not ...:
         if str in inner:
-            return arguments.pair(arguments.text, "texts", 2 if len(inner) == 2 else 3)
-        return arguments.pair(_check(float, numbers if numbers in RANGES else "place"))
+            return arguments.pair(arguments.text, "texts", len(inner))
+        return arguments.pair(_check(float, numbers if numbers in RANGES else "place"), count=len(inner))
     if origin in (tuple, Sequence):
         return arguments.many(_check(entry_of(hint), numbers), "entries")
     if origin is Mapping:

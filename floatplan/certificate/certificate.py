@@ -43,6 +43,7 @@ from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time
+NOT_IN_SPACE = "not yet for flights in space"
 MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
@@ -76,6 +77,8 @@ def certify(
     with naming(file):
         path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
         record = checked(record)
+        if record.in_space:
+            return _undecided(record.robot, NOT_IN_SPACE)
         shapes: list[Sequence[LinkShape] | None] = [None, None]
         unknown: list[str] = []
         if record.asks_clearance:

@@ -85,7 +85,7 @@ def plan(
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
 
     The plan is proved for every instant of the flight. Exit code 0 only where a plan was found and, unless
-    --no-certify is given, proved.
+    --no-certify is given, proved. Flights in space are not proved yet.
     """
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
@@ -117,7 +117,8 @@ def plan(
             files.append(write_report(answer, directory / REPORT, stances))
     facts = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
     facts |= {"launch": of_stances} if launch else {}
-    ok = answer.ok and (not certify or (answer.certificate is not None and answer.certificate.proved))
+    provable = certify and answer.robot.in_plane is not None
+    ok = answer.ok and (not provable or (answer.certificate is not None and answer.certificate.proved))
     words = (answer, files, common.program(), stances)
     common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
 

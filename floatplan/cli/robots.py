@@ -249,6 +249,8 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
 
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     interval = angular_momentum_interval(problem)
+    if interval is None:
+        raise problem.robot.not_in_plane
     facts: dict[str, Any] = plain(
         {
             "angular_momentum_bounds": interval,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -47,7 +47,8 @@ def plan_summary(
     ]
     rows = [Row("problem", ", ".join([*asked, *obstacles]))]
     for name, end in (("start", problem.initial), ("goal", problem.final)):
-        rows.append(Row(name, f"{math.degrees(end.orientation):.6g}; {shortened(np.degrees(end.positions), 6)} deg"))
+        turned = end.attitude or f"{math.degrees(end.orientation):.6g}"
+        rows.append(Row(name, f"{turned}; {shortened(np.degrees(end.positions), 6)} deg"))
     places: dict[str, Path] = {}  # by kind: pictures by their folder
     for path in files:
         drawn = path.suffix in (".png", ".svg")
@@ -262,10 +263,19 @@ def flights_summary(flown: fp.ClosedLoop | None, found: fp.Authority | None, pag
 
 
 def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: bool = False) -> Table:
-    """A table without lines, all of it plain text; where ``whole``, no cell is broken into lines."""
-    table = Table(*(Column(title, no_wrap=whole) for title in titles), box=None, header_style="dim", pad_edge=False)
-    for row in rows:
-        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
+    """A table without lines, all of it plain text; where it would not fit the terminal, its columns stand closer.
+
+    Nothing is cut short; where ``whole``, names, which come first, are broken into lines before anything else is.
+    """
+    cells = [[cell if isinstance(cell, Text) else Text(cell) for cell in row] for row in ([*titles], *rows)]
+    first, *others = (max(map(len, column)) for column in zip(*cells, strict=True))
+    width = Console().width
+    whole = whole and sum(others) + len(others) < width
+    columns = [Column(each.plain, no_wrap=whole and place > 0, overflow="fold") for place, each in enumerate(cells[0])]
+    close = first + sum(others) + 2 * len(others) > width
+    table = Table(*columns, box=None, header_style="dim", pad_edge=False, collapse_padding=close)
+    for row in cells[1:]:
+        table.add_row(*row)
     return table
 
 

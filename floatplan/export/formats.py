@@ -166,7 +166,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
     arrays = {
         "time": times,
         "qpos": np.concatenate((whole.base_position, quaternion, whole.positions), axis=1),
-        "qvel": np.concatenate((whole.base_velocity, whole.base_angular_velocity, whole.velocities), axis=1),
+        "qvel": np.concatenate((whole.base_velocity, whole.base_twist[:, 3:], whole.velocities), axis=1),
         "ctrl": whole.motor_torques,
         "joint_names": np.array(motion.joints),
         "gravity": motion.gravity,

@@ -29,12 +29,9 @@ class ModelNames:
         own = own_names(robot)
         pairs = (("joints", self.joints, own.joints), ("bodies", self.bodies, own.bodies))
         moved = [kind for kind, here, there in pairs if list(here) != [name for name in there if name in here]]
-        said = (
-            f"{' and '.join(moved)} are in another order than"
-            if moved
-            else "joints and bodies are in the same order as"
-        )
-        return f"its {said} in the robot's file" + ("; what is written has its order" if moved else "")
+        if not moved:
+            return "its joints and bodies are in the same order as in the robot's file"
+        return f"its {' and '.join(moved)} are in another order than in the robot's file; what is written has its order"
 
 
 def own_names(robot: Robot) -> ModelNames:

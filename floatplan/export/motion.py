@@ -50,7 +50,7 @@ class Exported:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the J joints that move, in Pinocchio's order."""
-        return tuple(self.robot.model.names)[BASE + 1 :]
+        return self.robot.model_joints
 
     @property
     def names(self) -> ModelNames:
@@ -60,7 +60,7 @@ class Exported:
     @cached_property
     def gravity(self) -> Array:
         """The acceleration of gravity (3,), m/s^2, in the world."""
-        return np.asarray(-self.motion.problem.flight.gravity * self.robot.plane.vertical)
+        return np.asarray(-self.motion.problem.flight.gravity * self.robot.up)
 
     @property
     def about(self) -> dict[str, str]:
@@ -68,7 +68,8 @@ class Exported:
         motion = self.motion
         about = {"problem": motion.problem.name, "robot": self.robot.name, "duration": repr(motion.duration)}
         if isinstance(motion, Plan):
-            about["angular_momentum"] = repr(motion.angular_momentum)
+            momenta = np.atleast_1d(motion.angular_momentum).tolist()
+            about["angular_momentum"] = " ".join(map(repr, momenta))
         about["gravity"] = " ".join(repr(float(value) + 0.0) for value in self.gravity)
         if motion.phases:
             about["phases"] = json.dumps([vars(phase) for phase in motion.phases])
@@ -84,8 +85,7 @@ class Exported:
     def at(self, times: Array) -> FullMotion:
         """Return base and all joints at times (N,), s; errors as of :meth:`coordinates`."""
         motion = self.motion.full_motion(np.minimum(times, self.duration))
-        known = motion.coordinates
-        self._check(known.positions, known.velocities, known.accelerations, known.torques)
+        self._check(motion.positions, motion.velocities, motion.accelerations, motion.torques, motion.base_position)
         return motion
 
     def _check(self, *arrays: Array) -> None:

@@ -82,7 +82,7 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
 
 def _to_world(motion: Exported) -> Any:
     """The rotation, a ``pinocchio.Quaternion``, from the plan's world to one whose z axis is up."""
-    return pin.Quaternion.FromTwoVectors(motion.robot.plane.vertical, np.array([0.0, 0.0, 1.0])).normalized()
+    return pin.Quaternion.FromTwoVectors(motion.robot.up, np.array([0.0, 0.0, 1.0])).normalized()
 
 
 def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict[str, Array]:

@@ -64,9 +64,10 @@ def whole_nanoseconds(duration: float, rate: float) -> IntArray:
 def table_text(plan: Plan, rate: float = 1000.0) -> str:
     """Return the plan as CSV: one row per instant, numbers that read back bit for bit.
 
-    Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical), then per motor its joint's
-    position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also has
-    ``generalized_torque``: the sum over its motors, by their ratios.
+    Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical; in space orientation_qx to
+    orientation_qw, orientation_rate_x to orientation_rate_z in the base's axes, com_x to com_z), then per motor its
+    joint's position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also
+    has ``generalized_torque``: the sum over its motors, by their ratios.
 
     Parameters
     ----------
@@ -75,8 +76,17 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
         Rows per second, Hz; the end of the flight is always a row.
     """
     state = plan.at(sample_times(plan.duration, rate))
-    columns = [("time", state.times), ("orientation", state.orientation), ("orientation_rate", state.orientation_rate)]
-    columns += zip(("com_x", "com_y"), state.com_position.T, strict=True)
+    columns = [("time", state.times)]
+    if plan.robot.in_plane:
+        columns += [("orientation", state.orientation), ("orientation_rate", state.orientation_rate)]
+        columns += zip(("com_x", "com_y"), state.com_position.T, strict=True)
+    else:
+        for name, letters, values in (
+            ("orientation_", QUATERNION, state.orientation),
+            ("orientation_rate_", SPACE, state.orientation_rate),
+            ("com_", SPACE, state.com_position),
+        ):
+            columns += ((name + letter, column) for letter, column in zip(letters, values.T, strict=True))
     ratios = plan.robot.motor_ratios
     offsets = [plan.robot.coupled[name].offset if name in plan.robot.coupled else 0.0 for name in plan.robot.motors]
     of_motors = {
@@ -110,7 +120,7 @@ def full_columns(motion: Exported, rate: float) -> list[Column]:
     force on it, in the world; at a change of contacts all are those before it.
     """
     times = sample_times(motion.duration, rate)
-    whole, tree = motion.at(times), motion.robot.layout.tree
+    whole, tree = motion.at(times), motion.robot.joint_tree
     columns = [Column("time", "s", times)]
     for prefix, unit, letters, values in (
         ("base_", "m", SPACE, whole.base_position),

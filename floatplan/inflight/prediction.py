@@ -15,7 +15,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.kernel.constraints import QUANTITIES, Block, DistanceRows, can_write
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, flight_dynamics, gauss_grid
+from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
@@ -125,7 +125,7 @@ class Views:
 
     def __init__(self, plan: Plan, form: Form) -> None:
         problem = plan.problem
-        flight = flight_dynamics(problem)
+        flight = planar_flight(problem)
         shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
         hulls = _distinct(flight.tree, problem.ground_shapes) if problem.ground else ()
         self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes, hulls))
@@ -181,7 +181,7 @@ def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCa
 
 def _level(plan: Plan) -> int:
     """Level of nodes that resolves theta0' of the plan well enough."""
-    flight = flight_dynamics(plan.problem)
+    flight = planar_flight(plan.problem)
     level = 0
     for level, count in enumerate(NODE_COUNTS):  # noqa: B007
         quadrature = gauss_grid(count).quadrature

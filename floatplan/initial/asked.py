@@ -108,13 +108,14 @@ class Asked:
         rear, front = (place(chosen.robot, foot).real for foot in (chosen.feet[0], chosen.feet[-1]))
         return (1 if not self.foot or 2 * place(chosen.robot, self.foot).real <= rear + front else -1, 0)
 
-    def request(self, robot: Robot, foot: str) -> JumpRequest:
+    def request(self, chosen: ChosenRobot, foot: str) -> JumpRequest:
         """Return what is asked of the jump that takes off from a foot."""
         fixed: Sequence[Literal["duration"]] = () if self.duration is None else ("duration",)
-        if not set(self.given) - {"turns", "backwards", "duration"}:
+        level, before = _usual(chosen, foot, "takeoff")
+        if level and not set(self.given) - {"turns", "backwards", "duration"}:
             return JumpRequest(fixed=fixed)
-        before = self.contacts or _usual(robot, foot, "takeoff")
-        meeting = _usual(robot, self.landing, "landing") if self.landing else _mirrored(robot, before)
+        before = self.contacts or before
+        meeting = _usual(chosen, self.landing, "landing")[1] if self.landing else _mirrored(chosen.robot, before)
         try:
             takeoff = JumpTakeoff(contacts=before)
         except InputError as error:
@@ -144,11 +145,21 @@ def _frame(name: str) -> str:
     return frame if end in ("toe", "heel", "tip") else name
 
 
-def _usual(robot: Robot, frame: str, side: Literal["takeoff", "landing"]) -> list[tuple[str, ...]]:
-    """Phases of a side: all feet, and next to the flight the frame alone, of a sole its toe."""
+def _usual(chosen: ChosenRobot, frame: str, side: Literal["takeoff", "landing"]) -> tuple[bool, Groups]:
+    """Phases of a side: all feet, and next to the flight the frame alone, of a sole its toe.
+
+    Before them, whether all feet stand level in the reference posture; others do in one that is looked for.
+    """
+    robot, turns = chosen.robot, chosen.robot.tree.turns
     outer, inner = usual_groups(robot, frame, side, np.append(upright(robot, frame), robot.resting))
-    own: list[tuple[str, ...]] = [each for each in inner if _frame(each[0]) == frame]
-    return [outer, *own] if side == "takeoff" else [*own, outer]
+    level = len(outer) >= len(chosen.feet)
+    if not level:
+        own = turns[robot.frames[frame].body]
+        on_it = [(turns[robot.frames[foot].body] == own).all() for foot in chosen.feet]
+        outer = tuple(frame if here else foot for here, foot in zip(on_it, chosen.feet, strict=True))
+        inner = [(foot,) for foot in outer]
+    alone: list[tuple[str, ...]] = [each for each in inner if _frame(each[0]) == frame]
+    return level, [outer, *alone] if side == "takeoff" else [*alone, outer]
 
 
 def _mirrored(robot: Robot, phases: Groups) -> list[tuple[str, ...]]:

@@ -53,7 +53,7 @@ def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
         Motion(objective="torque"),
         limits_of(chosen),
         name=robot.name,
-        jump=asked.request(robot, foot),
+        jump=asked.request(chosen, foot),
     )
 
 
@@ -70,7 +70,7 @@ def flight_of_jump(found: Jump, flight: Plan) -> Problem:
         free,
         duration=found.problem.flight.duration if "duration" in request.fixed else _round(free.duration),
         angular_momentum=_round(flight.angular_momentum),
-        horizontal_velocity=_round(free.horizontal_velocity),
+        horizontal_velocity=_round(free.speed_in_plane),
         landing=Landing(asked.landing.frame, round(asked.landing_height, PLACES)),
     )
     return replace(

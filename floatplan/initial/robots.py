@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from floatplan.robot.urdf.tree import reference_postures, urdf_path
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin
 LEG_JOINTS = 2  # [-] planned, at least, of a leg that no name tells
+ALIKE = 1e-6  # [kg, m, kg m^2, rad] bodies that differ by no more are alike
 LIGHT = 0.01  # [-] of the robot's mass: joints that carry less, such as fingers, stay locked
 
 
@@ -56,7 +58,9 @@ def chosen_robot(source: str | Path, given: Mapping[str, Any] | None = None, foo
         for coupled in [{}] if "coupled" in given else ({"coupled": "mirror"}, {}):
             choices = {**({"plane": plane} if plane else {}), **coupled, **posture, **given}
             try:
-                tried.append(_loaded(source, choices, foot))
+                alone = _loaded(source, choices, foot)
+                pairs = {} if {"coupled"} & set(choices) else side_by_side(alone.robot)
+                tried.append(_loaded(source, {**choices, "coupled": pairs}, foot) if pairs else alone)
             except InputError as error:
                 errors.append(error)
                 continue
@@ -87,6 +91,24 @@ def _merit(chosen: ChosenRobot) -> tuple[bool, int, float, int]:
     legs = max((np.count_nonzero(turns[body]) for body in sure), default=0)
     keeps = out_of_plane_leak(robot) < MEANINGLESS
     return keeps, int(legs), float("plane" not in chosen.choices), len(robot.joints)
+
+
+def side_by_side(robot: Robot) -> dict[str, str]:
+    """Return joints whose bodies are as others and in the same places, as legs are in a model in the plane; with these.
+
+    No mirror image tells them apart: both are in the middle.
+    """
+    tree, same = robot.tree, dict[int, int]()
+    for body, other in combinations(range(1, len(tree.names)), 2):
+        parents = [int(tree.parent[each]) for each in (body, other)]
+        if body in same or other in same or same.get(parents[1], parents[1]) != parents[0]:
+            continue
+        ways = [tree.turns[each] - tree.turns[above] for each, above in zip((body, other), parents, strict=True)]
+        own = (tree.anchor, tree.mass, tree.center, tree.inertia, tree.offsets)
+        if all(abs(each[body] - each[other]) < ALIKE for each in own) and ways[0].sum() == ways[1].sum():
+            same[other] = body
+    joints = [robot.layout.tree.carrier[name].name for name in tree.names[1:]]
+    return {joints[other - 1]: joints[body - 1] for other, body in same.items()}
 
 
 def _loaded(source: str | Path, choices: dict[str, Any], foot: str | None) -> ChosenRobot:

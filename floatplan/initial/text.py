@@ -110,7 +110,7 @@ def _joints(robot: Robot) -> list[str]:
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
-    lines = [f"[{table}]", f"orientation = {_degrees(posture.orientation)}"]
+    lines = [f"[{table}]", f"orientation = {_degrees(posture.angle)}"]
     for key in ("positions", "velocities", "accelerations"):
         angles = np.asarray(getattr(posture, key))
         if key == "positions" or angles.any():

@@ -301,7 +301,8 @@ def is_plain(problem: Problem) -> bool:
     """Whether a problem asks for no more than the kernel does: (17) between given states, h given, no inequalities."""
     limits = (*problem.joint_limits.values(), problem.motor_torque_limits, problem.torque_limits, problem.motor_stall)
     return (
-        problem.motion.objective == "coefficients"
+        problem.robot.in_plane is not None
+        and problem.motion.objective == "coefficients"
         and problem.flight.angular_momentum != "free"
         and not problem.chooses_ends
         and not (problem.obstacles or problem.self_clearances or problem.ground)

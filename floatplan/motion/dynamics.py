@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array
@@ -91,6 +91,10 @@ class BaseMotion(Protocol):
     @property
     def residual(self) -> Array:
         """By how much the attitude at landing misses the goal (S, e), rad."""
+
+    @property
+    def missed(self) -> float:
+        """The largest of them, of a single motion, rad; infinite where whole turns are not those asked for."""
 
     def transport(self, drift: Array) -> Array:
         """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make; of a single motion, S = 1."""
@@ -196,6 +200,9 @@ class FlightDynamics(Hashable, Protocol):
 class FlightState(Outlined):
     """The robot at instants of its flight: a number, or an array of any shape, which is the ``...`` of all others.
 
+    In space the orientation is a quaternion (..., 4) x, y, z, w, its rate (..., 3) is in the base's axes, and places,
+    velocities and the angular momentum are (..., 3), in the world's.
+
     Attributes
     ----------
     times : (...) s
@@ -230,6 +237,31 @@ class FlightState(Outlined):
             return self
         arrays = {name: values.reshape(shape + values.shape[1:])[()] for name, values in vars(self).items()}
         return FlightState(**arrays)
+
+
+class WholeMotion(Protocol):
+    """The whole robot in a flight, at any instant, of joints that move as a plan has written."""
+
+    @property
+    def dynamics(self) -> Any:
+        """The robot's rigid-body dynamics, by Pinocchio."""
+
+    @property
+    def missed(self) -> float:
+        """By how much the attitude at landing misses the goal, rad."""
+
+    @property
+    def orientation_at_ends(self) -> Mapping[str, Any]:
+        """What plan files say of the orientation: at the start, at the end and of the goal."""
+
+    def state(self, instants: Array) -> FlightState:
+        """State at times (N,) s within the flight."""
+
+    def full_motion(self, state: FlightState) -> Any:
+        """Motion of every joint of the robot's file, and of the base in space, at the N instants of a state."""
+
+    def forces(self, state: FlightState) -> Array:
+        """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -292,6 +292,14 @@ def boundary_arguments(
     return p, rate, curvature
 
 
+def free_part(coefficients: Array, duration: float) -> float:
+    """Root mean square of p's free part, rad, over time and all joints together, from b (n, k+1), powers of seconds."""
+    powers = coefficients * duration ** np.arange(coefficients.shape[1])
+    form = Form(coefficients.shape[1] - CONDITIONS)
+    free = np.linalg.solve(basis(form).powers, powers.T)[CONDITIONS:]
+    return float(np.linalg.norm(free))
+
+
 @dataclass(frozen=True, eq=False)
 class WrittenMotion:
     """The joint motion (12) of written coefficients.

@@ -225,7 +225,7 @@ class Attempts:
 
         def follow(x: Array) -> Outcome:
             solution = solve(model, variables, make_objective, blocks, x, settings, stop, level)
-            return self._judge(variables, solution)
+            return self.judge(variables, solution)
 
         def begins() -> Iterator[Array]:
             """The start; of those followed at once the best motion without limits as well."""
@@ -248,7 +248,7 @@ class Attempts:
                 other = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-                other = self._judge(variables, unsolved)
+                other = self.judge(variables, unsolved)
             outcome = best([outcome, other]) if outcome else other
             if outcome.holds or stop():
                 break
@@ -270,13 +270,13 @@ class Attempts:
         aim = objective(self.problem, model, variables, nodes)
         evaluation = FlightProgram(model, variables, nodes, aim).evaluate(x)
         solution = Solution(x, evaluation, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self._judge(variables, solution)
+        outcome = self.judge(variables, solution)
         outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
         if outcome.holds:
             outcome.coefficients = answers.coefficients[0]
         return outcome
 
-    def _judge(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
+    def judge(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
         motion, counts = solution.evaluation.detail, self.model.flight.node_counts
         level = max(motion.flown.level_needed(batch.QUADRATURE_ERROR), self._level)
@@ -290,7 +290,7 @@ class Attempts:
         while motion.flown.unresolved > batch.UNRESOLVED and level < len(counts) - 1:
             level += 1
             motion = at_level(level)
-        missed = max(map(abs, motion.residual[0].tolist()))
+        missed = motion.flown.missed
         if motion.flown.unresolved > batch.UNRESOLVED:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, level, solution.x, motion)

@@ -2,12 +2,12 @@
 
 From a path of attitudes that the physics of twisting suggests, a damped Gauss-Newton method closes the gaps between the
 cells: each step is the shortest change of the motion that closes them to first order. A second stage descends the size
-of the motion's free part along the motions without gaps.
+of the motion's free part along motions without gaps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,12 +26,17 @@ from floatplan.motion.spatial.attitude import (
     turn,
     turn_from,
 )
-from floatplan.motion.spatial.dynamics import SpatialDynamics
-from floatplan.motion.spatial.rotations import logarithm
+from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
+from floatplan.planning.transcription.trajectory import FlightModel
+from floatplan.planning.transcription.variables import DecisionVariables
 
-CLOSED = 1e-7  # [rad] gaps below which a motion is closed
+CELLS, STAGES = 16, 5  # of the grid that is searched on
+FINE_STAGES, FINER = 8, (16, 32, 64)  # [-] of the cells that a plan is closed in
+EXACT = 1e-10  # [rad] by which twice as many cells may change the attitude at landing
 ROUNDING = 1e-12  # [-]
-STAGES, FINER = 8, (16, 32, 64)  # [-] of the cells that a plan is closed in
+CLOSED = 1e-7  # [rad] gaps below which a motion is closed
+CLOSED_FINELY = 1e-11  # [rad] the same of a plan
 STEPS = 30  # [-] most of them
 LONGEST_STEP = 0.7  # [rad] of p, root mean square over all joints together
 LARGEST_TURN = 0.6  # [rad] of a border
@@ -39,59 +44,68 @@ SHORTEST = 1e-3  # [-] of a step, below which it is given up
 SHORTER = 0.4  # [-] a step that does not serve
 GAIN = 0.25  # [-] of what a whole step would gain that is asked for
 TURNS_WEIGH = 0.09  # [-] mean square turn of the borders beside the square change of the motion
+DESCENDED = 1e-3  # [-] of the motion: a projected gradient below it is none
+DESCENTS = 40  # [-] most steps of the descent
+TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first step of the descent
+CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
+LEAST_GAIN = 1e-3  # [-] of the size of the motion
+STEEPEST_START = 0.9  # [-] sine of the tilt of a path
+FINENESS = 401  # [-] instants by which a bump is integrated
 
 
 @dataclass(frozen=True, eq=False)
 class LiftedFlight:
-    """What is asked: joints' motions of a class, attitudes (3, 3) at takeoff and landing, and the choice of h."""
+    """What is asked: the joints' motions of a class, in a flight, with the choice of h."""
 
-    dynamics: SpatialDynamics
-    polynomials: SinePolynomials
-    momentum: MomentumSet
-    start: Array
-    goal: Array
+    model: FlightModel
+    flight: SpatialFlight
+    variables: DecisionVariables
 
-    @cached_property
+    @property
+    def polynomials(self) -> SinePolynomials:
+        """The class of motions."""
+        return self.variables.polynomials
+
+    @property
+    def momentum(self) -> MomentumSet:
+        """The choice of h."""
+        return self.variables.momentum
+
+    @property
     def coefficients(self) -> int:
         """Number of free coefficients of all joints."""
-        return len(self.polynomials.free_indices)
-
-    @cached_property
-    def size(self) -> int:
-        """Number of unknowns x beside the borders: free coefficients, then those of h."""
-        return self.coefficients + self.momentum.free
-
-    def angular_momentum(self, x: Array) -> Array:
-        """Return h (3,)."""
-        return np.asarray(self.momentum.centre + self.momentum.axes @ x[self.coefficients :])
-
-    def free_coefficients(self, x: Array) -> Array:
-        """Return z (n, width)."""
-        z = np.zeros(len(self.polynomials.free) * self.polynomials.width)
-        z[self.polynomials.free_indices] = x[: self.coefficients]
-        return z.reshape(-1, self.polynomials.width)
+        return self.variables.coefficients
 
     def momentum_along(self, cells: Cells, x: Array) -> tuple[JointMotion, Array, Array, Array]:
         """The joints' motion at the stages, A (K, 3, n) and I (K, 3, 3) there, and A q' (K, 3)."""
+        self.model.evaluated(len(cells.s))
         polynomials = self.polynomials
-        motion = polynomials.motion(self.free_coefficients(x), basis(polynomials.form).values(cells.s))
-        inertia, joint_map = self.dynamics.momentum_maps(motion.positions)
+        values = basis(polynomials.form).values(cells.s)
+        motion = polynomials.motion(self.variables.free_coefficients(x), values)
+        inertia, joint_map = self.flight.dynamics.momentum_maps(motion.positions)
         return motion, joint_map, inertia, np.einsum("kan,kn->ka", joint_map, motion.velocities)
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
         motion, joint_map, inertia, relative = self.momentum_along(cells, x)
-        turning = turn(cells, self.polynomials.duration, inertia, relative, self.angular_momentum(x), borders)
-        targets = np.concatenate((borders[1:], self.goal[None]))
+        h = self.variables.angular_momentum(x)
+        turning = turn(cells, self.flight.duration, inertia, relative, h, borders)
+        targets = np.concatenate((borders[1:], self.flight.final_attitude[None]))
         gaps = logarithm(targets @ np.swapaxes(turning.ends, 1, 2))
         return LiftedMotion(self, x, borders, motion, joint_map, turning, gaps)
+
+    def landing(self, cells: Cells, x: Array) -> Array:
+        """Attitude (3, 3) at landing of the motion x, in cells without gaps."""
+        _, _, inertia, relative = self.momentum_along(cells, x)
+        flight, h = self.flight, self.variables.angular_momentum(x)
+        return np.asarray(turn_from(cells, flight.duration, inertia, relative, h, flight.initial_attitude).ends[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class LiftedMotion:
     """A motion in cells; ``gaps`` (C, 3), rad, go from the cells' ends to the next borders, at last to the goal."""
 
-    flight: LiftedFlight
+    lifted: LiftedFlight
     x: Array
     borders: Array
     motion: JointMotion
@@ -99,53 +113,59 @@ class LiftedMotion:
     turning: Turning
     gaps: Array
 
+    @property
+    def size(self) -> float:
+        """Root mean square of p's free part, over time, joints together, rad."""
+        return float(np.linalg.norm(self.x[: self.lifted.coefficients]))
+
+    def is_closed(self, gap: float = CLOSED) -> bool:
+        """Whether no gap is larger than so much, rad."""
+        return float(np.linalg.norm(self.gaps, axis=1).max()) < gap
+
     @cached_property
     def slopes(self) -> Array:
         """Derivatives (C, 3, size) of the cells' ends by x, as small turns."""
-        motion, flight, turning = self.motion, self.flight, self.turning
-        cells, polynomials = turning.cells, flight.polynomials
-        count, stages = cells.count, cells.stages
+        motion, lifted, turning = self.motion, self.lifted, self.turning
+        cells, polynomials = turning.cells, lifted.polynomials
         _, weights = turning.carried
         by_momentum = -(weights.reshape(-1, 3, 3) @ turning.attitudes @ turning.inverse_inertia)
-        slopes = flight.dynamics.momentum_slopes(motion.positions, motion.velocities, turning.rates)
+        slopes = lifted.flight.dynamics.momentum_slopes(motion.positions, motion.velocities, turning.rates)
         by_rate = by_momentum @ self.joint_map
         by_p = by_momentum @ slopes * motion.position_by_p[:, None] + by_rate * motion.velocity_by_p[:, None]
         by_p_rate = by_rate * motion.velocity_by_rate[:, None]
         value, first, _ = basis(polynomials.form).values(cells.s)
         free = slice(value.shape[1] - polynomials.width, None)
         n, width = by_p.shape[2], polynomials.width
-        both = np.concatenate((by_p, by_p_rate)).reshape(2, count, stages, 3 * n)
-        columns = np.stack((value[:, free], first[:, free])).reshape(2, count, stages, width)
-        by_z = sum(np.swapaxes(both[d], 1, 2) @ columns[d] for d in (0, 1))  # (C, 3 n, width)
-        by_z = by_z.reshape(count, 3, n * width)[..., polynomials.free_indices]
-        if not flight.momentum.free:
-            return np.asarray(by_z)
-        mobile = (weights.reshape(-1, 3, 3) @ turning.mobility).reshape(count, stages, 3, 3).sum(axis=1)
-        return np.concatenate((by_z, mobile @ flight.momentum.axes), axis=2)
+        both = np.stack((by_p, by_p_rate)).reshape(2, cells.count, cells.stages, 3 * n)
+        columns = np.stack((value[:, free], first[:, free])).reshape(2, cells.count, cells.stages, width)
+        by_z = (np.swapaxes(both, 2, 3) @ columns).sum(axis=0)  # (C, 3 n, width)
+        by_x = by_z.reshape(cells.count, 3, n * width)[..., polynomials.free_indices] @ lifted.variables.scaling
+        if not lifted.momentum.free:
+            return np.asarray(by_x)
+        mobile = weights.reshape(-1, 3, 3) @ turning.mobility
+        by_h = mobile.reshape(cells.count, cells.stages, 3, 3).sum(axis=1) @ lifted.momentum.axes
+        return np.concatenate((by_x, by_h), axis=2)
 
     @cached_property
     def condensed(self) -> Array:
         """Turns (C + 1, 3, size) of the borders by x, where no gap changes."""
+        self.lifted.model.differentiated(self.slopes.size)
         return small_turns(self.turning.carried[0], self.slopes)
-
-    def closing(self, gaps: Array) -> Array:
-        """Turns (C + 1, 3) of the borders that close gaps with the motion as it is; the last one misses the goal."""
-        return small_turns(self.turning.carried[0], -gaps[..., None])[..., 0]
 
     def step(self, gaps: Array, along: Array | float = 0.0) -> tuple[Array, Array]:
         """Shortest change of x (size,), from ``along``, with which the borders' turns (C, 3) close gaps (C, 3).
 
         Numbers of h that would leave [-1, 1] go to its edge.
         """
-        closing, jacobian = self.closing(gaps), self.condensed[-1]
+        closing = small_turns(self.turning.carried[0], -gaps[..., None])[..., 0]
+        jacobian = self.condensed[-1]
         along = np.array(np.broadcast_to(along, self.x.shape))
-        movable, free = np.ones(len(self.x), bool), self.flight.coefficients
-        for _ in range(self.flight.momentum.free + 1):
-            columns = jacobian[:, movable]
+        movable, free = np.ones(len(self.x), bool), self.lifted.coefficients
+        for _ in range(self.lifted.momentum.free + 1):
+            columns, change = jacobian[:, movable], along.copy()
             missing = closing[-1] + jacobian @ along
-            change = along.copy()
-            change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=1e-12)[0]
-            beyond = movable & (abs(self.x + change) > 1 + ROUNDING)
+            change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=ROUNDING)[0]
+            beyond = movable & (np.abs(self.x + change) > 1 + ROUNDING)
             beyond[:free] = False
             if not beyond.any():
                 break
@@ -155,90 +175,153 @@ class LiftedMotion:
 
     def moved(self, change: Array, turns: Array) -> LiftedMotion:
         """Fly the motion that is changed by so much."""
-        return self.flight.fly(self.turning.cells, self.x + change, moved(self.borders, turns))
+        return self.lifted.fly(self.turning.cells, self.x + change, moved(self.borders, turns))
 
 
-DESCENDED = 1e-3  # [-] of the motion: a projected gradient below it is none
-DESCENTS = 40  # [-] most steps of the descent
-TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first step of the descent
-CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
-LEAST_GAIN = 1e-3  # [-] of the size of the motion
-
-
-def descend(motion: LiftedMotion, allowed: Callable[[LiftedMotion], bool]) -> tuple[LiftedMotion, int]:
-    """Make a closed motion's free part smaller, along allowed motions without gaps; return it and the motions flown."""
-    radius, flown, free = TRUST, 0, motion.flight.coefficients
-    for _ in range(DESCENTS):
-        size = float(np.linalg.norm(motion.x[:free]))
-        downhill = np.concatenate((-motion.x[:free], np.zeros(motion.flight.momentum.free)))
-        change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
-        length = float(np.linalg.norm(change))
-        if length < DESCENDED * size:
-            break
-        share = min(1.0, radius / length, LARGEST_TURN / max(float(np.linalg.norm(turns, axis=1).max()), 1e-300))
-        change, turns = motion.step(motion.gaps, share * downhill)
-        try:
-            other, more, closed = close(motion.moved(change, turns), CORRECTIONS)
-            flown += more + 1
-        except IntegrationError:
-            closed = False
-        smaller = closed and float(np.linalg.norm(other.x[:free])) < size * (1 - LEAST_GAIN) and allowed(other)
-        if smaller:
-            motion, radius = other, 2 * min(radius, share * length)
-        else:
-            radius = SHORTER * min(radius, share * length)
-            if radius < SHORTEST:
-                break
-    return motion, flown
-
-
-def refined(motion: LiftedMotion, error: float) -> LiftedMotion | None:
-    """Close a motion in cells of more stages, as many as its attitude at landing needs; None where none are enough.
-
-    The attitude is right to an error, rad: twice as many cells change it by less.
-    """
-    for count in FINER:
-        fine = cells(count, STAGES)
-        motion, _, closed = close(motion.flight.fly(fine, motion.x, motion.turning.at(np.arange(count) / count)))
-        if not closed:
-            return None
-        flight, finer = motion.flight, cells(2 * count, STAGES)
-        _, _, inertia, relative = flight.momentum_along(finer, motion.x)
-        h = flight.angular_momentum(motion.x)
-        whole = turn_from(finer, flight.polynomials.duration, inertia, relative, h, flight.start)
-        if np.linalg.norm(logarithm(whole.ends[-1:] @ motion.turning.ends[-1].T)) < error:
-            return motion
-    return None
-
-
-def _size(change: Array, turns: Array) -> float:
-    return float(change @ change + TURNS_WEIGH * (turns * turns).sum() / len(turns))
-
-
-def close(motion: LiftedMotion, most_steps: int = STEPS) -> tuple[LiftedMotion, int, bool]:
-    """Close the gaps; return the last motion, the motions flown, and whether they are closed."""
-    length, flown = 1.0, 0
+def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) -> LiftedMotion:
+    """Close the gaps of a motion; return where that ends, closed or not."""
+    length = 1.0
     for _ in range(most_steps):
-        if abs(motion.gaps).max() < CLOSED:
-            return motion, flown, True
+        if motion.is_closed(gap):
+            break
         change, turns = motion.step(motion.gaps)
         before = _size(change, turns)
+        farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
         length = min(
-            1.0,
-            2 * length,
-            LONGEST_STEP / max(float(np.linalg.norm(change)), 1e-300),
-            LARGEST_TURN / max(float(np.linalg.norm(turns, axis=1).max()), 1e-300),
+            1.0, 2 * length, LONGEST_STEP / max(float(np.linalg.norm(change)), ROUNDING), LARGEST_TURN / farthest
         )
-        while True:
-            if length < SHORTEST:
-                return motion, flown, False
-            flown += 1
+        other = None
+        while length >= SHORTEST:
             try:
                 other = motion.moved(length * change, length * turns)
             except IntegrationError:
                 other = None
             if other is not None and _size(*motion.step(other.gaps)) <= (1 - GAIN * length) ** 2 * before:
                 break
-            length *= SHORTER
+            other, length = None, SHORTER * length
+        if other is None:
+            break
         motion = other
-    return motion, flown, bool(abs(motion.gaps).max() < CLOSED)
+    return motion
+
+
+def _size(change: Array, turns: Array) -> float:
+    return float(change @ change + TURNS_WEIGH * (turns * turns).sum() / len(turns))
+
+
+def descend(motion: LiftedMotion) -> LiftedMotion:
+    """Make a closed motion's free part smaller, along closed motions with the same turns."""
+    radius, flight = TRUST, motion.lifted.flight
+    for _ in range(DESCENTS):
+        downhill = np.concatenate((-motion.x[: motion.lifted.coefficients], np.zeros(motion.lifted.momentum.free)))
+        change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
+        length = float(np.linalg.norm(change))
+        if length < DESCENDED * motion.size:
+            break
+        farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
+        share = min(1.0, radius / length, LARGEST_TURN / farthest)
+        try:
+            other = close(motion.moved(*motion.step(motion.gaps, share * downhill)), most_steps=CORRECTIONS)
+        except IntegrationError:
+            other = motion
+        if other.is_closed() and other.size < motion.size * (1 - LEAST_GAIN) and not flight.wrong(other.turning.way):
+            motion, radius = other, 2 * min(radius, share * length)
+        else:
+            radius = SHORTER * min(radius, share * length)
+            if radius < SHORTEST:
+                break
+    return motion
+
+
+def refined(motion: LiftedMotion) -> LiftedMotion | None:
+    """Close a motion in as many cells as its attitude at landing needs; None where none are enough."""
+    for count in FINER:
+        fine = cells(count, FINE_STAGES)
+        borders = motion.turning.at(np.arange(count) / count)
+        try:
+            motion = close(motion.lifted.fly(fine, motion.x, borders), CLOSED_FINELY)
+            if not motion.is_closed(CLOSED_FINELY):
+                return None
+            finer = motion.lifted.landing(cells(2 * count, FINE_STAGES), motion.x)
+        except IntegrationError:
+            return None
+        if np.linalg.norm(logarithm((finer @ motion.turning.ends[-1].T)[None])) < EXACT:
+            return motion
+    return None
+
+
+@dataclass(frozen=True)
+class Bump:
+    """When a path tilts: from ``begin`` to ``end``, shares of the flight, over ramps of a share of that."""
+
+    begin: float = 0.05
+    end: float = 0.95
+    ramp: float = 0.4
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Bump:
+        """Draw one."""
+        return cls(rng.uniform(0, 0.35), rng.uniform(0.65, 1), rng.uniform(0.2, 0.5))
+
+    def at(self, s: Array) -> Array:
+        """Its height (K,), from 0 to 1."""
+        ramp = self.ramp * (self.end - self.begin)
+        return _smoothstep((s - self.begin) / ramp) * _smoothstep((self.end - s) / ramp)
+
+
+def _smoothstep(x: Array) -> Array:
+    x = np.clip(x, 0, 1)
+    return np.asarray(x**3 * (10 - 15 * x + 6 * x * x))
+
+
+def path(lifted: LiftedFlight, angular_momentum: Array, s: Array, bump: Bump) -> Array:
+    """Attitudes (K, 3, 3) at instants (K,) of [0, 1] of a path to the goal.
+
+    A goal that is a rotation is reached by the shortest one, evenly, or from rest to rest where there is no h. For
+    angles the body of the start posture is taken for a symmetric top: with the momentum h along the first axis, a tilt
+    by beta makes it twist at ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
+    """
+    flight, even = lifted.flight, bool(angular_momentum.any())
+    steady = s if even else _smoothstep(s)
+    goal = flight.goal
+    if goal.axes is None:
+        turn = logarithm((flight.final_attitude @ flight.initial_attitude.T)[None])[0]
+        return np.asarray(exponential(steady[:, None] * turn) @ flight.initial_attitude)
+    first, second, third = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
+    start = lifted.polynomials.motion(
+        lifted.polynomials.no_free_part, basis(lifted.polynomials.form).values(np.zeros(1))
+    )
+    inertia = flight.dynamics.momentum_maps(start.positions)[0][0]
+    across, along = (first @ inertia @ first + second @ inertia @ second) / 2, third @ inertia @ third
+    fine = np.linspace(0, 1, FINENESS)
+    height = bump.at(fine)
+    area = np.concatenate(([0.0], np.cumsum(height[1:] + height[:-1]) / 2 / (FINENESS - 1)))
+    twisting = float(angular_momentum @ first) * flight.duration * (1 / along - 1 / across) * area[-1]
+    handed = float(first @ np.cross(second, third))
+    change = flight.change
+    sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if twisting else 0.0
+    angles = np.empty((len(s), 3))
+    angles[:, 0] = change[0] * steady
+    angles[:, 1] = change[1] * steady + np.arcsin(sine * np.interp(s, fine, height))
+    angles[:, 2] = change[2] * (np.interp(s, fine, area / area[-1]) if sine else steady)
+    return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
+
+
+def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[LiftedMotion]:
+    """Yield motions to close: the one with no free part, unless it was tried already, then random ones without end."""
+    rng, grid, width = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.polynomials.width
+    momentum, joints = lifted.momentum, len(lifted.polynomials.free)
+    borders = np.arange(CELLS) / CELLS
+    while True:
+        bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
+        if not plain:
+            bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
+            z[:, 2:] *= 0.15
+            y = rng.uniform(-0.5, 0.5, momentum.free)
+        plain = False
+        h = momentum.centre + momentum.axes @ y
+        x = np.concatenate((z.ravel()[lifted.polynomials.free_indices], y))
+        try:
+            yield lifted.fly(grid, x, path(lifted, h, borders, bump))
+        except IntegrationError:
+            continue

@@ -89,6 +89,10 @@ def _searched(
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
     reasons: list[str] = []
+    if problem.robot.in_plane is None:
+        from floatplan.planning.in_space import search_in_space  # here, since most problems do without
+
+        return _answered(prepared, search_in_space(prepared, options), reasons, began)
     result = _followed_from(near, prepared, options.budget) if near and prepared.constraints else None
     if result is None:
         if near and options.budget is not None:
@@ -98,6 +102,11 @@ def _searched(
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         result = search(prepared, options, ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None, followed)
+    return _answered(prepared, result, reasons, began)
+
+
+def _answered(prepared: Attempts, result: SearchResult, reasons: list[str], began: float) -> SearchedPlan:
+    """The plan that a search ended with."""
     best = result.best
     unsolved = "interrupted" if result.interrupted and not reasons else "infeasible"
     plan = Plan.of_motion(

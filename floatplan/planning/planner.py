@@ -42,7 +42,7 @@ def plan(
         Told in a few words what the search is doing, about once a second.
     prove : bool
         Whether to prove the plan too, at every instant: where the best motion found is not proved, it is corrected, or
-        the next best is tried.
+        the next best is tried. Flights in space are not proved yet.
 
     Returns
     -------
@@ -57,8 +57,9 @@ def plan(
         The problem is none, or its file is wrong; a number is none, or out of its range; or what stands on the ground
         moves down at takeoff.
     """
-    found = planned(given_problem(problem), SearchOptions(seed, starts, budget, jobs, progress))
-    if not flag(prove, "prove"):
+    asked = given_problem(problem)
+    found = planned(asked, SearchOptions(seed, starts, budget, jobs, progress))
+    if not flag(prove, "prove") or asked.robot.in_plane is None:
         return _noted(found.plan)
     from floatplan.planning.repair import proved_plan  # here, because most plans do without
 

@@ -164,7 +164,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     rate = limits.orientation_rate
     return replace(
         problem,
-        goal=replace(problem.goal, orientation=problem.goal.orientation + (turn if ORIENTATION in missing else 0.0)),
+        goal=replace(problem.goal, orientation=problem.goal.angle + (turn if ORIENTATION in missing else 0.0)),
         limits=replace(
             limits,
             **of_joints,

@@ -155,8 +155,11 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
 
 
 def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
-    """Links below the horizontal line on which the robot took off; without gravity there is no such line."""
-    if plan.ballistics.gravity == 0:
+    """Links below the horizontal line on which the robot took off; without gravity there is no such line.
+
+    In space heights are not measured yet.
+    """
+    if plan.ballistics.gravity == 0 or plan.robot.in_plane is None:
         return
     takeoff = plan.problem.takeoff_frame.link
     try:
@@ -203,7 +206,7 @@ def _contacts(contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
 def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
     """Joints that leave the URDF's ranges or turn faster than it allows, each of a group on its own."""
     for joint in (*robot.joints, *robot.coupled):
-        written = robot.layout.tree.joint[joint]
+        written = robot.joint_tree.joint[joint]
         leader, ratio, offset = _coupling(robot, joint)
         low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
         below, above = (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
@@ -232,7 +235,7 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 ' limits.torque = "urdf" keeps it.'
             )
             yield PlanWarning("torque", joint, float(torque), float(limit), "N m", float(instant), message)
-    joints = robot.layout.tree.joint
+    joints = robot.joint_tree.joint
     if not any(math.isfinite(joints[name].effort) for name in robot.locked):
         return
     for name, (torque, instant) in plan.holding_torques.items():
@@ -248,9 +251,12 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
     """Angles that are asked for and so large that degrees may have been meant, of base and joints; wheels turn on."""
     start, goal = problem.initial, problem.final
-    base = max(abs(start.orientation), abs(goal.orientation), abs(goal.orientation - start.orientation))
+    first, last = (
+        np.array([end.orientation if end.attitude is None else end.attitude.angles or 0.0]) for end in (start, goal)
+    )
+    base = float(max(np.abs(first).max(), np.abs(last).max(), np.abs(last - first).max()))
     joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
-    for name, angle in zip((problem.robot.tree.names[0], *problem.robot.joints), (base, *joints), strict=True):
+    for name, angle in zip((problem.robot.joint_tree.root, *problem.robot.joints), (base, *joints), strict=True):
         if angle > MOST_TURNS + ROUNDING and name not in wheels(problem.robot):
             message = (
                 f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"

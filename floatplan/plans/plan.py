@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import in_short, made, optional
+from floatplan.arguments import in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -22,7 +22,7 @@ from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import PlanRecord, check_asked
+from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, PlanRecord, check_asked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -46,9 +46,9 @@ class Plan(Outputs, PlannedMotion):
     centre, amplitude : (n,) rad
     coefficients : (n, k+1)
         b of (12), powers of t in seconds.
-    angular_momentum : kg m^2/s
+    angular_momentum : kg m^2/s; (3,) in space, in the world's axes
     ballistics : Ballistics
-    angular_momentum_bounds : (low, high) of (9), kg m^2/s
+    angular_momentum_bounds : (low, high) of (9), kg m^2/s; None in space
     status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
     ok : whether every constraint holds
     explanation : sentences for a person
@@ -58,7 +58,7 @@ class Plan(Outputs, PlannedMotion):
         The plan as data, where it was read from a file or checked; left out, ``record`` is measured.
     """
 
-    angular_momentum_bounds: tuple[float, float]
+    angular_momentum_bounds: tuple[float, float] | None
     status: str
     ok: bool
     explanation: str
@@ -84,7 +84,7 @@ class Plan(Outputs, PlannedMotion):
         problem : Problem
         polynomials : SinePolynomials
         z : (n, width) free coefficients
-        angular_momentum : (1,) kg m^2/s
+        angular_momentum : (1,) kg m^2/s, (3,) in space
         coefficients : (n, k+1), optional
             b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
@@ -111,7 +111,12 @@ class Plan(Outputs, PlannedMotion):
     @cached_property
     @one_thread
     def contacts(self) -> tuple[Contact, ...]:
-        """The frames that leave and meet the ground, and the joint rates with which they would be at rest."""
+        """The frames that leave and meet the ground, and the joint rates with which they would be at rest.
+
+        None in space, yet.
+        """
+        if self.robot.in_plane is None:
+            return ()
         ends = (end(self.problem, self.angular_momentum) for end in (takeoff, landing))
         return tuple(contact for contact in ends if contact.found is not None)
 
@@ -135,7 +140,6 @@ class Plan(Outputs, PlannedMotion):
     @one_thread
     def _measured_record(self) -> PlanRecord:
         peaks, problem = self.peaks, self.problem
-        ends = {"start": problem.initial.orientation, "end": self.final_orientation, "goal": problem.final.orientation}
         try:
             floatplan = version("floatplan")
         except PackageNotFoundError:
@@ -144,7 +148,8 @@ class Plan(Outputs, PlannedMotion):
             **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
             problem=problem_to_dict(problem),
             robot=robot_record(self.robot),
-            orientation=ends,
+            format=FORMAT if self.robot.in_plane else FORMAT_IN_SPACE,
+            orientation=self.whole.orientation_at_ends,
             com=vars(self.ballistics),
             objective={"name": problem.motion.objective, "value": self.objective_value},
             torque_peak=peaks.torque,
@@ -189,7 +194,7 @@ class Plan(Outputs, PlannedMotion):
         """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
         proved = "" if self.certificate is None else f", {self.certificate.verdict}"
         return (
-            f"Plan({self.status}{proved}, angular_momentum={self.angular_momentum:.6g} kg m^2/s,"
+            f"Plan({self.status}{proved}, angular_momentum={in_line(self.angular_momentum, 6)} kg m^2/s,"
             f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
         )
 
@@ -206,7 +211,7 @@ def _motion(
         "centre": read_only(polynomials.centre),
         "amplitude": read_only(polynomials.amplitude),
         "coefficients": read_only(polynomials.powers_of_seconds(z) if coefficients is None else coefficients),
-        "angular_momentum": float(angular_momentum[0]),
+        "angular_momentum": float(angular_momentum[0]) if len(angular_momentum) == 1 else read_only(angular_momentum),
     }
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,9 @@ from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion import flight, quadrature
-from floatplan.motion.dynamics import FlightState, Peaks
+from floatplan.motion.dynamics import FlightState, Peaks, WholeMotion
 from floatplan.motion.quadrature import least_by_grids, resolution
-from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.motion.sine_polynomial import WrittenMotion, free_part
 from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
@@ -21,7 +22,6 @@ from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
-RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
@@ -43,7 +43,7 @@ class PlannedMotion(flight.MotionInFile):
     centre, amplitude : (n,) rad
     coefficients : (n, k+1)
         b of (12), powers of t in seconds.
-    angular_momentum : kg m^2/s
+    angular_momentum : kg m^2/s; (3,) in space, in the world's axes
     ballistics : path of the centre of mass
     """
 
@@ -51,7 +51,7 @@ class PlannedMotion(flight.MotionInFile):
     centre: Array
     amplitude: Array
     coefficients: Array
-    angular_momentum: float
+    angular_momentum: Any
     ballistics: flight.Ballistics
 
     @property
@@ -60,9 +60,14 @@ class PlannedMotion(flight.MotionInFile):
         return self.problem.robot
 
     @cached_property
-    def dynamics(self) -> flight.PinocchioDynamics:
+    def whole(self) -> WholeMotion:
+        """The whole robot's motion, as the joints' makes it."""
+        return flight.whole_motion(self.problem, self._written, self.angular_momentum, self.ballistics)
+
+    @property
+    def dynamics(self) -> Any:
         """The robot's rigid-body dynamics."""
-        return flight.PinocchioDynamics(self.robot)
+        return self.whole.dynamics
 
     @property
     def duration(self) -> float:
@@ -95,34 +100,12 @@ class PlannedMotion(flight.MotionInFile):
 
     def _state(self, instants: Array) -> FlightState:
         """State at times (N,) within the flight."""
-        positions, velocities, accelerations = self.joint_motion(instants)
-        momentum_map = self.dynamics.momentum_map(positions)
-        joint_part = np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)
-        rate = (self.angular_momentum - joint_part) / momentum_map[:, 0]
-        orientation = self.orientation(instants)
-        forces = self.dynamics.full_forces(positions, velocities, accelerations, rate)
-        com = self.ballistics.positions(instants)
-        angles = self.robot.tree.absolute_angles(orientation, positions)
-        base = self.robot.tree.rotations(angles) @ self.robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
-        return FlightState(
-            times=read_only(instants),
-            orientation=read_only(orientation),
-            orientation_rate=read_only(rate),
-            positions=read_only(positions),
-            velocities=read_only(velocities),
-            accelerations=read_only(accelerations),
-            torques=read_only(forces @ self.robot.selection),
-            motor_torques=read_only(forces @ self.robot.transmission),
-            com_position=read_only(com),
-            com_velocity=read_only(self.ballistics.velocities(instants)),
-            base_position=read_only(com + np.stack((base.real, base.imag), axis=1)),
-            angular_momentum=read_only(momentum_map[:, 0] * rate + joint_part),
-        )
+        return self.whole.state(instants)
 
     def full_motion(self, times: npt.ArrayLike) -> flight.FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
-        state = self._state(self._within(times).ravel())
-        return flight.FullMotion(self.robot, flight.FlightCoordinates(self.dynamics, state, self.ballistics.gravity))
+        found: flight.FullMotion = self.whole.full_motion(self._state(self._within(times).ravel()))
+        return found
 
     @property
     def phases(self) -> tuple[()]:
@@ -147,30 +130,29 @@ class PlannedMotion(flight.MotionInFile):
     def _written(self) -> WrittenMotion:
         return WrittenMotion.from_powers(self.centre, self.amplitude, self.coefficients, self.duration)
 
+    @property
+    def in_plane(self) -> flight.PlanarMotion:
+        """The whole robot's motion in a plane; refused in space.
+
+        Raises
+        ------
+        InputError
+            The robot flies in space.
+        """
+        if not isinstance(self.whole, flight.PlanarMotion):
+            raise self.robot.not_in_plane
+        return self.whole
+
     @one_thread
     def orientation(self, times: Array) -> Array:
-        """Orientation (N,) rad at times (N,), by (18)."""
-        rule, rates = self._orientation_rates
-        integrals = rule.integrals(times / self.duration) @ rates
-        return np.asarray(self.problem.initial.orientation + self.duration * integrals)
+        """Orientation (N,) rad at times (N,), by (18); errors as of :attr:`in_plane`."""
+        return self.in_plane.orientation(times)
 
     @cached_property
     @one_thread
     def final_orientation(self) -> float:
-        """Orientation at the end of the flight, rad."""
-        rule, rates = self._orientation_rates
-        return float(self.problem.initial.orientation + self.duration * (rule.weights @ rates))
-
-    @cached_property
-    def _orientation_rates(self) -> tuple[quadrature.GaussLegendre, Array]:
-        """Quadrature with as many nodes as theta0' needs, and theta0' (N,) at them."""
-        for count in quadrature.NODE_COUNTS:
-            rule = quadrature.gauss_legendre(count)
-            positions, velocities, _ = self.joint_motion(rule.nodes * self.duration)
-            rates = self.dynamics.base_rate(positions, velocities, self.angular_momentum)
-            if rule.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
-                break
-        return rule, rates
+        """Orientation at the end of the flight, rad; errors as of :attr:`in_plane`."""
+        return self.in_plane.final_orientation
 
     @one_thread
     def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
@@ -232,9 +214,8 @@ class PlannedMotion(flight.MotionInFile):
     def holding_torques(self) -> Mapping[str, tuple[float, float]]:
         """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
         state, robot = self._resolved, self.robot
-        moved = (state.positions, state.velocities, state.accelerations, state.orientation_rate)
-        forces = self.dynamics.full_forces(*moved)
-        rows = [robot.model.getJointId(joint) - 1 for joint in robot.locked]
+        forces = self.whole.forces(state)
+        rows = [robot.model.idx_vs[robot.model.getJointId(joint)] for joint in robot.locked]
         largest, where = quadrature.largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
         pairs = zip(largest.tolist(), (where * self.duration).tolist(), strict=True)
         return dict(zip(robot.locked, pairs, strict=True))
@@ -250,10 +231,19 @@ class PlannedMotion(flight.MotionInFile):
 
     @cached_property
     @one_thread
-    def out_of_plane_leak(self) -> float:
-        """Largest angular momentum that the motion makes out of the plane, over that in it."""
+    def out_of_plane_leak(self) -> float | None:
+        """Largest angular momentum that the motion makes out of the plane, over that in it; None in space."""
+        if self.robot.in_plane is None:
+            return None
         state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
+
+    @property
+    def _size(self) -> float:
+        """(17) in a plane; in space the root mean square of p's free part, over time, joints together, rad."""
+        if self.robot.in_plane:
+            return float(np.linalg.norm(self.coefficients))
+        return free_part(self.coefficients, self.duration)
 
     @cached_property
     @one_thread
@@ -261,7 +251,7 @@ class PlannedMotion(flight.MotionInFile):
         """Value of the problem's objective, in the unit that the table of objectives gives."""
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
-            return float(np.linalg.norm(self.coefficients))
+            return self._size
         rule = quadrature.gauss_legendre(quadrature.NODE_COUNTS[-1])
         integrand = getattr(self.at(rule.nodes * self.duration), quantity)
         return float(self.duration * (rule.weights @ (integrand**2).sum(axis=1)))

@@ -48,7 +48,7 @@ class Answer:
             status=status,
             objective=plan.objective_value if plan.ok else np.nan,
             angular_momentum=plan.angular_momentum,
-            residual=abs(plan.final_orientation - plan.problem.final.orientation),
+            residual=plan.whole.missed,
             coefficients=plan.coefficients,
             **{name: plan.solver[name] for name in COUNTS},
             verdict="" if certificate is None else certificate.verdict,

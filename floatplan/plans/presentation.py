@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from floatplan.arguments import percent, short
+from floatplan.arguments import in_line, percent, short
 from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
@@ -32,18 +32,21 @@ def plan_verdict(plan: Plan) -> tuple[str, Tone]:
 
 def result_rows(plan: Plan) -> list[Row]:
     """Return what a search found: its status first, then how good the motion is."""
-    record, ends = plan.record, plan.record.orientation
-    low, high = record.angular_momentum_bounds
-    inside = "inside" if low <= record.angular_momentum <= high else "outside"
+    record = plan.record
+    momentum = f"{in_line(record.angular_momentum, 6)} kg m^2/s"
+    if record.angular_momentum_bounds is not None:
+        low, high = record.angular_momentum_bounds
+        inside = "inside" if low <= record.angular_momentum <= high else "outside"
+        momentum += f", {inside} [{low:.5g}, {high:.5g}] of monotonic joints"
     name, seconds = record.objective["name"], record.solver.get("seconds")
     unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
+    if record.in_space and name == "coefficients":
+        name, unit = "free part of p", "rad"
     of_nearest = "" if plan.ok else ", in the nearest motion"
     rows = [
         Row("status", record.status if seconds is None else f"{record.status}, after {float(seconds):.3g} s"),
-        Row("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end{of_nearest}"),
-        Row(
-            "momentum", f"{record.angular_momentum:.6g} kg m^2/s, {inside} [{low:.5g}, {high:.5g}] of monotonic joints"
-        ),
+        Row("orientation", f"off by {plan.whole.missed:.1e} rad at the end{of_nearest}"),
+        Row("momentum", momentum),
         Row("objective", f"{name} {float(record.objective['value']):.6g} {unit}".rstrip()),
     ]
     if record.clearance_min is not None:
@@ -51,7 +54,7 @@ def result_rows(plan: Plan) -> list[Row]:
     held = [
         f"{name} at {place:g} m"
         for name, place in plan.robot.locked.items()
-        if not plan.robot.layout.tree.joint[name].turns
+        if not plan.robot.file_tree.joint[name].turns
     ]
     if held:
         rows.append(Row("held", f"{_cut(', '.join(held))}, as joints that slide are not planned", "open"))

@@ -14,7 +14,7 @@ from floatplan.arguments import in_short, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
-from floatplan.plans.record import FILE, FORMAT, PlanRecord, RobotRecord, check_asked
+from floatplan.plans.record import FILE, FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
@@ -61,16 +61,19 @@ def checked(record: PlanRecord) -> PlanRecord:
     """
     check_depth(vars(record))
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
-    check_finite({**stated, "robot": record.robot.to_dict()})
+    check_finite({**stated, "robot": vars(record.robot)})
     written = _record(record.to_dict())
     check_asked(written)
     return written
 
 
 def _record(content: dict[str, Any]) -> PlanRecord:
-    if content.get("format") != FORMAT:
-        raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
+    kind = content.get("format")
+    if not isinstance(kind, str) or kind not in FILES:
+        raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format")
     FILE(content, "")
+    for name, check in FILES[kind].items():
+        check(content[name], name)
     robot = RobotRecord.from_dict(content["robot"])
     values = {**content, "robot": robot}
     for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
@@ -80,10 +83,16 @@ def _record(content: dict[str, Any]) -> PlanRecord:
     values["coefficients"] = _numbers(content["coefficients"], "coefficients", (len(robot.joints), None))
     if not values["coefficients"].shape[1]:
         raise InputError("is empty", element="coefficients")
-    low, high = values["angular_momentum_bounds"] = tuple(map(float, content["angular_momentum_bounds"]))
-    if low > high:
-        raise InputError(f"low {low} is above high {high}", element="angular_momentum_bounds")
-    for name in ("angular_momentum", "clearance_min", "out_of_plane_leak"):
+    if kind == FORMAT_IN_SPACE:
+        values["angular_momentum"] = read_only(content["angular_momentum"])
+    else:
+        values["angular_momentum"] = float(content["angular_momentum"])
+        low, high = values["angular_momentum_bounds"] = tuple(map(float, content["angular_momentum_bounds"]))
+        if low > high:
+            raise InputError(f"low {low} is above high {high}", element="angular_momentum_bounds")
+    if (robot.base is None) != (kind == FORMAT):
+        raise InputError(f"does not fit the format {kind!r}", element="robot.base")
+    for name in ("clearance_min", "out_of_plane_leak"):
         if content.get(name) is not None:
             values[name] = float(content[name])
     if content.get("motor_torque_peak") is not None:
@@ -171,6 +180,7 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
         The URDF is missing, or is not what it was when the plan was made.
     """
     choices: dict[str, Any] = {name: getattr(record, name) for name in ("plane", "joints", "locked", *LOSSES)}
+    choices["base"] = record.base or "planar"
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_robot(record, plan_file) if urdf is None else urdf
     robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
@@ -234,7 +244,8 @@ def robot_record(robot: Robot) -> RobotRecord:
     return RobotRecord(
         sha256=robot.sha256,
         joints=robot.joints,
-        plane=robot.plane.name,
+        plane=robot.plane.name if robot.in_plane else None,
+        base=None if robot.in_plane else robot.base,
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         resting=tuple(robot.resting.tolist()),
         **values,

@@ -36,7 +36,7 @@ from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, ROBOT_KINDS, Range, RobotKind
 
-FORMAT = "floatplan.plan/1"
+FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NO_KEY = "must not be there: a plan file has no such key"
@@ -55,14 +55,16 @@ class RobotRecord:
     meshes that its shapes are around, by their file names in the file, and of an MJCF also those of all else that it is
     read with, such as included files;
     ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them;
-    ``resting`` is its reference posture, rad; empty in files without it.
+    ``resting`` is its reference posture, rad; empty in files without it. In space ``base`` is "free-flyer", and
+    ``plane`` is not there.
     """
 
     urdf: str | None = None
     mjcf: str | None = None
     sha256: str
     joints: tuple[str, ...]
-    plane: str
+    plane: str | None = None
+    base: str | None = None
     coupled: Mapping[str, Any] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
     meshes: Mapping[str, str] = field(default_factory=dict)
@@ -84,7 +86,7 @@ class RobotRecord:
     def from_dict(cls, content: Any) -> RobotRecord:
         """Rebuild a record from what :meth:`to_dict` returned; InputError where it is none."""
         table(content, "robot")
-        ROBOTS["mjcf" if "mjcf" in content else "urdf"](content, "robot")
+        ROBOTS["mjcf" if "mjcf" in content else "urdf", "base" in content](content, "robot")
         values: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in content.items()}
         return cls(**values)
 
@@ -104,12 +106,12 @@ class PlanRecord:
     ok : whether every constraint holds
     explanation : one or more sentences; empty where there is nothing to explain
     problem : the problem as resolved: the tables of a problem file, in rad, lists in joint order
-    angular_momentum : kg m^2/s
-    angular_momentum_bounds : (low, high) of (9), kg m^2/s
+    angular_momentum : kg m^2/s; (3,) in space, in the world's axes
+    angular_momentum_bounds : (low, high) of (9), kg m^2/s; None in space
     centre, amplitude : (n,) rad, of ``q_i = centre_i + amplitude_i sin(p_i(t))``
     coefficients : (n, k+1), powers of t in seconds of p_i
-    orientation : {"start", "end", "goal"}, rad
-    com : {"position0": (2,) m, "velocity0": (2,) m/s, "gravity": m/s^2}
+    orientation : {"start", "end", "goal"}, rad; in space {"quaternion_xyzw": (4,)} each
+    com : {"position0": (2,) m, "velocity0": (2,) m/s, "gravity": m/s^2}; (3,) in space
     objective : {"name", "value"}
     torque_peak, velocity_peak : (n,) N m, rad/s; largest magnitudes over the flight
     clearance_min : m, surface to surface, margin not subtracted; None without obstacles
@@ -128,12 +130,12 @@ class PlanRecord:
     explanation: str
     problem: Mapping[str, Any]
     robot: RobotRecord
-    angular_momentum: float
-    angular_momentum_bounds: tuple[float, float]
+    angular_momentum: Any
+    angular_momentum_bounds: tuple[float, float] | None
     centre: Array
     amplitude: Array
     coefficients: Array
-    orientation: Mapping[str, float]
+    orientation: Mapping[str, Any]
     com: Mapping[str, Any]
     objective: Mapping[str, Any]
     torque_peak: Array
@@ -154,6 +156,11 @@ class PlanRecord:
     def duration(self) -> float:
         """Flight time, s."""
         return float(self.problem["flight"]["duration"])
+
+    @property
+    def in_space(self) -> bool:
+        """Whether it is a flight in space."""
+        return self.format == FORMAT_IN_SPACE
 
     @property
     def asks_clearance(self) -> bool:
@@ -220,13 +227,24 @@ def direction(value: Any, element: str) -> None:
         raise InputError("has length zero", element=element)
 
 
+def nothing(value: Any, element: str) -> None:
+    """Check that there is none."""
+    if value is not None:
+        raise InputError(f"must be null, not {value!r}", element=element)
+
+
 def _anything(value: Any, element: str) -> None:
     """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
 
 
-ROBOTS = {
-    kind: KeyedTable(
-        {kind: text, "sha256": text, "joints": many(text, "names"), "plane": text},
+ROBOTS = {  # by what the file is, and whether the robot flies in space
+    (kind, in_space): KeyedTable(
+        {
+            kind: text,
+            "sha256": text,
+            "joints": many(text, "names"),
+            **({"base": one_of("free-flyer")} if in_space else {"plane": text}),
+        },
         {
             "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
             "locked": by_name(number),
@@ -237,22 +255,34 @@ ROBOTS = {
         NO_KEY,
     )
     for kind in ROBOT_KINDS
+    for in_space in (False, True)
 }
 
 
+TRIPLE, ATTITUDE = pair(number, count=3), KeyedTable({"quaternion_xyzw": pair(number, count=4)}, unknown=NO_KEY)
+IN_PLANE: Mapping[str, Check] = {
+    "angular_momentum": number,
+    "angular_momentum_bounds": POINT,
+    "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
+    "com": KeyedTable({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
+}
+IN_SPACE: Mapping[str, Check] = {
+    "angular_momentum": TRIPLE,
+    "angular_momentum_bounds": nothing,
+    "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), ATTITUDE), unknown=NO_KEY),
+    "com": KeyedTable({"position0": TRIPLE, "velocity0": TRIPLE, "gravity": number}, unknown=NO_KEY),
+}
+FILES = {FORMAT: IN_PLANE, FORMAT_IN_SPACE: IN_SPACE}
 FILE = KeyedTable(
     {
-        "format": one_of(FORMAT),
+        "format": one_of(*FILES),
         "status": one_of("optimal", "feasible", "infeasible", "interrupted"),
         "ok": flag,
         "explanation": text,
         "problem": KeyedTable({"flight": KeyedTable({"duration": positive()}, unknown="")}, unknown=""),
         "robot": table,
-        "angular_momentum": number,
-        "angular_momentum_bounds": POINT,
+        **dict.fromkeys(IN_PLANE, _anything),
         **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),
-        "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
-        "com": KeyedTable({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
         "objective": KeyedTable({"name": text, "value": number}, unknown=NO_KEY),
         "clearance_min": optional(number),
         "solver": KeyedTable({}, dict.fromkeys(SOLVER, optional(number)), unknown=""),
@@ -268,6 +298,7 @@ FILE = KeyedTable(
     NO_KEY,
 )
 
+JOINTS_AT_ENDS = ("positions", "velocities", "accelerations")
 DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
@@ -278,24 +309,24 @@ OBSTACLES: Mapping[str, Mapping[str, Check]] = {
 
 
 @lru_cache(maxsize=8)
-def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTable:
+def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bool = False) -> KeyedTable:
     """What a problem may hold whose planned joints are ``joints``, and those with a motor ``moving``."""
     n = len(joints)
     numbers = many(number, "numbers", n)
     limits = many(optional(number), "numbers", n)
     postures = {
         end: KeyedTable(
-            {"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers},
+            {"orientation": table if in_space else number, **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
         )
         for end, rest in REST.items()
     }
     flight: dict[str, Check] = {
         "duration": positive(),
-        "angular_momentum": one_of("midpoint", "free", or_number=number),
-        "takeoff": KeyedTable({"frame": text, "position": POINT}),
+        "angular_momentum": _anything if in_space else one_of("midpoint", "free", or_number=number),
+        "takeoff": KeyedTable({"frame": text, "position": TRIPLE if in_space else POINT}),
         "landing": KeyedTable({"frame": text, "height": number}),
-        "horizontal_velocity": number,
+        "horizontal_velocity": _anything if in_space else number,
         "gravity": number,
     }
     kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
@@ -351,7 +382,7 @@ def check_asked(record: PlanRecord) -> None:
     joints, problem = record.robot.joints, record.problem
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
-    problem_table(joints, (*joints, *record.robot.coupled))(problem, "problem")
+    problem_table(joints, (*joints, *record.robot.coupled), record.in_space)(problem, "problem")
     for name in ("obstacles", "self_clearance"):
         count = len(problem.get(name) or ())
         if count > MOST_OBSTACLES:

@@ -19,7 +19,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.robot import Base, Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST, ROBOT_KINDS, RobotKind
 
@@ -71,6 +71,7 @@ class RobotRequest(Keyed):
         float | Mapping[str, float] | None,
         Key("Torque lost by a joint's rate, in simulators: of every motor, or by joint", "N m s/rad"),
     ] = None
+    base: Annotated[Base, Key('How the base moves: in a plane, or as "free-flyer" in space')] = "planar"
 
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""
@@ -329,6 +330,8 @@ def _problem(
 
 def _posture(state: JointState, rest: str) -> dict[str, Any]:
     values: dict[str, Any] = {name: getattr(state, name) for name in ("orientation", *STATE)}
+    if state.attitude is not None:
+        values["orientation"] = table_of(state.attitude)
     asked = {"velocities": rest if state.frame_rests else None}
     asked["accelerations"] = "free" if state.free_accelerations else None
     for key, word in asked.items():
@@ -347,7 +350,7 @@ def file_of(robot: Robot, path: Path) -> str:
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
     return {
         robot.kind: file_of(robot, path),
-        "plane": robot.plane.name,
+        **({"plane": robot.plane.name} if robot.in_plane else {"base": robot.base}),
         "joints": list(robot.joints),
         "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},
         "locked": dict(robot.locked),

@@ -5,16 +5,43 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal, Self, TypeAlias
+from numbers import Real
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias, cast
 
-from floatplan.arguments import FINITE, by_joint, number, optional, pair, shortened, text, whole
+import numpy as np
+
+from floatplan.arguments import FINITE, Check, by_joint, made, number, one_of, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
+from floatplan.problem.attitude import Attitude, Triple
 from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
 MINIMISED = "; ".join(f"`{name}`: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items())
+
+
+def in_plane_or_space(key: str, in_space: Check, *words: str) -> Check:
+    """A number in the range of a key or one of some words, or what a check of flights in space lets through."""
+    in_plane = one_of(*words, or_number=number(key)) if words else number(key)
+
+    def check(value: object, element: str) -> object:
+        is_number = isinstance(value, str | Real) or getattr(value, "ndim", 1) == 0
+        return (in_plane if is_number else in_space)(value, element)
+
+    return check
+
+
+def pair_or_three(key: str) -> Check:
+    """Two numbers in the range of a key, or three."""
+    two, three = (pair(number(key), count=count) for count in (2, 3))
+
+    def check(value: object, element: str) -> object:
+        is_three = isinstance(value, list | tuple | np.ndarray) and len(np.atleast_1d(np.asarray(value, object))) == 3
+        return (three if is_three else two)(value, element)
+
+    return check
+
 
 SHORTEST_NORMAL = 1e-9  # as written
 LOWEST_DEGREE = 5
@@ -28,8 +55,8 @@ class Posture(Keyed):
 
     Parameters
     ----------
-    orientation : float, rad
-        Absolute angle of the base link, unbounded; a full turn more is one somersault more.
+    orientation : float, rad, or Attitude
+        Absolute angle of the base link, unbounded; a full turn more is one somersault more. In space an attitude.
     positions : mapping, (n,) sequence, or one number for all joints, rad
         Of the joints: by name, a list in joint order, or one number for all.
     velocities : as positions, rad/s
@@ -42,13 +69,18 @@ class Posture(Keyed):
         Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
-    orientation: Annotated[float, Key(unit=ANGLE)]
+    orientation: Annotated[float | Attitude, Key(unit=ANGLE, check=in_plane_or_space("orientation", made(Attitude)))]
     positions: Annotated[JointValues, Key(unit=ANGLE)]
     velocities: Annotated[JointValues | Literal["takeoff", "landing"], Key(unit=RATE)] = 0.0
     accelerations: Annotated[JointValues | Literal["free"], Key(unit=ACCELERATION)] = 0.0
     settled: Annotated[
         tuple[JointValues | None, JointValues | None] | None, optional(pair(optional(by_joint(FINITE)), "sequences"))
     ] = None
+
+    @property
+    def angle(self) -> float:
+        """The orientation in a plane, rad."""
+        return cast("float", self.orientation)
 
     @classmethod
     def degrees(
@@ -82,6 +114,7 @@ def _radians(degrees: float, element: str) -> float:
 class JointState:
     """A :class:`Posture` resolved to arrays (n,) in the order of the robot's joints.
 
+    In space it has an ``attitude``, and the orientation is NaN.
     ``frame_rests`` where the velocities are those with which the frame is at rest, ``free_accelerations`` where the
     search chooses them: NaN until a plan has settled them.
     """
@@ -90,16 +123,25 @@ class JointState:
     positions: Array
     velocities: Array
     accelerations: Array
+    attitude: Attitude | None = None
     frame_rests: bool = False
     free_accelerations: bool = False
 
 
 @dataclass(frozen=True)
 class Takeoff(Keyed):
-    """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical)."""
+    """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical); x, y, z in space."""
 
     frame: Annotated[str, Key("Name of a link or joint")]
-    position: Annotated[Pair, Key("Where the frame is at takeoff: horizontal, vertical", "m")] = (0.0, 0.0)
+    position: Annotated[
+        Pair | Triple,
+        Key("Where the frame is at takeoff: horizontal, vertical; x, y, z in space", "m", check=pair_or_three("place")),
+    ] = (0.0, 0.0)
+
+    @property
+    def place_in_plane(self) -> Pair:
+        """Where the frame is in a plane, m."""
+        return cast("Pair", self.position)
 
 
 @dataclass(frozen=True)
@@ -125,24 +167,47 @@ class Flight(Keyed):
         From takeoff to landing.
     angular_momentum : float, kg m^2/s, "midpoint" or "free"
         About the centre of mass and the plane's normal; "midpoint" is (10), of what monotonic joints need, (9). Where
-        it is "free" the search chooses it, in (9) or outside.
+        it is "free" the search chooses it, in (9) or outside. In space 0, or three floats in the world's axes, or
+        "suggested", with which the joints' plain motion reaches the goal, and which "midpoint" means there; or "free",
+        about that.
     takeoff : Takeoff, optional
         The frame that leaves the ground last; the base link at the origin where left out.
     landing : Landing, optional
         The frame that lands first; the takeoff frame where left out: at the height it left, or resting on the ground
         where the problem has one.
     horizontal_velocity : float, m/s
-        Of the centre of mass.
+        Of the centre of mass; two floats in space, along x and y.
     gravity : float, m/s^2
         Downwards.
     """
 
     duration: Annotated[float, Key(unit="s")]
-    angular_momentum: Annotated[float | Literal["midpoint", "free"], Key(unit="kg m^2/s")] = "midpoint"
+    angular_momentum: Annotated[
+        float | Triple | Literal["midpoint", "free", "suggested"],
+        Key(
+            unit="kg m^2/s",
+            check=in_plane_or_space(
+                "angular_momentum", pair(number("angular_momentum"), count=3), "midpoint", "free", "suggested"
+            ),
+        ),
+    ] = "midpoint"
     takeoff: Annotated[Takeoff | None, Key()] = None
     landing: Annotated[Landing | None, Key()] = None
-    horizontal_velocity: Annotated[float, Key(unit="m/s")] = 0.0
+    horizontal_velocity: Annotated[
+        float | Pair,
+        Key(unit="m/s", check=in_plane_or_space("horizontal_velocity", pair(number("horizontal_velocity")))),
+    ] = 0.0
     gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = 9.81
+
+    @property
+    def momentum_in_plane(self) -> float | Literal["midpoint", "free"]:
+        """The angular momentum of a flight in a plane."""
+        return cast('float | Literal["midpoint", "free"]', self.angular_momentum)
+
+    @property
+    def speed_in_plane(self) -> float:
+        """The horizontal velocity of a flight in a plane, m/s."""
+        return cast("float", self.horizontal_velocity)
 
 
 @dataclass(frozen=True, eq=False)

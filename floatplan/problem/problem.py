@@ -16,7 +16,7 @@ import numpy as np
 
 from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
 from floatplan.arrays import Array, read_only
-from floatplan.errors import check_name, faults, refuse
+from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
 from floatplan.problem.jump import JumpRequest, jump_errors
@@ -111,15 +111,9 @@ class Problem(Checked):
         errors = self.faults()
         fields = {error.element for error in errors}
         try:
-            found = faults(
-                (*self._resolutions(), partial(refuse_leak, self.robot), partial(check_name, self.name, "name"))
-            )
-            found += resolution.surroundings_errors(
-                self.robot, self.obstacles, self.self_clearances, self.flight.duration
-            )
-            found += [] if self.jump is None else jump_errors(self.robot, self.jump)
-            if self.obstacles or self.self_clearances or self.ground:
-                found += faults((self.robot.check_shapes,))
+            found = faults((*self._resolutions(), partial(check_name, self.name, "name")))
+            found += resolution.flight_errors(self.robot, self.flight)
+            found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
             errors += [error for error in found if error.element not in fields]
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
@@ -130,10 +124,33 @@ class Problem(Checked):
                 errors += resolution.end_errors(self.robot, ranges, flight, state, element)
         refuse(errors)
 
+    def _planar_errors(self) -> Iterator[InputError]:
+        """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""
+        yield from faults((partial(refuse_leak, self.robot),))
+        yield from resolution.surroundings_errors(
+            self.robot, self.obstacles, self.self_clearances, self.flight.duration
+        )
+        yield from () if self.jump is None else jump_errors(self.robot, self.jump)
+        if self.obstacles or self.self_clearances or self.ground:
+            yield from faults((self.robot.check_shapes,))
+
+    def _errors_in_space(self) -> Iterator[InputError]:
+        """What is asked that flights in space have not yet; and a turn whose direction is left open."""
+        for element, asked in (
+            ("obstacles", self.obstacles),
+            ("self_clearance", self.self_clearances),
+            ("ground", self.ground),
+            ("jump", self.jump),
+        ):
+            if asked:
+                yield InputError(resolution.NOT_IN_SPACE, element=element, advice="leave it out")
+        if hasattr(self, "initial") and hasattr(self, "final"):
+            yield from resolution.attitude_errors(self.initial, self.final)
+
     def __repr__(self) -> str:
         """At most a few lines: who, from where, to where, in what time."""
         robot, flight, ends = self.robot, self.flight, (self.initial, self.final)
-        start, goal = (f"{end.orientation:.4g}; {shortened(end.positions)}" for end in ends)
+        start, goal = (f"{end.attitude or format(end.orientation, '.4g')}; {shortened(end.positions)}" for end in ends)
         return (
             f"Problem({self.name!r}, {robot.name}, {len(robot.joints)} joints, {flight.duration:g} s,"
             f" {len(self.obstacles)} obstacles)\n  start {start} rad\n  goal {goal} rad"
@@ -154,8 +171,8 @@ class Problem(Checked):
             ("duration", f"{flight.duration:g} s"),
             ("takes off", f"{self.takeoff.frame} at ({shortened(self.takeoff.position, 6)}) m"),
             ("lands", f"{self.landing.frame} at height {self.landing_height:g} m"),
-            ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
-            ("momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m²/s"),
+            ("speed", f"{_number(flight.horizontal_velocity)} m/s horizontally, gravity {flight.gravity:g} m/s²"),
+            ("momentum", momentum if isinstance(momentum, str) else f"{_number(momentum)} kg m²/s"),
             ("motion", f"sine polynomials of degree {degrees}, least {self.motion.objective}"),
         ]
         if self.ground:
@@ -210,7 +227,7 @@ class Problem(Checked):
         InputError
             The collision geometry of the takeoff link is wrong.
         """
-        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
+        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.place_in_plane, self.initial)
         return parts.Ground(point=(0.0, height), normal=(0.0, 1.0))
 
     @cached_property
@@ -260,7 +277,13 @@ class Problem(Checked):
         return self.motion.degree == "auto"
 
 
+def _number(value: float | tuple[float, ...]) -> str:
+    return f"({shortened(value, 6)})" if isinstance(value, tuple) else f"{value:g}"
+
+
 def _posture(state: parts.JointState, joints: Sequence[str]) -> str:
+    if state.attitude is not None:
+        return f"{state.attitude}, joints ({shortened(np.rad2deg(state.positions) + 0.0)})°"
     angles = np.rad2deg([state.orientation, *state.positions]) + 0.0
     if len(joints) <= LONGEST_LIST:
         return ", ".join(f"{name} {angle:.5g}°" for name, angle in zip(("orientation", *joints), angles, strict=True))

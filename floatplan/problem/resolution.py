@@ -13,6 +13,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
+from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import JointState, JointValues
 from floatplan.robot.robot import Frame, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
@@ -23,6 +24,8 @@ EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 NARROWEST = 1e-6  # rad, of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
 TORQUE = LIMIT_TABLE["torque"]
+HALF_A_TURN = 1e-3  # [-] cosine of half the angle to the goal, below which the shortest rotation there is not clear
+NOT_IN_SPACE = "is for flights in a plane, and not yet for those in space"
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
 
@@ -33,14 +36,42 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
     free_accelerations = _is_word(posture.accelerations, "free", f"{element}.accelerations")
     velocities = settled[0] if frame_rests else posture.velocities
     accelerations = settled[1] if free_accelerations else posture.accelerations
+    attitude = posture.orientation if isinstance(posture.orientation, Attitude) else None
+    if (attitude is None) == (robot.in_plane is None):
+        raise _not_so(robot, f"{element}.orientation", "an angle", "an Attitude: quaternion_xyzw, or angles and axes")
+    if frame_rests and robot.in_plane is None:
+        raise InputError(f"{REST[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates")
     return JointState(
-        orientation=float(posture.orientation),
+        orientation=math.nan if isinstance(posture.orientation, Attitude) else float(posture.orientation),
+        attitude=attitude,
         positions=_joint_values(robot, posture.positions, f"{element}.positions", default=None),
         velocities=_joint_values(robot, velocities, f"{element}.velocities", default=0.0),
         accelerations=_joint_values(robot, accelerations, f"{element}.accelerations", default=0.0),
         frame_rests=frame_rests,
         free_accelerations=free_accelerations,
     )
+
+
+def _not_so(robot: Robot, element: str, in_plane: str, in_space: str) -> InputError:
+    """What a flight in a plane, or in space, is not asked with."""
+    if robot.in_plane is None:
+        return InputError(f"must be {in_space}, where the robot flies in space", element=element)
+    advice = 'in space it may be: [robot] base = "free-flyer"'
+    return InputError(f"must be {in_plane}, where the robot flies in a plane", element=element, advice=advice)
+
+
+def flight_errors(robot: Robot, flight: parts.Flight) -> Iterator[InputError]:
+    """What the flight asks in space of a robot that flies in a plane, or the other way round."""
+    momentum, speed, in_plane = flight.angular_momentum, flight.horizontal_velocity, robot.in_plane is not None
+    in_space = isinstance(momentum, tuple) or momentum == "suggested"
+    if in_space if in_plane else not (in_space or isinstance(momentum, str) or momentum == 0):
+        asked = "0, three numbers, 'suggested' or 'free'"
+        yield _not_so(robot, "flight.angular_momentum", "a number, 'midpoint' or 'free'", asked)
+    if isinstance(speed, tuple) if in_plane else not (isinstance(speed, tuple) or speed == 0):
+        yield _not_so(robot, "flight.horizontal_velocity", "a number", "two numbers, along x and y")
+    place = (0.0, 0.0) if flight.takeoff is None else flight.takeoff.position
+    if (len(place) == 2) != in_plane and any(place):
+        yield _not_so(robot, "flight.takeoff.position", "two numbers", "three numbers")
 
 
 def _is_word(values: object, word: str, element: str) -> bool:
@@ -91,8 +122,10 @@ def degrees_of(robot: Robot, motion: parts.Motion) -> tuple[int, ...]:
 
 def takeoff_of(robot: Robot, flight: parts.Flight) -> parts.Takeoff:
     """Return the takeoff with its default filled in."""
-    takeoff = flight.takeoff or parts.Takeoff(robot.tree.names[0])
+    takeoff = flight.takeoff or parts.Takeoff(robot.joint_tree.root)
     _check_frame(robot, takeoff.frame, "flight.takeoff.frame")
+    if robot.in_plane is None and len(takeoff.position) == 2:
+        return parts.Takeoff(takeoff.frame, (*takeoff.position, 0.0))
     return takeoff
 
 
@@ -101,10 +134,10 @@ def landing_of(
 ) -> parts.Landing:
     """Return the landing with its defaults filled in: on the ground where there is one."""
     takeoff = takeoff_of(robot, flight)
-    landing = flight.landing or parts.Landing(takeoff.frame, None if ground else takeoff.position[1])
+    landing = flight.landing or parts.Landing(takeoff.frame, None if ground else takeoff.position[-1])
     _check_frame(robot, landing.frame, "flight.landing.frame")
     if landing.height is None and ground:
-        line = ground_height(robot, takeoff.frame, takeoff.position, joint_state(robot, start, "start"))
+        line = ground_height(robot, takeoff.frame, takeoff.place_in_plane, joint_state(robot, start, "start"))
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
         return parts.Landing(landing.frame, height)
     return parts.Landing(landing.frame, 0.0 if landing.height is None else landing.height)
@@ -119,8 +152,8 @@ def check_joint_names(robot: Robot, values: Mapping[str, object], element: str) 
 
 
 def _check_frame(robot: Robot, name: str, element: str) -> None:
-    if name not in robot.frames:
-        advice = f"frames: {', '.join(sorted(robot.frames))}"
+    if name not in robot.frame_names:
+        advice = f"frames: {', '.join(sorted(robot.frame_names))}"
         raise InputError(f"the robot has no frame {name!r}", element=element, advice=advice)
 
 
@@ -267,6 +300,17 @@ def end_errors(
         elif acceleration * (2 * position - low - high) > 0:
             reason = f"{acceleration:.6g} rad/s^2 {edge} points out of it"
             yield InputError(reason, element=f"{element}.accelerations.{joint}")
+
+
+def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]:
+    """A goal that is half a turn away from the start, where it is to be reached by the shortest rotation."""
+    if start.attitude is None or goal.attitude is None or goal.attitude.angles is not None:
+        return
+    cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))
+    if cosine < HALF_A_TURN:
+        reason = "is half a turn from the start, and which way round is left open"
+        advice = "give it as angles about axes, with the turns that are meant"
+        yield InputError(reason, element="goal.orientation", advice=advice)
 
 
 def surroundings_errors(

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.planar.choice import choose_joints, mirror_couplings
+from floatplan.robot.planar.choice import choose_joints
+from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.model import BASE_COORDINATES, sample_postures
 from floatplan.robot.robot import Robot
 
@@ -53,7 +54,7 @@ def explain_leak(robot: Robot, leak: float) -> str | None:
         return None
     verdict = "meaningless" if leak >= MEANINGLESS else "only an approximation"
     text = f"the joints' motion makes {leak:.2g} times as much angular momentum out of the plane as in it"
-    tree = robot.layout.tree
+    tree = robot.joint_tree
     choice = choose_joints(
         tree, plane=robot.plane.name, joints=robot.joints, coupled=robot.coupled, locked=robot.locked
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, TypedDict, Unpack, get_args
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
@@ -19,7 +19,8 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, mirror_couplings, with_motors
+from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, with_motors
+from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
@@ -37,6 +38,19 @@ def _coupled(value: Any, element: str) -> Any:
     if isinstance(value, str) and value != "mirror":
         raise InputError(f'must be a table of joints, or "mirror", not "{value}"', element=element)
     return value if isinstance(value, str) else by_name(made(str, Coupling))(value, element)
+
+
+class Choices(TypedDict, total=False):
+    """What a robot's file leaves open, see :meth:`Robot.from_urdf`."""
+
+    plane: str | None
+    joints: Sequence[str] | None
+    coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None
+    locked: Mapping[str, float] | None
+    reference: str | None
+    armature: float | Mapping[str, float] | None
+    damping: float | Mapping[str, float] | None
+    base: Base
 
 
 CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arguments of whatever reads one
@@ -124,19 +138,7 @@ class Robot:
     files: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def from_urdf(
-        cls,
-        source: str | Path,
-        *,
-        plane: str | None = None,
-        joints: Sequence[str] | None = None,
-        coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None,
-        locked: Mapping[str, float] | None = None,
-        reference: str | None = None,
-        armature: float | Mapping[str, float] | None = None,
-        damping: float | Mapping[str, float] | None = None,
-        base: Base = "planar",
-    ) -> Robot:
+    def from_urdf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
         """Load a robot from a URDF file.
 
         Parameters
@@ -166,7 +168,7 @@ class Robot:
         damping : float or mapping, optional
             Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
             Simulators alone know it, as the file's ``friction``.
-        base : str
+        base : str, optional
             How the base moves: "planar", or "free-flyer" for flights in space, where there is no plane and all joints
             that turn are planned unless they are locked or coupled.
 
@@ -175,11 +177,10 @@ class Robot:
         InputError
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
-        choices = {"plane": plane, "joints": joints, "coupled": coupled, "locked": locked, "reference": reference}
-        return cls.from_file(source, "urdf", **choices, armature=armature, damping=damping, base=base)
+        return cls.from_file(source, "urdf", **choices)
 
     @classmethod
-    def from_mjcf(cls, source: str | Path, **choices: Any) -> Robot:
+    def from_mjcf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
         """Load a robot from an MJCF file, which MuJoCo compiles.
 
         Bodies are links with their own frames; the base is the one body of the world that moves. Positions of joints
@@ -280,11 +281,14 @@ class Robot:
             The robot flies in space.
         """
         if self.in_plane is None:
-            reason = "the robot flies in space, and this is for flights in a plane, yet"
-            raise InputError(
-                reason, source=self.source, element="robot.base", advice='base = "planar" flies in a plane'
-            )
+            raise self.not_in_plane
         return self.in_plane
+
+    @property
+    def not_in_plane(self) -> InputError:
+        """What is said of a robot that flies in space where only flights in a plane are known, yet."""
+        reason, advice = "the robot flies in space, and this is for flights in a plane, yet", "leave base out"
+        return InputError(reason, source=self.source, element="robot.base", advice=advice)
 
     @property
     def plane(self) -> Plane:
@@ -300,6 +304,16 @@ class Robot:
     def frames(self) -> Mapping[str, Frame]:
         """Links' and joints' origins by name, on the bodies of ``tree``; refused in space."""
         return MappingProxyType(dict(self.layout.frames()))
+
+    @property
+    def model_joints(self) -> tuple[str, ...]:
+        """Names of the joints of ``model`` that move, in its order."""
+        return tuple(self.model.names)[1 + len(set(self.model.names) - self.joint_tree.joint.keys() - {"universe"}) :]
+
+    @property
+    def up(self) -> Array:
+        """Unit vector (3,) against gravity, in the root link's axes where it is not turned."""
+        return read_only((0.0, 0.0, 1.0) if self.in_plane is None else self.in_plane.plane.vertical)
 
     @property
     def frame_names(self) -> list[str]:

@@ -14,7 +14,7 @@ def wheels(robot: Robot) -> dict[str, str]:
 
     Their turns move no mass away from where it was: they change how the robot turns, and not what it reaches.
     """
-    tree = robot.layout.tree
+    tree = robot.joint_tree
     placements = tree.placements({})
     found: dict[str, str] = {}
     for joint in tree.joints:

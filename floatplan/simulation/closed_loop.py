@@ -29,7 +29,8 @@ from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation import forward
 from floatplan.simulation.forward import Accelerations, Engine, State
 from floatplan.simulation.perturbation import OF_JUMPS, Drawn, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, perturbed_takeoff, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, reduced_model
+from floatplan.simulation.takeoff import perturbed_takeoff
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control

@@ -17,7 +17,7 @@ from floatplan.arguments import by_name, number, one_of
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError, InputError
 from floatplan.robot.mjcf.compiled import import_mujoco
-from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.planar.model import BASE_COORDINATES, FREE_FLYER
 from floatplan.robot.robot import Robot
 from floatplan.simulation.mujoco_model import planar_model
 from floatplan.simulation.perturbation import Drawn
@@ -66,7 +66,7 @@ def joint_inertia(model: Any, posture: Array) -> Array:
     It is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
     """
     inverse = pin.computeMinverse(model, model.createData(), np.asarray(posture))
-    return np.asarray(1.0 / np.diagonal(inverse)[JOINTS])
+    return np.asarray(1.0 / np.diagonal(inverse)[JOINTS if model.nq == model.nv else slice(FREE_FLYER, None)])
 
 
 def given_gains(joints: Sequence[str], given: Gain | None, element: str, otherwise: Array) -> Array:
@@ -109,6 +109,7 @@ class JointTorques:
 
     def __init__(self, motion: RecordedMotion, factors: Array, gains: Array | None) -> None:
         self.factors, self.gains, self.lost = factors, gains, motion.reduced.lost
+        self.of_joints = motion.reduced.of_joints
         self.loses = bool(motion.reduced.losses.any())
         # a Runge-Kutta method evaluates some instants twice
         self._planned = lru_cache(maxsize=4)(motion.torques)
@@ -118,17 +119,21 @@ class JointTorques:
         """Torques (m,), N m."""
         torques = self._planned(time)
         if self.loses:
-            torques = torques + self.lost(self._target(time).velocities[JOINTS])
+            torques = torques + self.lost(self._target(time).velocities[self.of_joints[1]])
         if self.gains is not None:
             target = self._target(time)
             torques = torques + (
-                self.gains[0] * (target.positions[JOINTS] - positions)
-                + self.gains[1] * (target.velocities[JOINTS] - velocities)
+                self.gains[0] * (target.positions[self.of_joints[0]] - positions)
+                + self.gains[1] * (target.velocities[self.of_joints[1]] - velocities)
             )
         return np.asarray(self.factors * torques - self.lost(velocities) if self.loses else self.factors * torques)
 
-    def applied(self, to: Accelerations, positions: Entries = JOINTS, velocities: Entries = JOINTS) -> Dynamics:
+    def applied(
+        self, to: Accelerations, positions: Entries | None = None, velocities: Entries | None = None
+    ) -> Dynamics:
         """Return the dynamics under these torques; the entries are of the joints, left out the reduced model's."""
+        positions = self.of_joints[0] if positions is None else positions
+        velocities = self.of_joints[1] if velocities is None else velocities
 
         def dynamics(time: float, q: Array, v: Array) -> Array:
             forces = np.zeros_like(v)
@@ -167,7 +172,13 @@ def mujoco_accelerations(model: Any, entries: Entries = slice(None)) -> Accelera
     return accelerations
 
 
-def fly_finely(dynamics: Dynamics, takeoff: State, times: Array, tolerance: float = TIGHT) -> tuple[Array, Array]:
+def fly_finely(
+    dynamics: Dynamics,
+    takeoff: State,
+    times: Array,
+    tolerance: float = TIGHT,
+    moved_at: Callable[[Array, Array], Array] = lambda positions, velocities: velocities,
+) -> tuple[Array, Array]:
     """Integrate by a Runge-Kutta method of order 8 and return positions and velocities at times, (N, 3 + m) each.
 
     Parameters
@@ -177,6 +188,7 @@ def fly_finely(dynamics: Dynamics, takeoff: State, times: Array, tolerance: floa
     times : (N,) s, rising; the last is the end
     tolerance : float
         Of a step's error, relative; a tenth of it absolute, in m, rad, m/s, rad/s.
+    moved_at : derivatives of positions by time; velocities, unless the base turns in space
 
     Raises
     ------
@@ -185,15 +197,15 @@ def fly_finely(dynamics: Dynamics, takeoff: State, times: Array, tolerance: floa
     """
     from scipy.integrate import solve_ivp  # here, because what reads gains alone does without
 
-    evaluations = count()
+    evaluations, size = count(), len(takeoff[0])
 
     def rate(time: float, state: Array) -> Array:
         if next(evaluations) == MOST_EVALUATIONS or not np.isfinite(state).all():
             raise FloatplanError(
                 f"the replay was stopped {time:.3g} s after takeoff: motion or feedback is too fast to be integrated"
             )
-        positions, velocities = np.split(state, 2)
-        return np.concatenate((velocities, dynamics(time, positions, velocities)))
+        positions, velocities = state[:size], state[size:]
+        return np.concatenate((moved_at(positions, velocities), dynamics(time, positions, velocities)))
 
     flown = solve_ivp(
         rate,
@@ -206,8 +218,7 @@ def fly_finely(dynamics: Dynamics, takeoff: State, times: Array, tolerance: floa
     )
     if flown.status != 0:
         raise FloatplanError(f"the replay stopped before the end of the flight: {flown.message}")
-    positions, velocities = np.split(flown.y.T, 2, axis=1)
-    return positions, velocities
+    return flown.y.T[:, :size], flown.y.T[:, size:]
 
 
 def _straight(positions: Array, velocities: Array, duration: float) -> Array:

@@ -6,7 +6,7 @@ so all of this is computed with the centre of mass at rest, the base at the orig
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import flint
@@ -17,7 +17,6 @@ from floatplan.arrays import Array, read_only
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.perturbation import Drawn
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
 SLOW = 0.5  # [rad/s] about which friction changes its sign: a step could not be integrated
@@ -29,12 +28,12 @@ class ReducedModel:
 
     Attributes
     ----------
-    model : pinocchio.Model with nq = nv = 3 + m, gravity on
-    reference : (3 + m,) rad
-    selection : (3 + m, n)
+    model : pinocchio.Model with nq = nv = 3 + m, gravity on; 7 + m and 6 + m in space
+    reference : (nq,) rad
+    selection : (nv, n)
         With zeros for the base.
     axes : (2, 3)
-        The plane's horizontal and vertical axis.
+        The plane's horizontal and vertical axis; the identity in space.
     losses : (2, m) damping and friction of the joints, N m s/rad and N m
     """
 
@@ -47,7 +46,13 @@ class ReducedModel:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names (m,) of the joints that move."""
-        return tuple(self.model.names)[BASE_COORDINATES + 1 :]
+        return tuple(self.model.names)[-len(self.losses[0]) or len(self.model.names) :]
+
+    @property
+    def of_joints(self) -> tuple[slice, slice]:
+        """Entries of configurations and of velocities that are joints; the others are the base's."""
+        m = len(self.losses[0])
+        return slice(self.model.nq - m, None), slice(self.model.nv - m, None)
 
     def lost(self, velocities: Array) -> Array:
         """Torques (m,) N m that the joints lose by damping and friction at velocities (m,), rad/s."""
@@ -58,8 +63,10 @@ class ReducedModel:
 
         The largest (n,) of each planned joint and those that follow it, and of each joint that follows none.
         """
-        off = np.abs(joints - (self.reference + self.selection @ np.asarray(goal, np.float64))[BASE_COORDINATES:])
-        follows = self.selection[BASE_COORDINATES:] != 0.0
+        of_positions, of_velocities = self.of_joints
+        selection = self.selection[of_velocities]
+        off = np.abs(joints - (self.reference[of_positions] + selection @ np.asarray(goal, np.float64)))
+        follows = selection != 0.0
         return read_only((off[:, None] * follows).max(axis=0, initial=0.0)), off[~follows.any(axis=1)]
 
 
@@ -74,9 +81,10 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
     data = source.createData()
     pin.forwardKinematics(source, data, np.array(robot.reference))
     model = pin.Model()
-    model.gravity = pin.Motion(-gravity * np.asarray(robot.plane.vertical), np.zeros(3))
+    model.gravity = pin.Motion(-gravity * robot.up, np.zeros(3))
     carrier = {0: (0, pin.SE3.Identity())}  # joint of the source -> joint here, and where in its frame
-    kept = []
+    kept: list[int] = []  # entries of velocities
+    kept_positions: list[int] = []
     for joint in range(1, source.njoints):
         parent, placement = carrier[source.parents[joint]]
         name = source.names[joint]
@@ -85,13 +93,16 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
         else:
             added = model.addJoint(parent, source.joints[joint], placement * source.jointPlacements[joint], name)
             carrier[joint] = (added, pin.SE3.Identity())
-            kept.append(source.joints[joint].idx_v)
+            own = source.joints[joint]
+            kept += range(own.idx_v, own.idx_v + own.nv)
+            kept_positions += range(own.idx_q, own.idx_q + own.nq)
         model.appendBodyToJoint(carrier[joint][0], source.inertias[joint], carrier[joint][1])
     model.armature = source.armature[kept]
-    axes = np.stack([robot.plane.horizontal, robot.plane.vertical])
-    names = list(model.names)[BASE_COORDINATES + 1 :]
+    plane = robot.in_plane and robot.plane
+    axes = np.stack([plane.horizontal, plane.vertical]) if plane else np.eye(3)
+    names = [name for name in robot.model_joints if name not in rigid]
     losses = [[each.get(name, 0.0) for name in names] for each in (robot.damping, robot.friction)]
-    arrays: Any = (robot.reference[kept], robot.selection[kept], axes, losses)
+    arrays: Any = (robot.reference[kept_positions], robot.selection[kept], axes, losses)
     return ReducedModel(model, *map(read_only, arrays))
 
 
@@ -118,16 +129,16 @@ class RecordedMotion:
         self._exponents = np.arange(len(p))
         self._polynomials = np.concatenate((p, _derivative(p), _derivative(_derivative(p))), axis=1)
 
-    def joints(self, time: float) -> ModelState:
-        """All joints at a time, s: (12) and its derivatives, the base's coordinates zero."""
+    def planned(self, time: float) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations (n,) of the planned joints at a time, s: (12) and its derivatives."""
         p, rate, curvature = ((time - self._middle) ** self._exponents @ self._polynomials).reshape(3, -1)
         sine, cosine = self.record.amplitude * np.sin(p), self.record.amplitude * np.cos(p)
-        selection = self.reduced.selection
-        return ModelState(
-            self.reduced.reference + selection @ (self.record.centre + sine),
-            selection @ (cosine * rate),
-            selection @ (cosine * curvature - sine * rate**2),
-        )
+        return self.record.centre + sine, cosine * rate, cosine * curvature - sine * rate**2
+
+    def joints(self, time: float) -> ModelState:
+        """All joints at a time, s, the base's coordinates zero."""
+        (positions, rates, curvatures), selection = self.planned(time), self.reduced.selection
+        return ModelState(self.reduced.reference + selection @ positions, selection @ rates, selection @ curvatures)
 
     def base_velocity(self, state: ModelState, angular_momentum: float) -> tuple[Array, Array, Array]:
         """Velocity (3,) of the base that gives no momentum but the angular.
@@ -164,11 +175,24 @@ class RecordedMotion:
         return state.positions, state.velocities
 
     def com_position(self, time: float) -> Array:
-        """Where the centre of mass (2,) is on its parabola, m."""
+        """Where the centre of mass (2,), (3,) in space, is on its parabola, m."""
         com = self.record.com
-        fall = np.array([0.0, 0.5 * com["gravity"] * time**2])
-        path: Array = np.asarray(com["position0"]) + time * np.asarray(com["velocity0"]) - fall
+        path: Array = np.asarray(com["position0"]) + time * np.asarray(com["velocity0"])
+        path[-1] -= 0.5 * com["gravity"] * time**2
         return path
+
+    def moved_at(self, positions: Array, velocities: Array) -> Array:
+        """Derivative of a configuration by time at a velocity: the velocity itself in a plane."""
+        return velocities
+
+    def off_goal(self, landed: Array) -> float:
+        """By how much a configuration misses the goal's orientation, rad."""
+        return abs(float(landed[BASE_COORDINATES - 1]) - float(self.record.orientation["goal"]))
+
+    def off_path(self, times: Array, flown: Array) -> tuple[Array, float]:
+        """By how much (N,) configurations miss the path's orientation at times (N,), rad, and its sensitivity to h."""
+        orientation, sensitivity = self.orientation(times)
+        return np.abs(flown[:, BASE_COORDINATES - 1] - orientation), sensitivity
 
     def orientation(self, times: Array) -> tuple[Array, float]:
         """Orientations (N,) at rising times (N,), and d orientation / d h at the last, by quadrature of (15).
@@ -189,16 +213,6 @@ class RecordedMotion:
             began = time
             orientations.append(orientation)
         return np.array(orientations), float(sensitivity)
-
-
-def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, drawn: Drawn) -> tuple[Array, Array]:
-    """Where a plan takes off, with the velocities that give the real robot its momenta; (3 + m,) each."""
-    positions, _ = RecordedMotion(record, reduced).takeoff(record.angular_momentum)
-    rise = np.asarray(record.com["velocity0"]) * [1.0, drawn.rise]
-    real = replace(reduced, model=drawn.perturbed(reduced.model))
-    motion = RecordedMotion(replace(record, com={**record.com, "velocity0": rise}), real)
-    _, velocities = motion.takeoff(record.angular_momentum * drawn.momentum)
-    return positions, velocities
 
 
 def _derivative(powers: Array) -> Array:

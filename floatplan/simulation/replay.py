@@ -24,10 +24,11 @@ from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation import forward
-from floatplan.simulation.forward import JOINTS, MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
+from floatplan.simulation.forward import MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
+from floatplan.simulation.takeoff import perturbed_takeoff, recorded_motion
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
@@ -180,6 +181,8 @@ def replay(
     seed = SEED(seed, "seed")
     record, file, own = recorded(plan)
     robot = own if robot is None else made(Robot)(robot, "robot")
+    if engine == "mujoco" and record.in_space:
+        raise InputError("is not yet for flights in space", element="engine", advice="use the engine pinocchio")
     if engine == "mujoco" and record.duration / step > MOST_STEPS:
         raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
@@ -188,23 +191,25 @@ def replay(
     perturbation.refuse(MEASURED, "is for flights with corrections", "add --replan")
     reduced = reduced_model(robot, float(record.com["gravity"]))
     drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
-    motion = RecordedMotion(record, reduced)
+    motion = recorded_motion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
     control = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
     accelerations = forward.accelerations_of(engine, robot, reduced, drawn)
     dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations)
     times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
     if engine == "pinocchio":
-        flown = forward.fly_finely(dynamics, takeoff, times, forward.LOOSE if perturbation.any else forward.TIGHT)
+        tolerance = forward.LOOSE if perturbation.any else forward.TIGHT
+        flown = forward.fly_finely(dynamics, takeoff, times, tolerance, motion.moved_at)
     else:
         flown = forward.fly_in_steps(dynamics, takeoff, times, forward.whole_step(float(times[-1]), step, PANELS))
         spatial = fly_in_space(robot, record, perturbation, seed, feedback, step)
     states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)
+    landed = flown[0][-1]
     return Replay(
         engine=engine,
-        orientation_error=abs(float(flown[0][-1, BASE_COORDINATES - 1]) - float(record.orientation["goal"])),
-        position_error=reduced.off_goal(flown[0][-1, JOINTS], record.problem["goal"]["positions"])[0],
+        orientation_error=motion.off_goal(landed),
+        position_error=reduced.off_goal(landed[reduced.of_joints[0]], record.problem["goal"]["positions"])[0],
         com_error=float(growth.com[-1]),
         momentum_drift=_momentum_drift(drawn.perturbed(reduced.model), states),
         orientation_sensitivity=sensitivity,
@@ -221,19 +226,21 @@ def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth,
     """Errors at times along the flight, and the sensitivity of the orientation."""
     reduced = motion.reduced
     data = reduced.model.createData()
-    orientation, sensitivity = motion.orientation(times)
+    off, sensitivity = motion.off_path(times, flown)
     joints, com = [], []
     for time, positions in zip(times, flown, strict=True):
-        joints.append(np.abs(motion.joints(float(time)).positions - positions)[JOINTS].max())
+        joints.append(np.abs(motion.joints(float(time)).positions - positions)[reduced.of_joints[0]].max(initial=0.0))
         place = reduced.axes @ pin.centerOfMass(reduced.model, data, positions)
         com.append(np.linalg.norm(place - motion.com_position(float(time))))
-    off = np.abs(flown[:, BASE_COORDINATES - 1] - orientation)
     return Growth(read_only(times), read_only(off), read_only(joints), read_only(com)), sensitivity
 
 
 def _momentum_drift(model: Any, states: Any) -> float:
-    """Largest change of the angular momentum about the centre of mass, about the base's axis, kg m^2/s."""
+    """Largest change of the angular momentum about the centre of mass, in a plane about the base's axis, kg m^2/s."""
     data = model.createData()
+    if model.nq > model.nv:
+        vectors = np.array([pin.computeCentroidalMomentum(model, data, *state).angular for state in states])
+        return float(np.linalg.norm(vectors - vectors[0], axis=1).max())
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     axis = pin.getJointJacobian(model, data, BASE_COORDINATES, pin.LOCAL)[3:, BASE_COORDINATES - 1].copy()
     momenta = []

@@ -21,7 +21,8 @@ from floatplan.simulation import forward
 from floatplan.simulation.forward import JointTorques, State
 from floatplan.simulation.mujoco_model import SpatialModel, rigid_joints, spatial_model
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, reduced_model
+from floatplan.simulation.takeoff import perturbed_takeoff
 
 HOLD = 50.0  # [rad/s] bandwidth of the gains on locked and coupled joints
 STABLE = 1.0  # [-] largest rate of decay times step; the Runge-Kutta method is stable up to 2.8

@@ -106,7 +106,7 @@ class HeldJoints:
         for contact, force in zip(contacts, forces, strict=True):
             part = force[0] / len(contact.spots), force[1] / len(contact.spots)
             for foot, spot in zip(contact.frames, contact.spots, strict=True):
-                at = robot.model.frames[robot.model.getFrameId(foot)]
+                at = robot.model.frames[robot.model.getFrameId(robot.frames[foot].link, pin.FrameType.BODY)]
                 if at.parentJoint in beyond:
                     torque -= moment(spot, data.oMi[at.parentJoint].act(at.placement.translation), part)
         return torque

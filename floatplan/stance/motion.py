@@ -210,7 +210,7 @@ def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array
     The point is at ``local`` in the plane of the frame's body, as far out of the plane as the frame's origin.
     """
     model, home = robot.model, robot.frames[frame]
-    held = model.frames[model.getFrameId(frame)]
+    held = model.frames[model.getFrameId(home.link, pin.FrameType.BODY)]
     joint = held.parentJoint
     data = model.createData()
     zero = robot.reference.copy()

@@ -166,7 +166,7 @@ class Setup:
     def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
-        parts = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        parts = problem.obstacles, problem.self_clearances, problem.takeoff.place_in_plane, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
         return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
@@ -212,7 +212,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
 
 def _momentum(problem: Problem, request: JumpRequest) -> float | None:
     """The flight's angular momentum, kg m^2/s, where the request keeps it."""
-    asked = problem.flight.angular_momentum
+    asked = problem.flight.momentum_in_plane
     if "angular_momentum" not in request.fixed:
         return None
     if isinstance(asked, str):

@@ -233,7 +233,7 @@ class Map:
     def centred_at(cls, present: ShownPlan) -> Map:
         """Return the empty map with a plan in its middle."""
         duration, momentum = present.plan.duration, present.plan.angular_momentum
-        low, high = present.plan.angular_momentum_bounds
+        low, high = present.plan.angular_momentum_bounds or (0.0, 0.0)
         step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)
         return cls(
             momenta=np.asarray(momentum + step * (np.arange(COLUMNS) - COLUMNS // 2), dtype=np.float64),

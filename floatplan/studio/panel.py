@@ -156,9 +156,9 @@ class Controls:
 
     def _flight(self) -> None:
         answer, problem = self._session.view.answer, self._session.view.problem
-        low, high = (0.0, 1.0) if answer is None else answer.plan.angular_momentum_bounds
+        low, high = (answer and answer.plan.angular_momentum_bounds) or (0.0, 1.0)
         half = max(high - low, abs(low), abs(high), 0.1)
-        present, speed = problem.flight.duration, problem.flight.horizontal_velocity
+        present, speed = problem.flight.duration, problem.flight.speed_in_plane
         self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
         hint = "Angular momentum: the middle of what suits joints that do not turn back "
         hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
@@ -180,7 +180,7 @@ class Controls:
 
     def _momentum_of(self, problem: fp.Problem, unknown: float = math.nan) -> float:
         """The angular momentum that is asked for; that of the present motion where a word is."""
-        asked, answer = problem.flight.angular_momentum, self._session.view.answer
+        asked, answer = problem.flight.momentum_in_plane, self._session.view.answer
         if isinstance(asked, str):
             return unknown if answer is None else answer.plan.angular_momentum
         return float(asked)

@@ -75,7 +75,7 @@ class JumpView:
     @property
     def dynamics(self) -> PinocchioDynamics:
         """The robot's rigid-body dynamics."""
-        return self.flight.dynamics
+        return self.flight.in_plane.dynamics
 
     @cached_property
     def problem(self) -> Problem:

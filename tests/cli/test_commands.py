@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,8 +18,10 @@ import numpy as np
 import pytest
 from elsewhere import hear_ctrl_c
 from proof_plans import example_a, example_b
+from rich.console import Console
 
 import floatplan as fp
+from floatplan.cli import summary
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf"
@@ -89,6 +92,21 @@ class TestPlan:
             line.split(maxsplit=1) == ["next", "floatplan show out/plan.json"] for line in map(str.rstrip, lines)
         )
         assert Path("out/plan.json").is_file()
+
+    @pytest.mark.parametrize("name", ["left_ankle_pitch_joint", "left_ankle_pitch_joint_of_an_uncommonly_long_name"])
+    @pytest.mark.parametrize("peak", ["1.235", "1.235e+04"])
+    def test_no_table_cuts_anything_short(self, monkeypatch: pytest.MonkeyPatch, name: str, peak: str) -> None:
+        monkeypatch.setenv("COLUMNS", "80")
+        titles = ["joint", *["N m", "limit", "%"] * 3, "range, deg", "% of it", "at, s"]
+        cells = [name, *[peak, "9e+04", "100"] * 3, "-180 to 180", "100", "12.345"]
+        with (console := Console()).capture() as capture:
+            console.print(summary._table(titles, [cells], whole=True))
+        lines = capture.get().splitlines()
+        assert max(map(len, lines)) <= 80
+        shown = Counter("".join(lines).replace(" ", ""))
+        assert shown == Counter("".join([*titles, *cells]).replace(" ", ""))
+        if peak == "1.235":
+            assert lines[1].split()[1:] == " ".join(cells[1:]).split()
 
     def test_quiet_says_nothing(self, floatplan: Command) -> None:
         run = floatplan("plan", EXAMPLE, "--quiet", "--no-figures")

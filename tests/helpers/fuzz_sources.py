@@ -8,6 +8,8 @@ from pathlib import Path
 
 from fuzz_mutations import ROOT
 
+from floatplan.export.formats import FORMATS as KNOWN
+
 PROBLEMS = (
     "new_configuration",
     "obstacle",
@@ -19,7 +21,7 @@ PROBLEMS = (
 )
 GALLERY = tuple(sorted(path.stem for path in (ROOT / "problems" / "gallery").glob("*.toml")))
 FLYING = ("double_pendulum", "go2", "solo")  # robots of the gallery with plans and meshes, planned at once
-FORMATS = ("csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree", "unitree-sdk")
+FORMATS = tuple(KNOWN)
 PREFIX = "example-robot-data:"
 
 

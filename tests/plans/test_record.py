@@ -123,7 +123,7 @@ def changed(content, path, value):
 
 
 DAMAGES = {  # path, value, element that the message names
-    "another format": (["format"], "floatplan.plan/2", "format"),
+    "another format": (["format"], "floatplan.plan/9", "format"),
     "no format": (["format"], None, "format"),
     "unknown status": (["status"], "great", "status"),
     "ok as a number": (["ok"], 1, "ok"),

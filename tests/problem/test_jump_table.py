@@ -127,7 +127,7 @@ def test_a_flight_of_no_time_is_refused(tmp_path: Path, text: str) -> None:
 
 
 def test_a_free_flyer_is_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(fp.InputError, match=r"file\.toml: robot\.base"):
+    with pytest.raises(fp.InputError, match=r"file\.toml: jump: is for flights in a plane"):
         read(tmp_path, text.replace("[start]", 'base = "free-flyer"\n[start]') + JUMP)
 
 

@@ -16,6 +16,7 @@ from floatplan.robot.urdf.packages import description_path, robot_content
 
 ROOT = Path(__file__).resolve().parents[2]
 GYMNAST = ROOT / "urdf" / "gymnast.urdf"
+KANGAROO = ROOT / "urdf" / "kangaroo.xml"
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 
@@ -50,6 +51,7 @@ class TestXacro:
         assert plan.certificate.proved
         file = plan.save(tmp_path / "plan.json")
         assert fp.certify(file).proved
+        assert fp.load_plan(file).robot.sha256 == plan.robot.sha256
         # Its hash is that of the URDF: which file makes it does not matter, what it makes does.
         urdf = tmp_path / "made.urdf"
         urdf.write_bytes(robot_content(xacro))
@@ -107,15 +109,15 @@ def package(tmp_path, monkeypatch):
     modules = {
         "__init__": "",
         "tumbler_description": f"print('Cloning ...')\nURDF_PATH = {str(GYMNAST)!r}\n",
-        "tumbler_mj_description": f"MJCF_PATH = {str(tmp_path / 'tumbler.xml')!r}\n",
+        "tumbler_mj_description": f"MJCF_PATH = {str(KANGAROO)!r}\n",
         "absent_description": f"URDF_PATH = {str(tmp_path / 'absent.urdf')!r}\n",
+        "silent_description": "import os\nos._exit(0)\n",
         "slow_description": "import subprocess\nsubprocess.run(['sleep', '60'])\n",
         "unreachable_description": "import subprocess\nsubprocess.run(['git', 'clone', 'https://localhost:1/a', "
         "'nowhere'], check=True)\n",
     }
     for name, text in modules.items():
         (folder / f"{name}.py").write_text(text)
-    (tmp_path / "tumbler.xml").write_text("<mujoco/>")
     monkeypatch.syspath_prepend(tmp_path)
     for name in [name for name in sys.modules if name.partition(".")[0] == "robot_descriptions"]:
         monkeypatch.delitem(sys.modules, name)
@@ -130,8 +132,9 @@ class TestDescriptions:
     def test_are_found_by_name(self, package, address, tmp_path):
         robot = fp.Robot.from_urdf(address)
         assert (robot.path, robot.source) == (GYMNAST, address)
-        assert description_path("tumbler_mj_description", "mjcf").name == "tumbler.xml"
-        assert description_path("tumbler_mj_description", None).name == "tumbler.xml"
+        model = fp.Robot.from_mjcf(address.replace("tumbler_", "tumbler_mj_"))
+        assert (model.path, model.kind) == (KANGAROO, "mjcf")
+        assert description_path("tumbler_mj_description", None) == KANGAROO
         assert is_robot(address)
         text = (ROOT / "problems" / "new_configuration.toml").read_text()
         problem = tmp_path / "problem.toml"
@@ -148,6 +151,7 @@ class TestDescriptions:
             ("tumblr_description", "has no tumblr_description; it has tumbler_description"),
             ("absent_description", "gives no URDF of it; it gives URDF_PATH"),
             ("tumbler_mj_description", "gives no URDF of it; it gives MJCF_PATH"),
+            ("silent_description", "ended with 0, and said nothing; bring it here first"),
             ("unreachable_description", "robot_descriptions pull unreachable_description"),
         ],
     )

@@ -165,9 +165,10 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
     """
     with flint.ctx.workprec(PRECISION):
         check_roles(urdf, record)
-        if len(record.plane) != 2 or record.plane[0] == record.plane[1] or not set(record.plane) <= set(LETTERS):
-            raise InputError(f'"{record.plane}" is not two different letters of x, y and z', element="robot.plane")
-        horizontal, vertical = (LETTERS.index(letter) for letter in record.plane)
+        plane = record.plane or ""
+        if len(plane) != 2 or plane[0] == plane[1] or not set(plane) <= set(LETTERS):
+            raise InputError(f'"{plane}" is not two different letters of x, y and z', element="robot.plane")
+        horizontal, vertical = (LETTERS.index(letter) for letter in plane)
         normal_axis = 3 - horizontal - vertical
         placed, signs = _placed(urdf, record, normal_axis)
         normal = -1.0 if sum(signs[joint] for joint in record.joints) < 0 else 1.0

@@ -201,7 +201,7 @@ def impossibilities(problem: Problem) -> list[str]:
 def difficulties(problem: Problem) -> list[str]:
     """Return sentences about a given angular momentum outside (9)."""
     low, high = angular_momentum_interval(problem)
-    given = problem.flight.angular_momentum
+    given = problem.flight.momentum_in_plane
     if isinstance(given, str) or low <= given <= high:
         return []
     return [
@@ -265,7 +265,7 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     """A frame leaves or meets the ground at rest with rates within the limits, or not at all."""
     if not np.isfinite(problem.velocity_limits).any():
         return
-    momentum = None if problem.flight.angular_momentum == "free" else _given_momentum(problem)
+    momentum = None if problem.flight.momentum_in_plane == "free" else _given_momentum(problem)
     takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
     for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
@@ -281,7 +281,7 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
 
 def _turning(problem: Problem) -> Iterator[str]:
     """By (4) the base turns with ``(h - sum_i D_i q_i') / D_0``, which bounds on D, q' and h enclose."""
-    if problem.flight.angular_momentum == "free" or not np.isfinite(problem.velocity_limits).all():
+    if problem.flight.momentum_in_plane == "free" or not np.isfinite(problem.velocity_limits).all():
         return
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
@@ -298,7 +298,7 @@ def _turning(problem: Problem) -> Iterator[str]:
 
 
 def _given_momentum(problem: Problem) -> float:
-    given = problem.flight.angular_momentum
+    given = problem.flight.momentum_in_plane
     return sum(angular_momentum_interval(problem)) / 2 if isinstance(given, str) else float(given)
 
 

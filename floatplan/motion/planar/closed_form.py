@@ -109,22 +109,25 @@ def tree_dynamics(tree: PlanarTree) -> Dynamics:
 
 @dataclass(frozen=True, eq=False)
 class Ballistics:
-    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical)."""
+    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
+
+    In space x, y and z, the last of which is the vertical.
+    """
 
     position0: Array
     velocity0: Array
     gravity: float
 
     def positions(self, times: Array) -> Array:
-        """Places (N, 2), m, at times (N,), s."""
+        """Places (N, 2) or (N, 3), m, at times (N,), s."""
         path = self.position0 + times[:, None] * self.velocity0
-        path[:, 1] -= self.gravity * times**2 / 2
+        path[:, -1] -= self.gravity * times**2 / 2
         return np.asarray(path)
 
     def velocities(self, times: Array) -> Array:
-        """Velocities (N, 2), m/s, at times (N,), s."""
+        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
         velocities = np.tile(self.velocity0, (len(times), 1))
-        velocities[:, 1] -= self.gravity * times
+        velocities[:, -1] -= self.gravity * times
         return velocities
 
 
@@ -146,12 +149,14 @@ def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     flight = problem.flight
-    takeoff = complex(*problem.takeoff.position) - frame_from_com(problem.robot, problem.takeoff_frame, problem.initial)
+    takeoff = complex(*problem.takeoff.place_in_plane) - frame_from_com(
+        problem.robot, problem.takeoff_frame, problem.initial
+    )
     landing = frame_from_com(problem.robot, problem.landing_frame, problem.final)
     height_change = problem.landing_height - landing.imag - takeoff.imag
     vertical_velocity = height_change / flight.duration + flight.gravity * flight.duration / 2
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),
-        velocity0=read_only([flight.horizontal_velocity, vertical_velocity]),
+        velocity0=read_only([flight.speed_in_plane, vertical_velocity]),
         gravity=float(flight.gravity),
     )

@@ -224,7 +224,7 @@ def landing(problem: Problem | str | Path, angular_momentum: float | None = None
 
 def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) -> tuple[Momentum, float]:
     """Return h as given, or asked for, and in kg m^2/s; where it is free, the one that suits both ends best."""
-    asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
+    asked = problem.flight.momentum_in_plane if angular_momentum is None else angular_momentum
     if asked == "free":
         shared = shared_momentum(problem)
         asked = "midpoint" if shared is None else shared
@@ -242,7 +242,7 @@ def reachable_sets(problem: Problem) -> dict[str, Reachable]:
 
 def no_common_momentum(problem: Problem) -> str | None:
     """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
-    if problem.flight.angular_momentum != "free":
+    if problem.flight.momentum_in_plane != "free":
         return None
     ends: tuple[End, ...] = ("takeoff", "landing")
     best = [contact_rates(problem, end, None) for end in ends if has_contact(problem, end)]
@@ -373,7 +373,7 @@ class _Trials:
             degrees = np.rad2deg(trial.positions).tolist()
             joints = (f"{joint} at {angle:.4g}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
             yield f"{', '.join(joints)} degrees"
-        if trial.free or problem.flight.angular_momentum == "free":
+        if trial.free or problem.flight.momentum_in_plane == "free":
             yield f"an angular momentum of {rates.angular_momentum:.5g} kg m^2/s"
 
     def postures(self, begin: _Trial, *, durations: bool) -> _Trial:

@@ -150,6 +150,11 @@ class PlanarBaseMotion:
         turned = self.flight.duration * (self.node_rates @ self.grid.weights)
         return (turned - self.flight.change)[:, None]
 
+    @property
+    def missed(self) -> float:
+        """The residual of a single motion, without its sign, rad."""
+        return abs(float(self.residual[0, 0]))
+
     def transport(self, drift: Array) -> Array:
         """Integrals (K, 1, c) of drifts (N, 1, c)."""
         return np.asarray(self.flight.duration * (self.grid.integrals @ drift[:, 0, :]))[:, None, :]
@@ -259,7 +264,7 @@ def momentum_set(problem: Problem) -> MomentumSet:
     A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
     """
     low, high = angular_momentum_interval(problem)
-    asked = problem.flight.angular_momentum
+    asked = problem.flight.momentum_in_plane
     centre = (low + high) / 2 if isinstance(asked, str) else float(asked)
     if asked != "free":
         return MomentumSet(read_only([centre]), read_only(np.empty((1, 0))))

@@ -218,7 +218,7 @@ class FullMotion:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the J joints."""
-        return tuple(self.robot.model.names)[BASE + 1 :]
+        return self.robot.model_joints
 
     @cached_property
     def positions(self) -> Array:
@@ -270,7 +270,7 @@ class FullMotion:
 
     @cached_property
     def base_angular_velocity(self) -> Array:
-        """Angular velocity (N, 3), rad/s, in the root link's axes or the world's: it is along the plane's normal."""
+        """Angular velocity (N, 3), rad/s, in the world; in a plane along its normal."""
         return read_only(self.coordinates.velocities[:, BASE - 1, None] * self.robot.plane.normal)
 
     @cached_property
@@ -364,7 +364,7 @@ class FreeFlyer:
     """
 
     def __init__(self, robot: Robot) -> None:
-        if ROOT_JOINT in robot.layout.tree.joint:
+        if ROOT_JOINT in robot.joint_tree.joint:
             raise InputError(
                 "Pinocchio gives this name to the free flyer, and so has no free-flyer model of the file",
                 source=robot.path,
@@ -377,7 +377,7 @@ class FreeFlyer:
                 part.remove(inner)
         text = tostring(root, encoding="unicode")
         self.model = model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-        joints = [model.joints[model.getJointId(name)] for name in list(robot.model.names)[BASE + 1 :]]
+        joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
         self.continuous = np.flatnonzero([joint.nq == 2 for joint in joints])

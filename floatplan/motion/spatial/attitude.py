@@ -117,6 +117,11 @@ class Turning:
             attitudes = attitudes @ spun.after(cell, integrals)
         return np.asarray(attitudes)
 
+    @property
+    def way(self) -> Array:
+        """Attitudes (C S + 2, 3, 3) at takeoff, at all stages, and at landing."""
+        return np.concatenate((self.borders[:1], self.attitudes, self.ends[-1:]))
+
     @cached_property
     def mobility(self) -> Array:
         """M (K, 3, 3), 1/(kg m^2)."""

@@ -35,6 +35,11 @@ class SpatialDynamics:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_workspace", Workspace(self.model))
 
+    @property
+    def data(self) -> Any:
+        """Pinocchio's data of the model, of this thread."""
+        return self._workspace.data
+
     def __reduce__(self) -> tuple[type[SpatialDynamics], tuple[Any, Array, Array]]:
         return SpatialDynamics, (self.model, self.reference, self.selection)
 

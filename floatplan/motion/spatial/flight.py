@@ -12,11 +12,17 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightGrid, Partials
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.motion.spatial.attitude import Cells, IntegrationError, Turning, cells, turn_from
-from floatplan.motion.spatial.dynamics import SpatialDynamics
-from floatplan.motion.spatial.rotations import cross_matrix, logarithm
-from floatplan.problem.parts import Obstacle
+from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
+from floatplan.motion.spatial.rotations import cross_matrix, logarithm, unwrapped_angles
+from floatplan.problem.attitude import Attitude
+from floatplan.problem.parts import JointState, Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
 
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages, by levels
+WORK_OF_A_BODY = 100  # [instants of one body of a plane]: what an instant of one in space costs
+A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
+STEEPEST = math.radians(70)  # of the second angle
 NO_SHAPES = "the distances of a robot in space are not known yet"
 TINY = 1e-300  # keeps a quotient of zeros from being none
 
@@ -64,13 +70,43 @@ class SpatialFlight:
 
     dynamics: SpatialDynamics
     transmission: Array
-    initial_attitude: Array
-    final_attitude: Array
+    start: Attitude
+    goal: Attitude
     duration: float
     bodies: int
     tangent: int = 3
     links: tuple[str, ...] = ()
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
+
+    @cached_property
+    def initial_attitude(self) -> Array:
+        """Attitude (3, 3) at takeoff."""
+        return self.start.matrix
+
+    @cached_property
+    def final_attitude(self) -> Array:
+        """Attitude (3, 3) that is asked for at landing."""
+        return self.goal.matrix
+
+    @cached_property
+    def change(self) -> Array:
+        """By how much (3,) the goal's angles differ from those at takeoff, rad, whole turns included; else 0."""
+        goal = self.goal
+        return np.zeros(3) if goal.axes is None else np.array(goal.angles) - self.start.angles_about(goal.axes)
+
+    def wrong(self, attitudes: Array) -> str:
+        """What is wrong with the way (K, 3, 3) from takeoff to landing, its turns or its tilt; empty for nothing."""
+        if self.goal.axes is None:
+            return ""
+        angles = unwrapped_angles(self.goal.axes, attitudes)
+        off = np.abs(angles[-1] - angles[0] - self.change)
+        if not off.max() < A_TURN_OFF:
+            return "it makes other turns than are asked for"
+        level = self.goal.axes[0] != self.goal.axes[2]
+        tilt = np.abs(angles[:, 1] if level else angles[:, 1] - np.pi / 2).max()
+        if tilt > STEEPEST:
+            return f"it tilts by {np.degrees(tilt):.0f} degrees, near 90, where somersault and twist are not defined"
+        return ""
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """No link is measured yet."""
@@ -159,6 +195,14 @@ class SpatialBaseMotion:
         if known.any():
             residual[known] = logarithm(missed[known])
         return residual
+
+    @property
+    def missed(self) -> float:
+        """Length of the residual of a single motion, rad; infinite where the way there is wrong."""
+        turning = self.turnings[0]
+        if turning is None or self.flight.wrong(turning.way):
+            return math.inf
+        return float(np.linalg.norm(self.residual[0]))
 
     def transport(self, drift: Array) -> Array:
         """Small turns zeta (K, 3, c) that c drifts (N, 3, c) at the stages make."""
@@ -318,6 +362,33 @@ class SpatialBaseMotion:
     def pair_partials(self, first: tuple[int, ...], second: tuple[int, ...]) -> Partials:
         """Not known yet."""
         raise NotImplementedError(NO_SHAPES)
+
+
+@lru_cache(maxsize=16)
+def spatial_dynamics(robot: Robot) -> SpatialDynamics:
+    """Return a robot's dynamics, prepared once."""
+    return SpatialDynamics(robot.model, robot.reference[BASE + 1 :], robot.selection[BASE:])
+
+
+@lru_cache(maxsize=8)
+def spatial_flight(problem: Problem) -> SpatialFlight:
+    """Prepare a problem's flight once for all motions."""
+    robot = problem.robot
+    start, goal = (attitude_of(state) for state in (problem.initial, problem.final))
+    return SpatialFlight(
+        spatial_dynamics(robot),
+        robot.transmission[BASE:],
+        start,
+        goal,
+        problem.flight.duration,
+        bodies=WORK_OF_A_BODY * robot.model.njoints,
+    )
+
+
+def attitude_of(state: JointState) -> Attitude:
+    """The attitude of a state in space."""
+    assert state.attitude is not None, "the robot flies in space"
+    return state.attitude
 
 
 def left_jacobian_inverse(turn: Array) -> Array:

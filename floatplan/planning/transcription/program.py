@@ -39,7 +39,10 @@ GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that 
 
 @dataclass(frozen=True, eq=False)
 class CoefficientNorm:
-    """(17). The variables are whitened so that ``|b|^2 = least^2 + unit^2 |x|^2``: here ``|x|^2 / 2``."""
+    """(17). The variables are whitened so that ``|b|^2 = least^2 + unit^2 |x|^2``: here ``|x|^2 / 2``.
+
+    In space, where |b| is 1e3 to 1e5, x is z, and this is the mean square of p's free part.
+    """
 
     coefficients: int
 
@@ -153,6 +156,8 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
     """
     model, variables = motion.model, motion.variables
     if OBJECTIVE_TABLE[name].quantity is None:
+        if model.flight.tangent > 1:
+            return float(np.linalg.norm(x[: variables.coefficients]))
         motions = variables.motion_class(motion.angular_momentum[0])
         return float(np.linalg.norm(motions.powers_of_seconds(variables.free_coefficients(x))))
     exact = trajectory(model, variables, model.nodes(EXACT_LEVEL, variables.polynomials.form), x)

@@ -218,9 +218,9 @@ def decision_variables(
 def scaled_variables(
     problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet, following: Boundary | None
 ) -> DecisionVariables:
-    """Variables scaled for the problem's objective."""
+    """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
     size = sum(polynomials.free)
-    whitened = problem.motion.objective == "coefficients" and size
+    whitened = problem.robot.in_plane and problem.motion.objective == "coefficients" and size
     offset, scaling = whitened_variables(polynomials) if whitened else (np.zeros(size), np.eye(size))
     return DecisionVariables(polynomials, offset, scaling, momentum, following)
 

@@ -1,6 +1,7 @@
 """What other packages say of a robot, asked in a process of its own by ``packages.py``; it imports none of floatplan.
 
-Arguments: what is asked, of what, and the largest memory, bytes. The answer is written to where standard output was.
+Arguments: what is asked, of what, and the largest memory, bytes. The answer is written to where standard output was, or
+why there is none, with an exit code of 1.
 """
 
 import json
@@ -10,7 +11,7 @@ import sys
 from importlib import import_module
 
 PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
-MOST_SAID = 100_000_000  # [bytes] on one stream, that of the answer included
+LONGEST = 100_000_000  # [bytes] of the answer
 
 
 def expanded(file: str) -> bytes:
@@ -28,14 +29,15 @@ def described(name: str) -> bytes:
 
 if __name__ == "__main__":
     _, asked, subject, memory = sys.argv
-    for limit, most in ((resource.RLIMIT_AS, int(memory)), (resource.RLIMIT_FSIZE, MOST_SAID)):
+    for limit, most in ((resource.RLIMIT_AS, int(memory)), (resource.RLIMIT_FSIZE, LONGEST)):
         resource.setrlimit(limit, (most, most))
-    answer = os.dup(1)
+    answer, code = os.dup(1), 0
     os.dup2(2, 1)  # whatever is printed meanwhile is no answer
     try:
         content = {"xacro": expanded, "description": described}[asked](subject)
     except BaseException as error:
         cause = getattr(error, "exc", None) or error  # of xacro's own
-        sys.exit(f"{type(cause).__name__}: {' '.join(str(error).split())}")
+        content, code = f"{type(cause).__name__}: {error}".encode("utf-8", "replace"), 1
     with os.fdopen(answer, "wb") as stream:
         stream.write(content)
+    sys.exit(code)

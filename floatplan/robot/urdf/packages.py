@@ -26,6 +26,7 @@ PACKAGE = "robot_descriptions"
 ADDRESS = re.compile(rf"(?:{PACKAGE}:)?(\w+_description)")
 LONGEST = 60.0  # [s] of a file that is expanded, or a module that is imported
 MEMORY = 2_000_000_000  # [bytes]
+LONGEST_REASON = 1000  # [bytes]
 SCRIPT = Path(__file__).with_name("other_process.py")
 
 
@@ -89,7 +90,7 @@ def description_path(address: str, kind: RobotKind | None) -> Path:
 def _asked(what: str, subject: str, folder: Path) -> bytes:
     """The answer of another process, which runs in a folder; InputError in a line where it has none."""
     command = [sys.executable, str(SCRIPT), what, subject, str(MEMORY)]
-    with tempfile.TemporaryFile() as answer, tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as answer:
         with same_modules():
             git = {"GIT_ALLOW_PROTOCOL": "file", "GIT_TERMINAL_PROMPT": "0"}
             process = subprocess.Popen(
@@ -98,7 +99,7 @@ def _asked(what: str, subject: str, folder: Path) -> bytes:
                 env={**os.environ, **git},
                 stdin=subprocess.DEVNULL,
                 stdout=answer,
-                stderr=said,
+                stderr=subprocess.DEVNULL,
                 start_new_session=True,
             )
         try:
@@ -109,9 +110,9 @@ def _asked(what: str, subject: str, folder: Path) -> bytes:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)  # with what it started
             process.wait()
-        if code:
-            said.seek(max(0, said.seek(0, os.SEEK_END) - 10_000))
-            lines = said.read().decode("utf-8", "replace").split("\n")
-            raise InputError(next((line for line in reversed(lines) if line.strip()), f"it ended with {code}"))
         answer.seek(0)
-        return answer.read(LARGEST_URDF + 1)
+        content = answer.read(LARGEST_URDF + 1)
+    if code or not content:
+        reason = " ".join(content[:LONGEST_REASON].decode("utf-8", "replace").split())
+        raise InputError(reason or f"it ended with {code}, and said nothing")
+    return content

@@ -1,0 +1,143 @@
+"""Which angular momentum suits a flight in space: given, suggested by the joints' plain motion, or free about that.
+
+There is no two-sided interval as (9) in space. What is suggested is the h with which the motion that has no free part
+turns the base to the goal, by Newton's method with its exact derivative.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.sine_polynomial import JointMotion, SinePolynomials, basis, boundary_arguments
+from floatplan.motion.spatial.attitude import IntegrationError
+from floatplan.motion.spatial.flight import SpatialBaseMotion, attitude_of, spatial_flight
+from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
+from floatplan.problem.problem import Problem
+
+ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it and across
+STEPS = 12  # [-] of Newton's method
+LONGEST = 0.5  # [-] of |h|, a step of Newton's method
+ENOUGH = 1e-10  # [rad]
+LEVEL = 2  # of the cells
+
+
+@lru_cache(maxsize=8)
+def spatial_momentum_set(problem: Problem) -> MomentumSet:
+    """The h (3,) of a problem in space, kg m^2/s."""
+    asked = problem.flight.angular_momentum
+    if not isinstance(asked, str):
+        given = asked if isinstance(asked, tuple) else (0.0, 0.0, 0.0)
+        return MomentumSet(read_only(given), read_only(np.empty((3, 0))))
+    suggested = suggested_momentum(problem)
+    if asked != "free":
+        return MomentumSet(read_only(suggested), read_only(np.empty((3, 0))))
+    size = float(np.linalg.norm(suggested))
+    if size == 0.0:
+        reach = ALONG * np.trace(_PlainMotion(problem).inertia) / 3 / problem.flight.duration
+        return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
+    along = suggested / size
+    beside = np.linalg.svd(along[None])[2][1:]
+    axes = np.stack((ALONG * along, *(ACROSS * each for each in beside)), axis=1)
+    return MomentumSet(read_only(suggested), read_only(size * axes))
+
+
+def suggested_momentum(problem: Problem) -> Array:
+    """The h (3,), kg m^2/s, with which the plain motion reaches the goal, or turns as often about its first axis.
+
+    Where the goal's angles have turns about the third axis too, those are left to the joints.
+    """
+    plain, goal = _PlainMotion(problem), attitude_of(problem.final)
+    start = attitude_of(problem.initial)
+    if goal.angles is None:
+        turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
+        return plain.reaching(plain.mean_inertia(start.matrix) @ turn / problem.flight.duration)
+    assert goal.axes is not None
+    change = np.array(goal.angles) - start.angles_about(goal.axes)
+    axis = np.eye(3)["xyz".index(goal.axes[0])]
+    h = plain.turning(axis, change[0], goal.axes)
+    if abs(change[2]) > math.pi / 2:
+        return h
+    found = plain.reaching(h)
+    return found if np.linalg.norm(found - h) <= ALONG * np.linalg.norm(h) else h
+
+
+class _PlainMotion:
+    """The motion with no free part, as it turns the base for any h."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.flight = spatial_flight(problem)
+        self.grid = self.flight.grid(LEVEL)
+        low, high = problem.position_limits.T
+        centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration
+        branch = np.zeros(len(centre), np.int64)
+        ends = [
+            (p, duration * rate, duration**2 * curvature)
+            for state in (problem.initial, problem.final)
+            for p, rate, curvature in [
+                boundary_arguments(
+                    state.positions, state.velocities, np.nan_to_num(state.accelerations), centre, amplitude, branch
+                )
+            ]
+        ]
+        polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
+        values = basis(polynomials.form).values(self.grid.s)
+        self.joints: JointMotion = polynomials.motion(polynomials.no_free_part, values)
+
+    @property
+    def inertia(self) -> Array:
+        """Inertia (3, 3) in the base's axes, the mean over the flight, kg m^2."""
+        return np.asarray(np.linalg.inv(np.linalg.inv(self.fly(np.zeros(3)).maps[0]).mean(axis=0)))
+
+    def mean_inertia(self, attitude: Array) -> Array:
+        """The same in the world's axes."""
+        return np.asarray(attitude @ self.inertia @ attitude.T)
+
+    def fly(self, h: Array) -> SpatialBaseMotion:
+        """Turn the base."""
+        return SpatialBaseMotion(self.flight, self.grid, self.joints, h[None])
+
+    def reaching(self, h: Array) -> Array:
+        """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""
+        best, least = h, math.inf
+        try:
+            for _ in range(STEPS):
+                flown = self.fly(h)
+                missed = float(np.linalg.norm(flown.residual[0]))
+                if missed < least:
+                    best, least = h, missed
+                if missed < ENOUGH:
+                    break
+                by_h = flown.residual_partials.by_momentum
+                assert by_h is not None
+                slope = self.flight.duration * np.tensordot(self.grid.weights, by_h, 1)
+                step = -np.linalg.lstsq(slope, flown.residual[0], rcond=1e-9)[0]
+                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.inertia)) / self.flight.duration)
+                h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
+        except IntegrationError:
+            pass
+        return best
+
+    def turning(self, axis: Array, angle: float, axes: str) -> Array:
+        """The h along an axis (3,) of the world with which the first angle about axes changes by so much, rad."""
+        low, of_low = 0.0, 0.0
+        start = self.flight.initial_attitude
+        high = angle / self.flight.duration * float(axis @ self.mean_inertia(start) @ axis)
+        try:
+            for _ in range(STEPS):
+                of_high = self._turned(high * axis, axes)
+                if abs(of_high - angle) < 1e-6 or of_high == of_low:
+                    break
+                low, of_low, high = high, of_high, high + (angle - of_high) * (high - low) / (of_high - of_low)
+        except IntegrationError:
+            pass
+        return np.asarray(high * axis)
+
+    def _turned(self, h: Array, axes: str) -> float:
+        turning = self.fly(h).turning
+        angles = unwrapped_angles(axes, turning.way)
+        return float(angles[-1, 0] - angles[0, 0])

@@ -1,0 +1,260 @@
+"""The whole robot in a flight in space, at any instant, by Pinocchio's full model.
+
+World: the root link's axes at the identity, z up; the origin is the problem's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from floatplan.arrays import Array, read_only
+from floatplan.motion.dynamics import FlightState
+from floatplan.motion.planar.closed_form import Ballistics
+from floatplan.motion.planar.full_model import FullMotion
+from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn_from
+from floatplan.motion.spatial.dynamics import BASE
+from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics, spatial_flight
+from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
+from floatplan.pool import one_thread
+from floatplan.problem.parts import JointState
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
+
+FINER = (16, 32, 64, 128)  # [-] cells
+STAGES = 10  # [-] of each
+RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
+    """Place (3,) of a link's or joint's origin relative to the centre of mass, m, in the world's axes."""
+    model = robot.model
+    data = model.createData()
+    q = spatial_dynamics(robot).configurations(state.positions[None])[0]
+    pin.forwardKinematics(model, data, q)
+    name = frame if model.existFrame(frame) else robot.joint_tree.joint[frame].child
+    place = pin.updateFramePlacement(model, data, model.getFrameId(name)).translation
+    return np.asarray(attitude_of(state).matrix @ (place - pin.centerOfMass(model, data, q)))
+
+
+@lru_cache(maxsize=8)
+def spatial_ballistics(problem: Problem) -> Ballistics:
+    """Path of the centre of mass, as (2), (3) and (6) are in space."""
+    flight, duration = problem.flight, problem.flight.duration
+    takeoff = np.array(problem.takeoff.position) - frame_from_com(problem.robot, problem.takeoff.frame, problem.initial)
+    landing = frame_from_com(problem.robot, problem.landing.frame, problem.final)
+    rise = problem.landing_height - landing[2] - takeoff[2]
+    across = flight.horizontal_velocity if isinstance(flight.horizontal_velocity, tuple) else (0.0, 0.0)
+    velocity = [*across, rise / duration + flight.gravity * duration / 2]
+    return Ballistics(read_only(takeoff), read_only(velocity), float(flight.gravity))
+
+
+class SpatialMotion:
+    """A motion of joints as written, with an angular momentum (3,), kg m^2/s, and the base's, which follows."""
+
+    def __init__(self, problem: Problem, joints: WrittenMotion, angular_momentum: Array, path: Ballistics) -> None:
+        self.problem, self.joints, self.angular_momentum, self.path = problem, joints, angular_momentum, path
+        self.dynamics = spatial_dynamics(problem.robot)
+
+    @cached_property
+    @one_thread
+    def turning(self) -> Turning:
+        """How the base turns, in as many cells as that needs."""
+        before = None
+        for count in FINER:
+            fine, duration = cells(count, STAGES), self.problem.flight.duration
+            positions, velocities, _ = self.joints.at(fine.s * duration)
+            inertia, joint_map = self.dynamics.momentum_maps(positions)
+            relative = np.einsum("kan,kn->ka", joint_map, velocities)
+            start = attitude_of(self.problem.initial).matrix
+            try:
+                turning = turn_from(fine, duration, inertia, relative, self.angular_momentum, start)
+            except IntegrationError:
+                continue
+            if before is not None and np.linalg.norm(logarithm(turning.ends[-1:] @ before.T)) < RESOLVED:
+                return turning
+            before = turning.ends[-1]
+        if before is None:
+            raise IntegrationError("the motion is too wild to be integrated")
+        return turning
+
+    @cached_property
+    def _quaternions(self) -> Array:
+        """Quaternions (C + 1, 4) x, y, z, w at the borders of the cells, of signs that go on in time."""
+        borders = np.concatenate((self.turning.borders, self.turning.ends[-1:]))
+        found: Array = Rotation.from_matrix(borders).as_quat(canonical=True)
+        turned = np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1.0, 1.0))
+        found[1:] *= turned[:, None]
+        return found
+
+    def quaternions(self, attitudes: Array, instants: Array) -> Array:
+        """Quaternions (N, 4) x, y, z, w of attitudes at times (N,) s, continuous in time."""
+        found: Array = Rotation.from_matrix(attitudes).as_quat(canonical=True)
+        nearest = np.rint(instants / self.problem.flight.duration * self.turning.cells.count).astype(np.int64)
+        same = (found * self._quaternions[nearest]).sum(axis=1) < 0
+        return np.where(same[:, None], -found, found)
+
+    def state(self, instants: Array) -> FlightState:
+        """State at times (N,) s within the flight: quaternions (N, 4), and rates in the base's axes."""
+        robot = self.problem.robot
+        positions, velocities, accelerations = self.joints.at(instants)
+        inertia, joint_map = self.dynamics.momentum_maps(positions)
+        attitudes = self.attitudes(instants)
+        relative = np.einsum("kan,kn->ka", joint_map, velocities)
+        rates = np.linalg.solve(inertia, (self.angular_momentum @ attitudes - relative)[..., None])[..., 0]
+        forces = self.dynamics.torques(positions, velocities, accelerations, rates)
+        com = self.path.positions(instants)
+        momentum = np.einsum("kab,kb->ka", attitudes, np.einsum("kab,kb->ka", inertia, rates) + relative)
+        of_com = np.einsum("kab,kb->ka", attitudes, self._com(positions))
+        return FlightState(
+            times=read_only(instants),
+            orientation=read_only(self.quaternions(attitudes, instants)),
+            orientation_rate=read_only(rates),
+            positions=read_only(positions),
+            velocities=read_only(velocities),
+            accelerations=read_only(accelerations),
+            torques=read_only(forces @ robot.selection[BASE:]),
+            motor_torques=read_only(forces @ robot.transmission[BASE:]),
+            com_position=read_only(com),
+            com_velocity=read_only(self.path.velocities(instants)),
+            base_position=read_only(com - of_com),
+            angular_momentum=read_only(momentum),
+        )
+
+    def attitudes(self, instants: Array) -> Array:
+        """Attitudes (N, 3, 3) at times (N,) s."""
+        return self.turning.at(np.clip(instants / self.problem.flight.duration, 0.0, 1.0))
+
+    def _com(self, positions: Array) -> Array:
+        """Centre of mass (N, 3) in the base's axes, m."""
+        model, data = self.dynamics.model, self.dynamics.data
+        return np.array([pin.centerOfMass(model, data, q) for q in self.dynamics.configurations(positions)])
+
+    def full_motion(self, state: FlightState) -> FullMotion:
+        """Motion of every joint of the robot's file, and of the base, at the N instants of a state."""
+        return SpatialFullMotion(self, state)
+
+    def forces(self, state: FlightState) -> Array:
+        """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state; none on the base."""
+        moved = (state.positions, state.velocities, state.accelerations, state.orientation_rate)
+        return np.pad(self.dynamics.torques(*moved), ((0, 0), (BASE, 0)))
+
+    @property
+    def orientation_at_ends(self) -> Mapping[str, Any]:
+        """Quaternions x, y, z, w at the start, at the end and of the goal, with w not negative."""
+        start, goal = (attitude_of(state).quaternion for state in (self.problem.initial, self.problem.final))
+        end = Rotation.from_matrix(self.turning.ends[-1]).as_quat(canonical=True)
+        named = (("start", start), ("end", read_only(end)), ("goal", goal))
+        return {name: {"quaternion_xyzw": quaternion} for name, quaternion in named}
+
+    @property
+    def missed(self) -> float:
+        """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
+        flight = spatial_flight(self.problem)
+        missed = float(np.linalg.norm(logarithm(flight.final_attitude.T[None] @ self.turning.ends[-1:])))
+        return math.inf if flight.wrong(self.turning.way) else missed
+
+    def angles(self, axes: str) -> Array:
+        """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
+        found = unwrapped_angles(axes, self.turning.way)
+        asked = attitude_of(self.problem.initial).angles_about(axes)
+        found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
+        return found
+
+
+class SpatialFullMotion(FullMotion):
+    """All J joints that can move, and the base, at the N instants of a motion in space."""
+
+    def __init__(self, motion: SpatialMotion, state: FlightState) -> None:
+        object.__setattr__(self, "robot", motion.problem.robot)
+        object.__setattr__(self, "motion", motion)
+        object.__setattr__(self, "state", state)
+
+    motion: SpatialMotion
+    state: FlightState
+
+    @cached_property
+    def positions(self) -> Array:
+        """Positions (N, J) of the joints, rad."""
+        return read_only(self.motion.dynamics.configurations(self.state.positions)[:, BASE + 1 :])
+
+    @cached_property
+    def velocities(self) -> Array:
+        """Velocities (N, J) of the joints, rad/s."""
+        return read_only(self.state.velocities @ self.robot.selection[BASE:].T)
+
+    @cached_property
+    def accelerations(self) -> Array:
+        """Accelerations (N, J) of the joints, rad/s^2."""
+        return read_only(self.state.accelerations @ self.robot.selection[BASE:].T)
+
+    @cached_property
+    def torques(self) -> Array:
+        """Torques (N, J), N m: each joint's own, also where several are coupled; a locked joint's holds it."""
+        return read_only(self.motion.forces(self.state)[:, BASE:])
+
+    @cached_property
+    def motor_torques(self) -> Array:
+        """Torques (N, J), N m, that the motors make; see :class:`FullMotion`."""
+        robot, torques = self.robot, self.torques.copy()
+        torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
+        torques[:, [self.joints.index(name) for name in robot.motors]] = self.torques @ robot.transmission[BASE:]
+        return read_only(torques)
+
+    @property
+    def base_position(self) -> Array:
+        """Place (N, 3) of the root link's origin in the world, m."""
+        return self.state.base_position
+
+    @property
+    def base_quaternion(self) -> Array:
+        """Orientation (N, 4) of the root link, x, y, z, w: continuous in time."""
+        return self.state.orientation
+
+    @cached_property
+    def _attitudes(self) -> Array:
+        return np.asarray(Rotation.from_quat(self.state.orientation).as_matrix())
+
+    @cached_property
+    def base_velocity(self) -> Array:
+        """Velocity (N, 3) of the root link's origin in the world, m/s."""
+        return read_only(np.einsum("kab,kb->ka", self._attitudes, self.base_twist[:, :3]))
+
+    @cached_property
+    def base_angular_velocity(self) -> Array:
+        """Angular velocity (N, 3), rad/s, in the world."""
+        return read_only(np.einsum("kab,kb->ka", self._attitudes, self.state.orientation_rate))
+
+    @cached_property
+    def base_twist(self) -> Array:
+        """Spatial velocity (N, 6) of the base in its own axes: of its origin, m/s, then angular, rad/s."""
+        model, data = self.robot.model, self.motion.dynamics.data
+        moving = self.motion.dynamics.full_velocities(self.state.velocities, self.state.orientation_rate)
+        still = np.empty(
+            (len(moving), 3)
+        )  # of the centre of mass where the base's origin is at rest, in the base's axes
+        for k, q in enumerate(self.motion.dynamics.configurations(self.state.positions)):
+            pin.centerOfMass(model, data, q, moving[k])
+            still[k] = data.vcom[0]
+        linear = np.einsum("kba,kb->ka", self._attitudes, self.state.com_velocity) - still
+        return read_only(np.concatenate((linear, self.state.orientation_rate), axis=1))
+
+    @cached_property
+    def base_twist_rate(self) -> Array:
+        """Derivative (N, 6) of :attr:`base_twist`, m/s^2 and rad/s^2: Pinocchio's acceleration of a free flyer."""
+        state = self.state
+        full = self.motion.dynamics.full_accelerations(
+            state.positions, state.velocities, state.accelerations, state.orientation_rate
+        )[:, :BASE].copy()
+        down = np.einsum("kba,b->ka", self._attitudes, -self.motion.path.gravity * UP)
+        carried = np.cross(state.orientation_rate, self.base_twist[:, :3])
+        full[:, :3] += down - carried
+        return read_only(full)

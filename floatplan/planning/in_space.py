@@ -1,0 +1,95 @@
+"""Plans of flights in space: lifted motions, made smaller where nothing else is asked, else followed by the SQP."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.optimization.sqp import Solution
+from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, refined, starts
+from floatplan.planning.search import SearchOptions, SearchResult, expiry
+from floatplan.planning.starts import Start
+from floatplan.planning.transcription.program import FlightProgram, objective
+from floatplan.planning.transcription.variables import decision_variables
+from floatplan.problem.problem import Problem
+
+TURNS = 6  # [-] starts at one degree before the next takes its turn
+FEW_JOINTS = 3  # [-] that need a higher degree
+TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
+DEGREES = (9, 11)  # [-] of twists and of robots with few joints
+DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
+MOST_STARTS = 300  # [-]
+MOST_WORK = 3e8  # [instants of one body of a plane] of a search whose budget is left out: about 7 s
+LEVEL = 2  # of the grids that an outcome is evaluated on
+
+
+def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
+    """Try starts until so many of them are solved, or the budget, or the usual work, is used up."""
+    outcomes: list[Outcome] = []
+    expired = expiry(options.budget)
+    began, solved = prepared.model.work, 0
+    announced = time.monotonic()
+    for outcome in _outcomes(prepared, options.seed, expired):
+        outcomes.append(outcome)
+        solved += outcome.holds
+        used_up = options.budget is None and prepared.model.work - began > MOST_WORK
+        if solved >= options.starts or len(outcomes) >= MOST_STARTS or expired() or used_up:
+            break
+        if options.progress and time.monotonic() - announced > 1:
+            announced = time.monotonic()
+            options.progress(f"{len(outcomes)} starts tried, {solved} solved")
+    return SearchResult(outcomes, ran_out_of_time=expired() or (options.budget is None and not solved))
+
+
+def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:
+    """Degrees of the polynomials that take turns: the one that is given, else what twists and few joints need."""
+    n = len(problem.robot.joints)
+    if not problem.raises_degree:
+        return [problem.degrees]
+    demanding = n <= FEW_JOINTS or abs(flight.change[2]) > TWIST
+    return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
+
+
+def _outcomes(prepared: Attempts, seed: int, stop: object) -> Iterator[Outcome]:
+    """Where the starts end, in their order: those of the first degree, then those of the others, in turns."""
+    flight = prepared.model.flight
+    assert isinstance(flight, SpatialFlight), "the robot flies in space"
+    problem, seeds = prepared.problem, np.random.SeedSequence(seed)
+    lifted: list[Iterator[LiftedMotion]] = []
+    for degrees in degrees_tried(problem, flight):
+        branches = np.zeros((2, len(degrees)), np.int64)
+        variables = decision_variables(problem, degrees, branches, prepared.momentum)
+        of_degree = LiftedFlight(prepared.model, flight, variables)
+        lifted.append(starts(of_degree, int(seeds.generate_state(1)[0]) + len(lifted)))
+    while True:
+        for drawn in lifted:
+            for _ in range(TURNS):
+                yield _followed(prepared, next(drawn))
+
+
+def _followed(prepared: Attempts, start: LiftedMotion) -> Outcome:
+    """Where one start ends: closed, then made smaller, or followed with limits and another objective."""
+    before = prepared.model.work
+    motion = close(start)
+    variables, flight = start.lifted.variables, start.lifted.flight
+    usable = motion.is_closed() and not flight.wrong(motion.turning.way)
+    if usable and (prepared.constraints or prepared.problem.motion.objective != "coefficients"):
+        outcome = prepared.attempt(Start(variables, descend(motion).x, at_once=True))
+    else:
+        final = refined(descend(motion)) if usable else None
+        status = "infeasible" if final is None else "optimal"
+        outcome = _outcome(prepared, final or motion, status)
+    outcome.work = prepared.model.work - before
+    return outcome
+
+
+def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
+    variables, model = motion.lifted.variables, prepared.model
+    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    aim = objective(prepared.problem, model, variables, nodes)
+    evaluation = FlightProgram(model, variables, nodes, aim, prepared.constraints).evaluate(motion.x)
+    return prepared.judge(variables, Solution(motion.x, evaluation, status, 0, 0))

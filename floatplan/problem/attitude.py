@@ -1,0 +1,94 @@
+"""Attitudes of a base in space, as a quaternion, or as three angles about axes whose whole turns count."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.keys import ANGLE, Key, Keyed
+
+Triple: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+LEAST_LENGTH = 1e-6  # [-] of a quaternion as written
+
+
+@dataclass(frozen=True)
+class Attitude(Keyed):
+    """How the base is turned from the world's axes, those of the root link at the identity.
+
+    Parameters
+    ----------
+    quaternion_xyzw : four floats
+        Of any length but zero. As a goal it is reached by the shortest rotation from the start.
+    angles : three floats, rad
+        Turns about the axes, one after the other, each about the axis as it is turned already: ``R = R_a R_b R_c``. The
+        first and the third are unbounded, and a full turn more is one somersault, or twist, more.
+    axes : str
+        Of the angles: three of the letters x, y, z, neighbours different, such as "yxz".
+    """
+
+    about: ClassVar[str] = "An attitude in space, by a quaternion or by three angles"
+    quaternion_xyzw: Annotated[Quaternion | None, Key()] = None
+    angles: Annotated[Triple | None, Key(unit=ANGLE, numbers="orientation")] = None
+    axes: Annotated[str | None, Key()] = None
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """It is given in one way, and that is whole."""
+        if (self.quaternion_xyzw is None) == (self.angles is None):
+            yield "quaternion_xyzw", "give either quaternion_xyzw, or angles and axes"
+        elif self.quaternion_xyzw is not None:
+            if math.hypot(*self.quaternion_xyzw) < LEAST_LENGTH:
+                yield "quaternion_xyzw", "the quaternion has length zero"
+            if self.axes is not None:
+                yield "axes", "a quaternion has no axes"
+        elif self.axes is None:
+            yield "axes", "is missing: three of the letters x, y, z about which the angles turn"
+        elif not _are_axes(self.axes):
+            yield "axes", f"{self.axes!r} is not three of the letters x, y, z with neighbours that differ"
+
+    @cached_property
+    def _turned(self) -> Any:
+        from scipy.spatial.transform import Rotation  # here, since most problems do without
+
+        if self.quaternion_xyzw is not None:
+            return Rotation.from_quat(self.quaternion_xyzw)
+        assert self.axes is not None
+        assert self.angles is not None
+        return Rotation.from_euler(self.axes.upper(), self.angles)
+
+    @property
+    def matrix(self) -> Array:
+        """Rotation (3, 3) from the base's axes to the world's."""
+        return read_only(self._turned.as_matrix())
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (4,) x, y, z, w, with w not negative."""
+        return read_only(self._turned.as_quat(canonical=True))
+
+    def angles_about(self, axes: str) -> Array:
+        """Angles (3,), rad, about these axes: its own where they are its axes, else within half a turn."""
+        if self.axes == axes:
+            return np.array(self.angles)
+        found: Array = self._turned.as_euler(axes.upper(), suppress_warnings=True)
+        return found
+
+    def __str__(self) -> str:
+        """For a person, in degrees."""
+        if self.angles is None:
+            return f"quaternion ({', '.join(f'{each:.4g}' for each in self.quaternion + 0.0)}) xyzw"
+        degrees = ", ".join(
+            f"{letter} {math.degrees(angle) + 0.0:.5g}°"
+            for letter, angle in zip(self.axes or "", self.angles, strict=True)
+        )
+        return f"angles {degrees}"
+
+
+def _are_axes(axes: str) -> bool:
+    return len(axes) == 3 and set(axes) <= set("xyz") and axes[0] != axes[1] != axes[2]

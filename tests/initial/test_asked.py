@@ -1,0 +1,131 @@
+"""What is asked of a first flight: it reaches the problem, or is refused by the option's name before any search."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jumps import GO2, INSTALLED, backflip
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.cli.asked import contacts
+from floatplan.errors import InputError
+from floatplan.initial import flight
+from floatplan.initial.asked import Asked
+from floatplan.initial.flight import NoFlightError, asked_flight, first_flight, jump_problem
+from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.initial.text import problem_file_text
+from floatplan.stance.jump import Jump
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+
+@pytest.fixture(scope="module")
+def go2() -> ChosenRobot:
+    return chosen_robot(GO2)
+
+
+REFUSED = {
+    "no turn backwards": (Asked(turns=0, backwards=True), "backwards: no turn is neither"),
+    "a takeoff from nowhere": (Asked(takeoff="nose"), "takeoff: the robot has no frame 'nose'"),
+    "a landing nowhere": (Asked(landing="nose"), "landing: the robot has no frame 'nose'"),
+    "a contact of nothing": (Asked(contacts=(("RL_foot", "nose"),)), "contacts: the robot has no frame 'nose'"),
+    "two takeoffs": (
+        Asked(takeoff="FL_foot", contacts=(("RL_foot", "FL_foot"), ("RL_foot",))),
+        'takeoff: --contacts "RL_foot,FL_foot;RL_foot" has RL_foot next to the flight',
+    ),
+    "no time": (Asked(duration=0.0), "duration: 0.0 s is not positive"),
+    "hardly any time": (Asked(duration=2e-3), "duration: it jumps .* give 0.016 to 1.6 s"),
+    "too much time": (Asked(duration=30.0), "duration: it jumps .* m high in 30 s"),
+    "a hip": (Asked(takeoff="FL_hip"), "takeoff: '.*' is in the air"),
+    "the base": (Asked(landing="base"), "landing: the frame there is the base's own"),
+    "a foot that comes later": (Asked(contacts=(("RL_foot",), ("FL_foot",))), "contacts: 'FL_foot' would come to"),
+    "a knee": (Asked(contacts=(("RL_foot", "FL_calf"),)), "contacts: 'FL_calf' is a point .* such as 'FL_foot'"),
+    "a thigh": (Asked(landing_contacts=(("FL_thigh",),)), "landing-contacts: 'FL_thigh.tip' is in the air"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_is_refused_by_its_option(go2: ChosenRobot, name: str) -> None:
+    asked, reason = REFUSED[name]
+    with pytest.raises(InputError, match=f"^{reason}"):
+        first_flight(go2, asked)
+
+
+def test_half_of_a_pair_cannot_be_locked() -> None:
+    with pytest.raises(InputError, match="'FR_thigh_joint', its mirror image, would move alone"):
+        chosen_robot(GO2, {"locked": {"FL_thigh_joint": 0.8}})
+
+
+def test_phases_are_frames_by_commas_and_semicolons() -> None:
+    assert contacts("--contacts", "a, b; a") == [("a", "b"), ("a",)]
+    for text in ("", ";", "a;", "a,,;"):
+        with pytest.raises(InputError, match=r"--contacts: .* has a phase without a frame"):
+            contacts("--contacts", text)
+
+
+def test_what_is_asked_is_what_is_searched(go2: ChosenRobot) -> None:
+    """Feet, side, turns and duration; the landing mirrors the takeoff where it is left open."""
+    rear, front = go2.feet
+    asked = Asked(takeoff=front, turns=2, duration=0.5)
+    (turns,) = asked.whole_turns(go2)
+    assert turns == -2
+    problem = jump_problem(go2, turns * int(go2.robot.plane.turn), asked)
+    assert problem.final.orientation - problem.initial.orientation == pytest.approx(4 * np.pi)
+    assert problem.flight.duration == 0.5
+    assert problem.takeoff.frame == front
+    request = problem.jump
+    assert request is not None
+    assert request.fixed == ("duration",)
+    (before, last), (first, after) = request.takeoff.contacts or (), request.landing.contacts or ()
+    assert (set(before), last) == (set(after), (front,))
+    assert [*first] == [name for name in before if name != front]
+    given = jump_problem(go2, 0, Asked(contacts=((rear, front),))).jump
+    assert given is not None
+    assert [*map(set, given.takeoff.contacts or ()), *map(set, given.landing.contacts or ())] == [{rear, front}] * 2
+
+
+def test_left_open_it_turns_over_the_side_that_takes_off(go2: ChosenRobot) -> None:
+    rear, front = go2.feet
+    turns = [each.whole_turns(go2) for each in (Asked(), Asked(takeoff=rear), Asked(takeoff=front))]
+    assert turns == [(1, 0), (1, 0), (-1, 0)]
+    assert Asked(backwards=True).whole_turns(go2) == (1,)
+
+
+def test_what_was_asked_is_in_the_file(go2: ChosenRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = backflip()
+    problem = found.problem
+    assert problem.jump is not None
+    assert found.flight is not None
+    asked = Asked(duration=found.flight.duration, backwards=True)
+    held = replace(problem, flight=replace(problem.flight, duration=found.flight.duration))
+    kept = Jump(held, replace(found.request, fixed=("duration",)), found.flight, found.before, found.after)
+    monkeypatch.setattr(flight, "jump", lambda *_, **__: replace(kept, status="found"))
+    path = tmp_path / "go2.toml"
+    path.write_text(problem_file_text(go2, first_flight(go2, asked), path))
+    again = fp.load_problem(path)
+    assert again.jump is not None
+    assert again.jump.fixed == ("duration",)
+    assert again.flight.duration == found.flight.duration
+    assert again.jump.takeoff.contacts is not None
+
+
+def test_where_none_is_found_what_stands_in_the_way_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And nothing that was asked is dropped for it: without the duration it would be found, so it is."""
+    tried: list[fp.Problem] = []
+
+    def searched(problem: fp.Problem, **_: Any) -> Jump:
+        tried.append(problem)
+        assert problem.jump is not None
+        return Jump(problem, problem.jump, explanation="It is too long.") if problem.jump.fixed else backflip()
+
+    monkeypatch.setattr(flight, "jump", searched)
+    asked, words = Asked(backwards=True, duration=0.9), dict[str, str]()
+    with pytest.raises(NoFlightError, match=r"with --backwards --duration 0\.9\..*too long.*Without --duration 0\.9 a"):
+        asked_flight(GO2, asked, {}, words, 0, lambda _: None)
+    assert [each.flight.duration == 0.9 for each in tried] == [True, True, True, False]
