@@ -8,6 +8,7 @@ Pinocchio's inverse dynamics is drawn again. Limits are a little above what the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -158,11 +159,16 @@ def drawn_stance(drawing: Drawing, rng: np.random.Generator, together: bool) -> 
     return _known(drawing, tuple(stances)) if _promises(stances[-1]) else None
 
 
+def _in_reach(drawing: Drawing, motion: Sequence[Array] | Array) -> bool:
+    """Whether joints are in range, and the force on all feet together in the widest cone."""
+    low, high = np.asarray(drawing.robot.position_limits).T[..., None]
+    horizontal, vertical = drawing.carried(*motion)[:2]
+    within = ((low < motion[0][1:]) & (motion[0][1:] < high)).all()
+    return bool(within and (np.abs(horizontal) <= SLIPPERY[1] * vertical).all())
+
+
 def _promises(stance: Stance) -> bool:
-    """Whether joints are in range and forces in the cone at some instants, so that it is worth to look at all."""
-    low, high = np.asarray(stance.robot.position_limits).T[..., None]
-    if not ((low < stance.grid.y[1:]) & (stance.grid.y[1:] < high)).all():
-        return False
+    """Whether at some instants forces are in the cone, so that it is worth to look at all of them."""
     forces = [each[:-2] for each in stance.at(stance.grid.times[:: NODES // 10]).forces.values()]
     return all((each[:, 1] > 0).all() and (np.abs(each[:, 0]) < SLIPPERY[1] * each[:, 1]).all() for each in forces)
 
@@ -199,12 +205,10 @@ def _both(drawing: Drawing, rng: np.random.Generator, alone: float = 0.0, straig
     rest = last(0.0, 2)
     turning = np.nan if np.isnan(rest) else -rest / (last(1.0, 2) - rest)  # at which the front feet carry nothing
     few = None if np.isnan(turning) else motion(turning, times[6:-1:6])  # most do not hold, which few instants show
-    found = None if few is None or drawing.carried(*few)[1].min() < 0 else motion(turning, times)
-    if found is None:
+    found = motion(turning, times) if few is not None and _in_reach(drawing, few) else None
+    if found is None or not _in_reach(drawing, [each[:, : None if alone else -1] for each in found]):
         return None
     fx, fz, *_ = drawing.carried(*found)
-    if not (fz[: None if alone else -1] > 0).all():
-        return None
     ratios = fx / np.where(fz > 0, fz, 1.0)
     if not alone:
         ratios[-1] = 2 * ratios[-2] - ratios[-3]
@@ -288,8 +292,7 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
             if np.abs(drawing.carried(y, v, a)[:2]).max() < 1e-9 * weight:
                 break
             accelerations = drawing.alone.released(y, v, a)[1:]
-        forces = drawing.carried(*found)[:2]
-        if not (np.abs(forces[:, -1]).max() < 1e-7 * weight and (forces[1, :-1] > 0).all()):
+        if np.abs(drawing.carried(*found)[:2, -1]).max() > 1e-7 * weight or not _in_reach(drawing, found[:, :, :-1]):
             return None
     return Grid(point.times, *found, np.zeros((0, NODES)))
 

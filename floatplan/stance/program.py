@@ -54,8 +54,7 @@ IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "m
 ONE_SIDE = {"max_hessian_perturbation": 1e6, "adaptive_mu_globalization": "never-monotone-mode"}
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 400
-AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
+ITERATIONS = 250  # [-] of IPOPT; jumps that are found take half as many
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,7 +384,6 @@ class JumpProgram:
         other = copy(self)
         vars(other).pop("stated", None)
         other.node, other.separation = copy(self.node), separation
-        other._iterations = min(self._iterations, AROUND) if separation.lines else self._iterations
         other.node.held = held
         return other
 
