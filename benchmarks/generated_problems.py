@@ -52,11 +52,11 @@ def random_problem(seed: int, joints: int, *, moving: bool = False) -> fp.Proble
         )
 
     robot, start, goal = random_chain(rng, joints), posture(), posture()
-    turn = math.remainder(goal.orientation - start.orientation, 2 * math.pi)
+    turn = math.remainder(goal.angle - start.angle, 2 * math.pi)
     return fp.Problem(
         robot=robot,
         start=start,
-        goal=replace(goal, orientation=start.orientation + turn),
+        goal=replace(goal, orientation=start.angle + turn),
         flight=fp.Flight(duration=float(rng.uniform(0.8, 1.6))),
         name=f"random_{joints}_{seed}",
     )

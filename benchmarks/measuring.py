@@ -52,6 +52,7 @@ class Counts:
     hops: int = 50
     takeoffs: int = 50
     landings: int = 20
+    in_space: int = 100
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
 
@@ -75,6 +76,7 @@ QUICK = Counts(
     hops=3,
     takeoffs=6,
     landings=5,
+    in_space=6,
 )
 
 

@@ -77,7 +77,7 @@ def rest_problem(seed: int) -> fp.Problem | None:
         problem = replace(problem, goal=replace(problem.goal, velocities=landing))
         missed = _missed(problem, z)
         goal = replace(
-            problem.goal, orientation=problem.goal.orientation + (missed if abs(missed) < SETTLED else RELAXED * missed)
+            problem.goal, orientation=problem.goal.angle + (missed if abs(missed) < SETTLED else RELAXED * missed)
         )
         problem = replace(problem, goal=goal)
         if abs(missed) < SETTLED:

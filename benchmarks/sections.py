@@ -1,8 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump hops launch contact; all of them where none is
-named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump hops launch contact space; all of them where
+none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from many_section import many
 from measuring import FULL, QUICK, Counts
 from search_sections import free_section, random_section, rest_section, starts_section
 from single_section import single
+from space_sections import space
 from speed_sections import growth, quality, speed
 from startup_sections import startup
 from study_section import studies
@@ -45,6 +46,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "hops": hops,
     "launch": launch_section,
     "contact": contact,
+    "space": space,
 }
 
 

@@ -52,8 +52,9 @@ EXPECTED = {
     "hops": "jumps drawn with seeds",
     "launch": "yes that fails",
     "contact": "on feet alone",
+    "space": "drawn motions",
 }
-LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch", "contact"}
+LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch", "contact", "space"}
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))

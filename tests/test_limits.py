@@ -11,6 +11,7 @@ from floatplan.export import table
 from floatplan.planning import search
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
+from floatplan.robot.mjcf import text as mjcf_text
 from floatplan.robot.shapes import collisions, links
 from floatplan.robot.urdf import check, tree
 from floatplan.simulation import closed_loop, forward
@@ -43,6 +44,9 @@ SIZES = {
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
     "a mesh": f"{collisions.LARGEST_MESH // 10**6} MB",
+    "elements of an MJCF with what it includes": mjcf_text.MOST["*"],
+    "bodies of an MJCF": mjcf_text.MOST["body"],
+    "files that an MJCF is read with": mjcf_text.MOST_FILES,
     "tables and lists within each other, in any file": files.DEEPEST,
     "characters of a name": errors.LONGEST_NAME,
 }

@@ -94,8 +94,12 @@ def test_snippets_run(page: str, floatplan: Command) -> None:
             for word, module in EXTRAS.items():
                 if word in command and importlib.util.find_spec(module) is None:
                     skip_or_fail(f"{module} is not installed")
+            folders = len(list(Path.cwd().glob("runs/*")))
             run = floatplan(*shlex.split(command)[1:])
-            assert run.code == 0 or (run.code == 1 and command.startswith(VERDICTS)), (command, run)
+            may_fail = command.startswith(VERDICTS) and page != "README.md"
+            assert run.code == 0 or (run.code == 1 and may_fail), (command, run)
+            if page == "README.md" and command.startswith(("floatplan plan", "floatplan jump", "floatplan study")):
+                assert len(list(Path.cwd().glob("runs/*"))) > folders, f"{command}: its results lie among others"
 
 
 @pytest.mark.parametrize("page", with_snippets("toml"))

@@ -56,9 +56,12 @@ def test_a_plan_imports_only_what_it_uses(tmp_path: Path) -> None:
     code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
     loaded = python("-c", code, "plan", "problems/handstand.toml", "--quiet", "-o", str(tmp_path)).split()
     assert {"numpy", "pinocchio", "flint"} <= set(loaded)
-    assert not {*HEAVY, "pydantic", "multiprocessing.forkserver"} - {"numpy", "pinocchio", "proxsuite", "flint"} & set(
-        loaded
-    )
+    assert not {*HEAVY, "pydantic", "multiprocessing.forkserver", "numpy.ma"} - {
+        "numpy",
+        "pinocchio",
+        "proxsuite",
+        "flint",
+    } & set(loaded)
 
 
 @pytest.mark.parametrize("name", floatplan.__all__)
@@ -160,6 +163,20 @@ class TestRelease:
         ]
         assert named(recipe["run_constraints"], " ").items() <= named(extras, "").items()
 
+    def test_only_the_job_of_a_tag_may_publish(self) -> None:
+        publishing = []
+        for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+            workflow = yaml.safe_load(path.read_text())
+            assert workflow["permissions"] == {}
+            for name, job in workflow["jobs"].items():
+                for command in (step["run"] for step in job.get("steps", ()) if "run" in step):
+                    for script in re.findall(r"(?:scripts|\.ci)/[\w.]+", command):
+                        assert (ROOT / script).is_file(), script
+                if set(job["permissions"].items()) - {("contents", "read")}:
+                    publishing.append((path.name, name, job["if"], job["needs"]))
+        tagged = "github.event_name == 'push' && github.ref_type == 'tag'"
+        assert publishing == [("release.yml", "publish", tagged, "packages")]
+
     def test_a_prepared_version_is_ready_and_no_other_is(self, tmp_path: Path) -> None:
         (tmp_path / "recipe").mkdir()
         for name in (*release.NAMED, "CHANGELOG.md"):
@@ -198,6 +215,7 @@ class TestScripts:
             "scripts/check",
             "scripts/docs",
             "scripts/build",
+            "scripts/try_installed",
             "scripts/environment",
             ".ci/run",
         ],

@@ -176,10 +176,11 @@ def init(
 
     The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight,
     without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
-    URDF. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
+    robot's file. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
 
-    What is asked by options is kept, or nothing is written: where no jump as asked is found, the exit code is 1,
-    and the answer says what stands in the way, and without which option one is found.
+    What is left open is found: it turns once, backwards where it takes off from the rear, or not at all. What is asked
+    is kept, or nothing is written: where no jump as asked is found, the exit code is 1, and the answer says what stands
+    in the way, and without which option one is found.
     """
     from floatplan.cli import asked as typed
     from floatplan.initial.asked import Asked

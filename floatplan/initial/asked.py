@@ -27,16 +27,9 @@ OPTIONS = {  # that may be to blame for a key of the problem, the likeliest firs
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """Options by their names; None is left open.
+    """Options by their names; None is left open. Turns are forwards unless ``backwards``, which alone is one.
 
-    Attributes
-    ----------
-    takeoff, landing : frames that leave the ground last, and meet it first
-    turns : whole turns of the base, forwards unless ``backwards``; 0 for a jump without
-    backwards : one turn where their number is left open
-    duration : of the flight, s
-    contacts, landing_contacts : phases, frames each, before and after; the latter left open are the former in reverse,
-        front and rear exchanged
+    Landing contacts that are left open are those before takeoff in reverse, front and rear exchanged.
     """
 
     takeoff: str | None = None
@@ -65,27 +58,19 @@ class Asked:
                     raise wrong(name, error.reason, error.advice)
 
     def check(self, chosen: ChosenRobot) -> None:
-        """Refuse what contradicts itself, frames that the robot has not, and durations of no jump.
-
-        Raises
-        ------
-        InputError
-            It names the option.
-        """
+        """Refuse what contradicts itself, frames that the robot has not, and durations of no jump, by the option."""
         if self.turns == 0 and self.backwards:
             raise wrong("backwards", "no turn is neither forwards nor backwards", "leave it out, or give --turns 1")
-        for name, frame, phases, last in (
-            ("takeoff", self.takeoff, self.contacts or (), -1),
-            ("landing", self.landing, self.landing_contacts or (), 0),
-        ):
-            contacts = "contacts" if name == "takeoff" else "landing_contacts"
-            for option, each in [(name, frame), *((contacts, each) for group in phases for each in group)]:
+        ends = (("takeoff", self.takeoff, "contacts", -1), ("landing", self.landing, "landing_contacts", 0))
+        for side, frame, other, last in ends:
+            phases: Groups = getattr(self, other) or ()
+            for option, each in [(side, frame), *((other, each) for group in phases for each in group)]:
                 if each and not {each, _frame(each)} & set(chosen.robot.frames):
                     advice = "floatplan info ROBOT --frames lists them"
                     raise wrong(option, f"the robot has no frame {each!r}", advice)
             if frame and phases and frame not in map(_frame, phases[last]):
-                reason = f"{_typed(contacts, phases)} has {', '.join(phases[last])} next to the flight"
-                raise wrong(name, reason, "leave one of the two out")
+                reason = f"{_typed(other, phases)} has {', '.join(phases[last])} next to the flight"
+                raise wrong(side, reason, "leave one of the two out")
         if self.duration is not None:
             number("duration")(self.duration, "duration")
             height = standing_height(chosen.robot, chosen.feet[0]) if chosen.feet else math.inf
@@ -116,16 +101,14 @@ class Asked:
             return JumpRequest(fixed=fixed)
         before = self.contacts or before
         meeting = _usual(chosen, self.landing, "landing")[1] if self.landing else _mirrored(chosen.robot, before)
-        try:
-            takeoff = JumpTakeoff(contacts=before)
-        except InputError as error:
-            raise error.within(element="jump.takeoff") from None
-        try:
-            return JumpRequest(
-                fixed=fixed, takeoff=takeoff, landing=JumpLanding(contacts=self.landing_contacts or meeting)
-            )
-        except InputError as error:
-            raise error.within(element="jump.landing") from None
+        sides: list[Any] = []
+        phases = (("takeoff", JumpTakeoff, before), ("landing", JumpLanding, self.landing_contacts or meeting))
+        for name, side, contacts in phases:
+            try:
+                sides.append(side(contacts=contacts))
+            except InputError as error:
+                raise error.within(element=f"jump.{name}") from None
+        return JumpRequest(fixed=fixed, takeoff=sides[0], landing=sides[1])
 
 
 def wrong(name: str, reason: str, advice: str | None = None) -> InputError:

@@ -138,12 +138,7 @@ def asked_flight(
 ) -> tuple[ChosenRobot, FirstFlight]:
     """Choose a robot and search for a first flight as asked; where there is none, say without what there is one.
 
-    Parameters
-    ----------
-    source : path of the robot
-    asked, given : of the flight; of the robot, keyword arguments of ``Robot.from_urdf``
-    words : how the latter are typed
-    seed, progress : as of :func:`first_flight`, whose errors are raised
+    What is ``given`` of the robot is as of :func:`chosen_robot`, in the ``words`` in which it is typed.
     """
     chosen = chosen_robot(source, given, asked.foot)
     try:

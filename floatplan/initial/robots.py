@@ -25,7 +25,7 @@ LIGHT = 0.01  # [-] of the robot's mass: joints that carry less, such as fingers
 
 @dataclass(frozen=True, eq=False)
 class ChosenRobot:
-    """A robot, the keys of ``[robot]`` beside ``urdf`` that choose it, and its feet, the rearmost first."""
+    """A robot, the keys of ``[robot]`` beside its file that choose it, and its feet, the rearmost first."""
 
     robot: Robot
     choices: Mapping[str, Any]
@@ -35,16 +35,12 @@ class ChosenRobot:
 def chosen_robot(source: str | Path, given: Mapping[str, Any] | None = None, foot: str | None = None) -> ChosenRobot:
     """Load a robot with left and right coupled, in the plane in which its legs bend, in its standing posture.
 
-    Parameters
-    ----------
-    source : path
-    given : keyword arguments of ``Robot.from_urdf`` that are settled
-    foot : a frame that it stands on, beside others that are found; on its own leg in place of these
+    What is ``given`` of the arguments of ``Robot.from_urdf`` is settled; ``foot`` is one that it stands on.
 
     Raises
     ------
     InputError
-        The file is not a sound URDF, or in none of the planes does the robot keep to it.
+        The file is not sound, or in none of the planes does the robot keep to it.
     """
     given = given or {}
     if "locked" in given and "coupled" not in given:
@@ -58,9 +54,9 @@ def chosen_robot(source: str | Path, given: Mapping[str, Any] | None = None, foo
         for coupled in [{}] if "coupled" in given else ({"coupled": "mirror"}, {}):
             choices = {**({"plane": plane} if plane else {}), **coupled, **posture, **given}
             try:
-                alone = _loaded(source, choices, foot)
-                pairs = {} if {"coupled"} & set(choices) else side_by_side(alone.robot)
-                tried.append(_loaded(source, {**choices, "coupled": pairs}, foot) if pairs else alone)
+                found = _loaded(source, choices, foot)
+                pairs = {} if "coupled" in choices else side_by_side(found.robot)
+                tried.append(_loaded(source, {**choices, "coupled": pairs}, foot) if pairs else found)
             except InputError as error:
                 errors.append(error)
                 continue
@@ -74,13 +70,11 @@ def chosen_robot(source: str | Path, given: Mapping[str, Any] | None = None, foo
 
 def _refuse_halves(robot: Robot, locked: Mapping[str, float]) -> None:
     """Refuse to lock a joint whose mirror image would move."""
-    for follower, coupling in robot.coupled.items():
-        pair = (follower, coupling.leader)
-        moving = [name for name in pair if name not in locked]
-        if len(moving) == 1 and robot.layout.tree.joint[follower].mimic is None:
-            (name,) = set(pair) - set(moving)
-            reason = f"{moving[0]!r}, its mirror image, would move alone"
-            raise InputError(reason, element=f'locked "{name}"', advice=f"lock {moving[0]!r} too")
+    own = {name: each.leader for name, each in robot.coupled.items() if robot.layout.tree.joint[name].mimic is None}
+    for name, other in [*own.items(), *((leader, follower) for follower, leader in own.items())]:
+        if name in locked and other not in locked:
+            reason = f"{other!r}, its mirror image, would move alone"
+            raise InputError(reason, element=f'locked "{name}"', advice=f"lock {other!r} too")
 
 
 def _merit(chosen: ChosenRobot) -> tuple[bool, int, float, int]:
@@ -94,10 +88,7 @@ def _merit(chosen: ChosenRobot) -> tuple[bool, int, float, int]:
 
 
 def side_by_side(robot: Robot) -> dict[str, str]:
-    """Return joints whose bodies are as others and in the same places, as legs are in a model in the plane; with these.
-
-    No mirror image tells them apart: both are in the middle.
-    """
+    """Return joints whose bodies are as others in the same places, as of legs in a planar model; with these joints."""
     tree, same = robot.tree, dict[int, int]()
     for body, other in combinations(range(1, len(tree.names)), 2):
         parents = [int(tree.parent[each]) for each in (body, other)]

@@ -155,13 +155,13 @@ def _limits(flight: FirstFlight) -> list[str]:
     spun = limits.position if isinstance(limits.position, Mapping) else {}
     ranged = (math.isfinite(low) and math.isfinite(high) for low, high in robot.position_limits.tolist())
     if not all(known or name in spun for name, known in zip(robot.joints, ranged, strict=True)):
-        lines.append("# Joints without a range in the URDF have -180 to 180 degrees.")
+        lines.append("# Joints without a range in their file have -180 to 180 degrees.")
     if spun:
         ranges = {name: [_degrees(end) for end in ends] for name, ends in spun.items()}
         lines.append(f"position = {_value(ranges)}  # degrees: a wheel may turn on")
-    fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the URDF gives none"
+    fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the file gives none"
     lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)
-    none = "# torque: the URDF gives none; a number is for all, N m"
+    none = "# torque: the file gives none; a number is for all, N m"
     lines.append('torque = "urdf"' if limits.torque == "urdf" else none)
     if isinstance(limits.acceleration, int | float):
         degrees = round(math.degrees(limits.acceleration))

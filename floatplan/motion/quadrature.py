@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
-from floatplan.arrays import Array, IntArray, read_only
+from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.pool import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -171,7 +171,7 @@ def least_by_grids(values: Callable[[Array], Array], duration: float, instants: 
 
     ``instants`` are looked at too: where the function may jump. Infinite where it is infinite throughout.
     """
-    grid = np.unique(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
+    grid = distinct(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
     found = values(grid)
     lowest, _ = lowest_of_neighbours(found[:, None])
     lowest = lowest[np.argsort(found[lowest])[:LOWEST]]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.attempt import Attempts, Outcome
@@ -18,12 +20,13 @@ from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
 
 TURNS = 6  # [-] starts at one degree before the next takes its turn
-FEW_JOINTS = 3  # [-] that need a higher degree
+FEW_JOINTS = 6  # [-] that need a higher degree
 TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists and of robots with few joints
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
 MOST_WORK = 3e8  # [instants of one body of a plane] of a search whose budget is left out: about 7 s
+OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
 
@@ -74,17 +77,34 @@ def _outcomes(prepared: Attempts, seed: int, stop: object) -> Iterator[Outcome]:
 def _followed(prepared: Attempts, start: LiftedMotion) -> Outcome:
     """Where one start ends: closed, then made smaller, or followed with limits and another objective."""
     before = prepared.model.work
-    motion = close(start)
-    variables, flight = start.lifted.variables, start.lifted.flight
+    motion, flight = close(start), start.lifted.flight
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and (prepared.constraints or prepared.problem.motion.objective != "coefficients"):
-        outcome = prepared.attempt(Start(variables, descend(motion).x, at_once=True))
+        outcome = _within_limits(prepared, descend(motion))
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal"
         outcome = _outcome(prepared, final or motion, status)
     outcome.work = prepared.model.work - before
     return outcome
+
+
+def _within_limits(prepared: Attempts, motion: LiftedMotion) -> Outcome:
+    """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
+    lifted = motion.lifted
+    variables, free = lifted.variables, lifted.coefficients
+    outcome = prepared.attempt(Start(variables, motion.x, at_once=True))
+    chosen = outcome.solution.x[free:]
+    if not outcome.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
+        return outcome
+    h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
+    given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
+    fixed = LiftedFlight(lifted.model, lifted.flight, given)
+    nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
+    usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
+    return (
+        prepared.attempt(Start(given, nearest.x, at_once=True)) if usable else _outcome(prepared, nearest, "infeasible")
+    )
 
 
 def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:

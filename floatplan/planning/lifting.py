@@ -216,7 +216,7 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
         downhill = np.concatenate((-motion.x[: motion.lifted.coefficients], np.zeros(motion.lifted.momentum.free)))
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length < DESCENDED * motion.size:
+        if length <= DESCENDED * motion.size:
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
         share = min(1.0, radius / length, LARGEST_TURN / farthest)

@@ -194,7 +194,7 @@ def _contacts(contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
             (subject, rate), limit = contact.unlimited, FAST
             message = (
                 f"{subject} turns at {rate:.4g} rad/s for {contact.frame} to be at rest at {contact.end}, more than"
-                f" {FAST:g} rad/s, and its URDF gives no limit"
+                f" {FAST:g} rad/s, and its file gives no limit"
             )
         else:
             continue
@@ -212,13 +212,13 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
         below, above = (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
         beyond, value, limit = max(below, above)
         if beyond > ROUNDING:
-            message = f"{joint} goes to {value:.4g} rad, its URDF ends at {limit:.4g} rad"
+            message = f"{joint} goes to {value:.4g} rad, its file ends at {limit:.4g} rad"
             message += '; limits.position = "urdf" keeps it.'
             yield PlanWarning("position", joint, value, limit, "rad", None, message)
         rate, instant = abs(ratio) * float(peaks.velocity[leader]), float(peaks.velocity_instant[leader])
         if rate > written.velocity * (1 + RELATIVE):
             message = (
-                f"{joint} turns at {rate:.4g} rad/s at {instant:.3g} s, its URDF allows {written.velocity:.4g} rad/s;"
+                f"{joint} turns at {rate:.4g} rad/s at {instant:.3g} s, its file allows {written.velocity:.4g} rad/s;"
                 ' limits.velocity = "urdf" keeps it.'
             )
             yield PlanWarning("velocity", joint, rate, written.velocity, "rad/s", instant, message)
@@ -231,7 +231,7 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
     for joint, (limit, torque, instant) in zip(robot.motors, of_motors, strict=True):
         if torque > limit * (1 + RELATIVE):
             message = (
-                f"{joint} needs {torque:.4g} N m at {instant:.3g} s, its URDF allows {limit:.4g} N m;"
+                f"{joint} needs {torque:.4g} N m at {instant:.3g} s, its file allows {limit:.4g} N m;"
                 ' limits.torque = "urdf" keeps it.'
             )
             yield PlanWarning("torque", joint, float(torque), float(limit), "N m", float(instant), message)
@@ -242,7 +242,7 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
         effort, unit = joints[name].effort, "N" if joints[name].type == "prismatic" else "N m"
         if torque > effort * (1 + RELATIVE):
             message = (
-                f"Holding the locked joint {name} takes {torque:.4g} {unit} at {instant:.3g} s, its URDF allows"
+                f"Holding the locked joint {name} takes {torque:.4g} {unit} at {instant:.3g} s, its file allows"
                 f" {effort:.4g} {unit}; lock it elsewhere, or move the others more slowly."
             )
             yield PlanWarning("holding_torque", name, torque, effort, unit, instant, message)

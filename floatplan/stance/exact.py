@@ -61,16 +61,8 @@ class StanceDynamics:
     @cached_property
     def dependent(self) -> list[int]:
         """Entries of y that follow from the closure: joints nearest to the other contacts, of their own legs first."""
-        tree, found = self.model.robot.tree, []
-        for contact in self.phase.others:
-            body, own = contact.spots[0][0], []
-            held = tree.turns[self.phase.anchor.spots[0][0]] if not contact.vertical else np.zeros(tree.turns.shape[1])
-            while body > 0:
-                joint = np.flatnonzero(tree.turns[body] - tree.turns[tree.parent[body]])
-                own += [1 + int(each) for each in joint if not held[each] and 1 + int(each) not in own]
-                body = int(tree.parent[body])
-            found += own[: 1 if contact.vertical else 2]
-        return found
+        own = [self.phase.own_joints(self.model.robot.tree, contact) for contact in self.phase.others]
+        return [1 + joint for joints in own for joint in joints]
 
     def turned(self, y: Array, v: Array, a: Array) -> Array:
         """Orientation's acceleration (N,) rad/s^2 by the balance of moments, on the anchor alone."""

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from floatplan.arrays import Array
-from floatplan.robot import Robot
+from floatplan.errors import InputError
+from floatplan.robot import PlanarTree, Robot
 from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
 
 # Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
@@ -79,6 +80,25 @@ class Phase:
     def others(self) -> tuple[Contact, ...]:
         """The contacts beside the anchor."""
         return self.contacts[1:]
+
+    def own_joints(self, tree: PlanarTree, contact: Contact) -> list[int]:
+        """Indices of the joints that keep a contact beside the anchor where it stands: its leg's, from the foot up.
+
+        Raises
+        ------
+        InputError
+            The leg has too few of its own.
+        """
+        body, own, count = contact.spots[0].body, list[int](), 1 if contact.vertical else 2
+        held = np.zeros(tree.turns.shape[1]) if contact.vertical else tree.turns[self.anchor.spots[0].body]
+        while body > 0:
+            joints = np.flatnonzero(tree.turns[body] - tree.turns[tree.parent[body]]).tolist()
+            own += [joint for joint in joints if not held[joint] and joint not in own]
+            body = int(tree.parent[body])
+        if len(own) < count:
+            reason = f"the leg of {contact.name!r} has too few joints to stand beside {self.anchor.name!r}"
+            raise InputError(reason, element=f"jump.{self.side}.contacts", advice="name one foot alone")
+        return own[:count]
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,6 +139,12 @@ class Setup:
     fixed: tuple[Meeting, ...] = ()
     momentum: float | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse feet that cannot stay where they stand."""
+        for phase in self.phases:
+            for contact in phase.others:
+                phase.own_joints(self.problem.robot.tree, contact)
+
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request

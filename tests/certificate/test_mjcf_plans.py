@@ -137,7 +137,7 @@ def drawn_case(tmp_path: Path, seed: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize("seed", [3, 11])
+@pytest.mark.parametrize("seed", [11])
 def test_a_drawn_motion_is_proved(tmp_path, seed):
     assert drawn_case(tmp_path, seed)
 

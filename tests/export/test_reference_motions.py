@@ -75,8 +75,9 @@ def frame_times(motion: fp.Plan | fp.Jump, rate: float) -> np.ndarray:
 def in_mujoco(robot: fp.Robot) -> Any:
     """The robot's file in MuJoCo, on a free joint, with every link as a body."""
     compiler = '<mujoco><compiler fusestatic="false" balanceinertia="true" discardvisual="true"/></mujoco>'
-    ends = f'<parent link="world"/><child link="{robot.layout.tree.root}"/>'
-    head, _, rest = re.sub(r"<(visual|collision)\b.*?</\1>", "", robot.xml, flags=re.DOTALL).partition("<link")
+    ends = f'<parent link="world"/><child link="{robot.file_tree.root}"/>'
+    text = re.sub(r"<(visual|collision)\b.*?</\1>|<!--.*?-->", "", robot.xml, flags=re.DOTALL)
+    head, _, rest = text.partition("<link")
     free = f'<link name="world"/><joint name="root" type="floating">{ends}</joint>'
     return mujoco.MjModel.from_xml_string(f"{head}{compiler}{free}<link{rest}")
 
@@ -184,6 +185,22 @@ def test_up_is_z(plan: fp.Plan, tmp_path: Path) -> None:
     near(falling, np.broadcast_to([0, 0, -9.81], falling.shape), 1e-6)
 
 
+def test_a_base_that_tumbles(root: Path, tmp_path: Path) -> None:
+    """A flight in space, whatever its end: velocities in the world and in the body are no longer the same."""
+    robot = fp.Robot.from_urdf(root / "urdf" / "space_arm.urdf", base="free-flyer")
+    start = fp.Posture(fp.Attitude(quaternion_xyzw=[0.1, 0.2, 0.3, 0.9]), 0.1)
+    goal = fp.Posture(fp.Attitude(angles=[1.1, 0.5, 3.2], axes="yxz"), 0.4)
+    asked = fp.Problem(robot, start, goal, fp.Flight(4.0, angular_momentum=[5.0, -9.0, 30.0]))
+    motion = fp.plan(asked, starts=1, budget=0.1)
+    content = read(export(motion, "isaac-amp", tmp_path / "amp", rate=RATE))
+    check_joints(motion, content)
+    check_bodies(motion, content, np.eye(3), every=20)
+    rows, model = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE)), in_mujoco(robot)
+    spin = np.array([state_in_mujoco(model, motion, np.eye(3), k / RATE).qvel[:6] for k in range(0, 240, 20)])
+    near(rows["qvel"][:240:20, :6], spin)
+    assert abs(spin[:, 3:] - content["body_angular_velocities"][:240:20, 0]).max() > 0.1
+
+
 def test_csv_is_what_csv_to_npz_reads(plan: fp.Plan, pair: fp.Plan, tmp_path: Path) -> None:
     """Nothing but numbers: place, quaternion with w last, and joints in the file's order."""
     for motion in (plan, pair):
@@ -191,7 +208,7 @@ def test_csv_is_what_csv_to_npz_reads(plan: fp.Plan, pair: fp.Plan, tmp_path: Pa
         assert not set(text) - set("0123456789.,-e\n")
         table = np.loadtxt(tmp_path / "file", delimiter=",")
         content = read(export(motion, "isaac-amp", tmp_path / "npz", rate=RATE))
-        root = content["body_names"].tolist().index(motion.robot.layout.tree.root)
+        root = content["body_names"].tolist().index(motion.robot.file_tree.root)
         np.testing.assert_array_equal(table[:, :3], content["body_positions"][:, root])
         np.testing.assert_array_equal(table[:, [6, 3, 4, 5]], content["body_rotations"][:, root])
         np.testing.assert_array_equal(table[:, 7:], content["dof_positions"])

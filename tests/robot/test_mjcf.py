@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import threading
+from importlib.util import find_spec
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +19,7 @@ from mjcf_samples import RandomModel
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot.mjcf import text as mjcf_text
+from floatplan.robot.urdf.tree import robots_folder
 
 KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
 EXACT = 1e-9  # [-] what a robot agrees with MuJoCo to
@@ -317,3 +321,52 @@ def test_threads_read_at_once():
     for thread in threads:
         thread.join()
     assert found == [found[0]] * 8
+
+
+SUITES = {  # files of packages that may be there, and how many joints of each are planned
+    "gymnasium": ("envs/mujoco/assets", {"half_cheetah": 6, "hopper": 3, "walker2d": 6, "ant": 4, "humanoid": 5}),
+    "dm_control": ("suite", {"humanoid": 7, "walker": 6, "hopper": 4, "cheetah": 6}),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("package", SUITES)
+def test_models_of_other_packages_are_mujocos(package):
+    found = find_spec(package)
+    if found is None or found.origin is None:
+        pytest.skip(f"{package} is not installed")
+    folder, models = SUITES[package]
+    for name, joints in models.items():
+        path = Path(found.origin).parent / folder / f"{name}.xml"
+        robot = fp.Robot.from_mjcf(path)
+        assert len(robot.joints) == joints
+        judge = Judge(path, robot)
+        assert judge.mass() < EXACT
+        for _ in range(20):
+            assert max(judge.kinematics(), *judge.momentum()) < EXACT
+
+
+@pytest.mark.long
+def test_a_urdf_that_mujoco_saved_is_the_same_robot(tmp_path):
+    source = "example-robot-data:go2_description/urdf/go2.urdf"
+    if robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    written = fp.Robot.from_urdf(source, coupled="mirror")
+    text = re.sub(r"package://(?:example-robot-data/robots/)?", f"{robots_folder()}/", written.xml)
+    text = re.sub(r"(?s)<visual>.*?</visual>", "", text)
+    settings = '<mujoco><compiler fusestatic="false" strippath="false"/></mujoco>'
+    text = re.sub(r"(<robot[^>]*>)", rf"\1{settings}", text, count=1)
+    base = written.file_tree.root
+    free = f'<joint name="free" type="floating"><parent link="world"/><child link="{base}"/></joint>'
+    saved = mujoco.MjSpec.from_string(text.replace("</robot>", f'<link name="world"/>{free}</robot>'))
+    saved.compile()
+    (tmp_path / "go2.xml").write_text(saved.to_xml())
+    robot = fp.Robot.from_mjcf(tmp_path / "go2.xml", coupled="mirror")
+    assert robot.joints == written.joints
+    assert robot.torque_limits == pytest.approx(written.torque_limits)
+    assert robot.tree.inertia == pytest.approx(written.tree.inertia, rel=3e-5)
+    sizes = [
+        sorted((each.link, round(each.radius, 4), round(abs(each.end - each.start), 4)) for each in one.shapes)
+        for one in (robot, written)
+    ]
+    assert sizes[0] == sizes[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from jumps import INSTALLED, go2_problem
@@ -109,3 +110,23 @@ def test_messages_do_not_print_whole_answers() -> None:
         ) as caught:
             call(plan)
         assert len(str(caught.value)) < 160
+
+
+def test_legs_of_one_joint_cannot_stand_together(tmp_path: Path) -> None:
+    legs = "".join(
+        f'<body name="{name}" pos="{place} 0 0"><joint name="{name}_hip" axis="0 1 0" range="-60 60"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/>'
+        f'<body name="{name}_foot" pos="0 0 -0.3"><geom size="0.02"/></body></body>'
+        for name, place in (("rear", -0.2), ("front", 0.2))
+    )
+    path = tmp_path / "table.xml"
+    trunk = f'<body name="trunk"><freejoint/><geom type="box" size="0.3 0.1 0.05"/>{legs}</body>'
+    path.write_text(f"<mujoco><worldbody>{trunk}</worldbody></mujoco>")
+    robot = Robot.from_mjcf(path)
+    flight = fp.Flight(0.3, takeoff=fp.Takeoff("rear_foot"), landing=fp.Landing("rear_foot"))
+    still = fp.Posture(orientation=0.0, positions=[0.0, 0.0])
+    feet = ["rear_foot", "front_foot"]
+    asked = fp.JumpRequest(takeoff=fp.JumpTakeoff(contacts=[feet]), landing=fp.JumpLanding(contacts=[feet]))
+    reason = "takeoff.contacts: the leg of '.*' has too few joints to stand beside"
+    with pytest.raises(fp.InputError, match=reason):
+        fp.jump(fp.Problem(robot, start=still, goal=still, flight=flight, jump=asked))

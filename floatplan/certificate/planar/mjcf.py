@@ -26,7 +26,7 @@ from floatplan.certificate.planar.solids import (
     principal,
     unit,
 )
-from floatplan.certificate.planar.urdf import Joint, Link, Placement, Urdf, number, turn
+from floatplan.certificate.planar.urdf import Joint, Link, Placement, Urdf, number, numbers, turn
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import LARGEST_URDF, check_depth, check_hash, parsed_xml, read_regular
 
@@ -38,7 +38,7 @@ KINDS = {"hinge": "revolute", "slide": "prismatic"}
 TURNS = {"revolute", "ball"}
 TURNED = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}  # numbers of each form of an orientation
 PLACED = f"name pos childclass class user {' '.join(TURNED)}"
-KNOWN = {  # attributes that are read here, or change neither masses nor joints
+KNOWN = {  # attributes that are read here, or change neither masses nor joints, as those of solvers do, "sol.."
     "compiler": "angle eulerseq inertiafromgeom inertiagrouprange settotalmass boundmass boundinertia balanceinertia "
     "fusestatic coordinate autolimits strippath assetdir meshdir texturedir fitaabb discardvisual usethread "
     "saveinertial alignfree",
@@ -47,17 +47,12 @@ KNOWN = {  # attributes that are read here, or change neither masses nor joints
     "inertial": f"{PLACED} mass diaginertia fullinertia",
     "freejoint": "name group align",
     "joint": "name class type pos axis ref range limited armature damping stiffness frictionloss margin springref "
-    "springdamper springyield actuatorfrcrange actuatorfrclimited actuatorgravcomp group user solreflimit solimplimit "
-    "solreffriction solimpfriction",
+    "springdamper springyield actuatorfrcrange actuatorfrclimited actuatorgravcomp group user",
     "geom": f"{PLACED} type fromto size mass density shellinertia group mesh fitscale hfield contype conaffinity "
-    "condim priority friction solmix solref solimp margin gap adhesion surfacevel fluidshape fluidcoef material rgba "
-    "castshadow",
-    **dict.fromkeys(  # that do nothing: others pull, brake or have a range
-        ("tendon", "fixed", "spatial"),
-        "name class group width rgba material springlength springyield margin user solreflimit solimplimit "
-        "solreffriction solimpfriction",
-    ),
+    "condim priority friction margin gap adhesion surfacevel fluidshape fluidcoef material rgba castshadow",
+    "tendon": "name class group width rgba material springlength springyield margin user",  # others pull or hold
 }
+KNOWN |= dict.fromkeys(("fixed", "spatial"), KNOWN["tendon"])
 PASSED_OVER = ("site", "camera", "light")  # as are all sections but four
 SECTIONS = "compiler option size statistic visual default custom asset worldbody contact actuator sensor keyframe"
 SECTIONS += " tendon deformable equality"  # of which only what does nothing
@@ -274,7 +269,7 @@ class _Reading:
     def placement(self, given: Given) -> Placement:
         """A place and an orientation, in any of MuJoCo's forms."""
         form = next((form for form in TURNED if form in given), "quat")
-        parts = _numbers(given.get(form, "1 0 0 0"), TURNED[form])
+        parts = numbers(given.get(form, "1 0 0 0"), TURNED[form])
         first, last = (flint.arb_mat(3, 1, three) for three in (parts[:3], parts[-3:]))
         if form == "quat":
             rotation = of_quaternion(*parts)
@@ -294,8 +289,8 @@ class _Reading:
         """Mass, centre and inertia as written; the full one is in the body's axes."""
         mass, center = number(given.get("mass")), self.placement(given)
         if "fullinertia" not in given:
-            return _Solid(mass, center, diagonal(_numbers(given.get("diaginertia", "0 0 0"), 3)))
-        xx, yy, zz, xy, xz, yz = _numbers(given["fullinertia"], 6)
+            return _Solid(mass, center, diagonal(numbers(given.get("diaginertia", "0 0 0"), 3)))
+        xx, yy, zz, xy, xz, yz = numbers(given["fullinertia"], 6)
         inertia = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return _Solid(mass, Placement(translation=center.translation), inertia)
 
@@ -311,7 +306,7 @@ class _Reading:
         size = [number(word) for word in given.get("size", "").split()]
         size += [flint.arb(0)] * (3 - len(size))
         if "fromto" in given:
-            ends = _numbers(given["fromto"], 6)
+            ends = numbers(given["fromto"], 6)
             first, last = flint.arb_mat(3, 1, ends[:3]), flint.arb_mat(3, 1, ends[3:])
             placed, half = Placement(of_z(first - last), (first + last) / 2), dot(first - last, first - last).sqrt() / 2
             size = [size[0], half, half] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
@@ -370,17 +365,10 @@ def _named(given: Given, otherwise: str, taken: set[str | None]) -> str:
 def _known(element: Element) -> Given:
     """The attributes of an element, all of which are known."""
     for key in element.attrib:
-        if key not in KNOWN[element.tag].split():
+        if key not in KNOWN[element.tag].split() and not key.startswith("sol"):
             raise NotReadError(f"<{element.tag}>: {key}")
     return element.attrib
 
 
-def _numbers(text: str, count: int) -> list[Any]:
-    words = text.split()
-    if len(words) != count:
-        raise InputError(f'"{text}" is not {count} numbers')
-    return [number(word) for word in words]
-
-
 def _column(text: str) -> Any:
-    return flint.arb_mat(3, 1, _numbers(text, 3))
+    return flint.arb_mat(3, 1, numbers(text, 3))

@@ -203,10 +203,15 @@ def turn(axis: Any, angle: Any) -> Any:
 
 
 def _vector(text: str | None, default: str) -> Any:
-    parts = (default if text is None else text).split()
-    if len(parts) != 3:
-        raise InputError(f'"{text}" is not three numbers')
-    return flint.arb_mat(3, 1, [number(part) for part in parts])
+    return flint.arb_mat(3, 1, numbers(default if text is None else text, 3))
+
+
+def numbers(text: str, count: int) -> list[Any]:
+    """So many numbers as written."""
+    words = text.split()
+    if len(words) != count:
+        raise InputError(f'"{text}" is not {count} numbers')
+    return [number(word) for word in words]
 
 
 def number(text: str | None) -> Any:

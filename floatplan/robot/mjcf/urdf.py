@@ -21,6 +21,7 @@ from floatplan.robot.mjcf.tree import MjcfTree, new_name
 from floatplan.robot.urdf.tree import UrdfText
 
 
+@np.errstate(all="ignore")  # numbers may be huge, and are looked at as those of any URDF
 def read_mjcf(path: Path, content: bytes, root: Element) -> UrdfText:
     """Return the URDF of an MJCF file, from its content and root element.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray, distinct
 
 UNIFORM_DIRECTIONS = 24  # [-] over half a turn, beside those of the hull's edges
 RADII = 9  # [-] tried for each direction, from half the width to half the diagonal
@@ -104,7 +104,7 @@ def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
 
 def convex_hull(points: ComplexArray) -> ComplexArray:
     """Corners of the convex hull, counter-clockwise; A. M. Andrew, Information Processing Letters 9 (1979), p. 216."""
-    candidates = np.unique(_outer(points))
+    candidates = distinct(_outer(points))
     if len(candidates) <= 2:
         return candidates
     corners: list[complex] = []

@@ -1,0 +1,124 @@
+"""Flights in space: stunts of a quadruped and turns of an arm within their limits, twists of a diver, drawn goals."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from measuring import PROBLEMS, Counts, heading, table
+
+import floatplan as fp
+from floatplan.motion.flight import ballistics, momentum_set, whole_motion
+from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.planning.transcription.variables import decision_variables
+
+URDF = PROBLEMS.parent / "urdf"
+GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
+STANDING = np.tile([0.0, 0.8, -1.5], 4)
+STUNTS = {  # axes, then the angles of the first and the third
+    "roll": ("xyz", (2 * math.pi, 0.0)),
+    "roll back": ("xyz", (-2 * math.pi, 0.0)),
+    "flip": ("yxz", (-2 * math.pi, 0.0)),
+    "flip with half a twist": ("yzx", (-2 * math.pi, math.pi)),
+    "one and a half with half a twist": ("yzx", (-3 * math.pi, math.pi)),
+    "spin": ("zxy", (2 * math.pi, 0.0)),
+}
+ANY_DEGREE, WITHIN = fp.Motion(degree="auto"), fp.Limits(velocity="urdf", torque="urdf")
+DRAWN_LIMIT = 1.3  # [-] of the peaks of a drawn motion, the limits of every third
+
+
+def stunts(count: int) -> Iterator[fp.Problem]:
+    """Of the Go2, from and to postures near standing, within the URDF's limits, h free."""
+    robot = fp.Robot.from_urdf(GO2, base="free-flyer")
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        axes, (first, third) = list(STUNTS.values())[seed % len(STUNTS)]
+        start, goal = (fp.Attitude(angles=(a, 0.0, c), axes=axes) for a, c in ((0.0, 0.0), (first, third)))
+        ends = STANDING + rng.uniform(-0.2, 0.2, (2, 12))
+        flight = fp.Flight(float(rng.uniform(0.5, 0.8)), "free")
+        yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, ANY_DEGREE, WITHIN)
+
+
+def arms(count: int) -> Iterator[fp.Problem]:
+    """Of an arm on a free base of 50 kg: 45 to 90 degrees about any axis, h = 0."""
+    robot = fp.Robot.from_urdf(URDF / "free_arm.urdf", base="free-flyer")
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        axis, angle = rng.normal(size=3), rng.uniform(math.pi / 4, math.pi / 2)
+        turn = np.append(math.sin(angle / 2) * axis / np.linalg.norm(axis), math.cos(angle / 2))
+        start, goal = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=tuple(turn))
+        ends = rng.uniform(-1.5, 1.5, (2, 6))
+        flight = fp.Flight(float(rng.uniform(15, 30)), 0.0, gravity=0.0)
+        yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, ANY_DEGREE, WITHIN)
+
+
+def twists(count: int) -> Iterator[fp.Problem]:
+    """Of the diver: one or two somersaults with half a twist to two, either way; h suggested, or free, in turns."""
+    robot = fp.Robot.from_urdf(URDF / "diver.urdf", base="free-flyer")
+    low, high = robot.position_limits.T
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        somersaults, twist = float(rng.choice([1, 2])), float(rng.choice([0.5, 1, 1.5, 2]))
+        forwards, left = rng.choice([-1.0, 1.0], 2).tolist()
+        first = low + (high - low) * rng.uniform(0.25, 0.75, 7)
+        first[2:4], first[5:] = first[:2], 0.0
+        last = np.clip(first + 0.3 * rng.normal(size=7), low + 0.1 * (high - low), high - 0.1 * (high - low))
+        start = fp.Attitude(angles=(0, 0, 0), axes="yxz")
+        goal = fp.Attitude(angles=(2 * math.pi * forwards * somersaults, 0, 2 * math.pi * left * twist), axes="yxz")
+        flight = fp.Flight(float(rng.uniform(1.1, 1.7)), "free" if seed % 2 else "suggested")
+        yield fp.Problem(robot, fp.Posture(start, first), fp.Posture(goal, last), flight, ANY_DEGREE)
+
+
+def drawn_goals(count: int) -> Iterator[fp.Problem]:
+    """The attitudes to which drawn motions of the Go2 lead, a third within limits of 1.3 times their peaks."""
+    robot = fp.Robot.from_urdf(GO2, base="free-flyer")
+    level = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        ends = STANDING + rng.uniform(-0.3, 0.3, (2, 12))
+        h = rng.normal(size=3) * [0.3, 1.0, 0.3]
+        flight, degrees = fp.Flight(0.6, tuple(h)), (7,) * 12
+        asked = fp.Problem(robot, fp.Posture(level, ends[0]), fp.Posture(level, ends[1]), flight)
+        variables = decision_variables(asked, degrees, np.zeros((2, 12), int), momentum_set(asked))
+        z = variables.free_coefficients(0.25 * rng.normal(size=variables.size))
+        low, high = asked.position_limits.T
+        b, half = variables.polynomials.powers_of_seconds(z), (high - low) / 2
+        written = WrittenMotion.from_powers((low + high) / 2, half, b, flight.duration)
+        motion = whole_motion(asked, written, h, ballistics(asked))
+        state = motion.state(np.linspace(0, flight.duration, 60))
+        limits = fp.Limits()
+        if seed % 3 == 0:
+            peaks = (np.abs(values).max(axis=0) for values in (state.velocities, state.torques))
+            rates, torques = (tuple((DRAWN_LIMIT * np.maximum(peak, 0.1)).tolist()) for peak in peaks)
+            limits = fp.Limits(velocity=rates, torque=torques)
+        goal = fp.Posture(fp.Attitude(quaternion_xyzw=tuple(state.orientation[-1])), ends[1])
+        yield replace(asked, goal=goal, limits=limits, motion=ANY_DEGREE)
+
+
+CLASSES: dict[str, Callable[[int], Iterator[fp.Problem]]] = {
+    "Go2: rolls, flips, spins; h free, limits": stunts,
+    "arm on 50 kg: 45 to 90 degrees; limits": arms,
+    "diver: 1 or 2 somersaults, 1/2 to 2 twists": twists,
+    "Go2: where drawn motions lead": drawn_goals,
+}
+
+
+def space(counts: Counts) -> None:
+    """How many are planned, and how soon."""
+    heading(f"space: {counts.in_space} of each, seeds 0 to {counts.in_space - 1}")
+    rows = []
+    for name, draw in CLASSES.items():
+        solved, seconds, missed = 0, [], []
+        for seed, problem in enumerate(draw(counts.in_space)):
+            began = time.process_time()
+            plan = fp.plan(problem)
+            seconds.append(time.process_time() - began)
+            solved += plan.ok
+            if not plan.ok:
+                missed.append(seed)
+        print(f"  {name}: not found, seeds {missed}" if missed else f"  {name}: all found")
+        rows.append([name, solved, len(seconds), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist()])
+    table(["class", "found", "of", "s of the processor, median", "p90", "at most"], rows)

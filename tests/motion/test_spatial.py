@@ -1,0 +1,237 @@
+"""Flight in space: attitudes against another integrator, derivatives against differences, a planar plan flown there."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import floatplan as fp
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.flight import whole_motion
+from floatplan.motion.sine_polynomial import SinePolynomials, WrittenMotion, boundary_arguments
+from floatplan.motion.spatial.attitude import IntegrationError, cells, moved, turn, turn_from
+from floatplan.motion.spatial.flight import SpatialFlight, left_jacobian_inverse, spatial_dynamics
+from floatplan.motion.spatial.momentum import suggested_momentum
+from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm, of_angles, unwrapped_angles
+from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
+from floatplan.planning.transcription.variables import DecisionVariables
+
+URDF = Path(__file__).resolve().parents[2] / "urdf"
+DURATION = 0.8
+
+
+@pytest.fixture(scope="module")
+def diver():
+    return fp.Robot.from_urdf(URDF / "diver.urdf", base="free-flyer")
+
+
+@pytest.fixture(scope="module")
+def swinging(diver):
+    """Dynamics, h, the attitude at takeoff, and the joints' positions and velocities at times (K,)."""
+    rng, n = np.random.default_rng(5), len(diver.joints)
+    sizes, phases, dynamics = 0.4 * rng.normal(size=(3, n)), rng.uniform(0, 6, (3, n)), spatial_dynamics(diver)
+    pace = np.array([3.0, 5.0, 8.0])[:, None]
+
+    def joints(times):
+        angle = pace * np.atleast_1d(times)[:, None, None] + phases
+        return (sizes * np.sin(angle)).sum(axis=1), (pace * sizes * np.cos(angle)).sum(axis=1)
+
+    h = dynamics.momentum_maps(joints(0.0)[0])[0][0] @ [2.0, 7.0, 3.0]
+    return dynamics, h, exponential(rng.normal(size=(1, 3)))[0], joints
+
+
+def momenta(dynamics, joints, grid):
+    positions, velocities = joints(grid.s * DURATION)
+    inertia, joint_map = dynamics.momentum_maps(positions)
+    return inertia, np.einsum("kan,kn->ka", joint_map, velocities)
+
+
+def integrated(swinging, times):
+    """Attitudes at times, by DOP853 on the matrix."""
+    dynamics, h, start, joints = swinging
+
+    def rate(time, flat):
+        rotation, (positions, velocities) = flat.reshape(3, 3), joints(time)
+        inertia, joint_map = dynamics.momentum_maps(positions)
+        omega = np.linalg.solve(inertia[0], rotation.T @ h - joint_map[0] @ velocities[0])
+        return (rotation @ cross_matrix(omega)).ravel()
+
+    span = (0.0, DURATION)
+    return solve_ivp(rate, span, start.ravel(), "DOP853", times, rtol=1e-12, atol=1e-13).y.T.reshape(-1, 3, 3)
+
+
+def test_the_attitude_is_that_of_another_integrator_at_every_instant(swinging):
+    dynamics, h, start, joints = swinging
+    instants = np.array([0.0, 0.07, 0.4, 0.63, 1.0])
+    expected = integrated(swinging, instants * DURATION)
+    for (count, stages), error in {(16, 5): 1e-5, (16, 8): 1e-7, (32, 10): 1e-11}.items():
+        grid = cells(count, stages)
+        turning = turn_from(grid, DURATION, *momenta(dynamics, joints, grid), h, start)
+        assert np.abs(turning.at(instants) - expected).max() < error
+        assert np.abs(turning.at(grid.s) - turning.attitudes).max() < 1e-13
+        gaps = logarithm(turning.borders[1:] @ np.swapaxes(turning.ends[:-1], 1, 2))
+        assert np.abs(gaps).max() < 1e-12
+
+
+def test_without_momentum_the_attitude_is_a_quadrature_of_its_own(swinging):
+    dynamics, _, start, joints = swinging
+    grid = cells(32, 10)
+    turning = turn_from(grid, DURATION, *momenta(dynamics, joints, grid), np.zeros(3), start)
+    expected = integrated((dynamics, np.zeros(3), start, joints), np.array([DURATION]))
+    assert np.abs(turning.ends[-1] - expected[0]).max() < 1e-11
+
+
+def test_small_turns_go_on_as_differences_say(swinging):
+    dynamics, h, start, joints = swinging
+    grid = cells(16, 8)
+    inertia, relative = momenta(dynamics, joints, grid)
+    turning = turn_from(grid, DURATION, inertia, relative, h, start)
+    nudge = 1e-6 * np.array([0.3, -0.5, 0.8])
+
+    def ends(sign):
+        return turn(grid, DURATION, inertia, relative, h, moved(turning.borders, np.tile(sign * nudge, (16, 1)))).ends
+
+    differences = logarithm(ends(1) @ np.swapaxes(ends(-1), 1, 2)) / 2
+    assert np.abs(differences - turning.carried[0] @ nudge).max() < 1e-6 * np.linalg.norm(nudge)
+
+
+def test_a_motion_that_is_too_wild_is_an_error_of_its_own(swinging):
+    dynamics, h, start, joints = swinging
+    grid = cells(8, 5)
+    inertia, relative = momenta(dynamics, joints, grid)
+    with pytest.raises(IntegrationError):
+        turn_from(grid, DURATION, inertia, relative, 1e5 * h, start)
+
+
+def drawn_motion(diver, seed):
+    """A flight of the diver with a drawn goal, variables with h free, and a point in them."""
+    rng, n = np.random.default_rng(seed), len(diver.joints)
+    low, high = diver.position_limits.T
+    centre, amplitude, branch = (low + high) / 2, (high - low) / 2, np.zeros(n, int)
+    ends = []
+    for _ in range(2):
+        positions = centre + amplitude * rng.uniform(-0.5, 0.5, n)
+        rates, curvatures = rng.normal(size=(2, n))
+        p, rate, curvature = boundary_arguments(positions, rates, curvatures, centre, amplitude, branch)
+        ends += [p, DURATION * rate, DURATION**2 * curvature]
+    polynomials = SinePolynomials(centre, amplitude, DURATION, np.array(ends).T, (3,) * n)
+    start, goal = (fp.Attitude(quaternion_xyzw=tuple(rng.normal(size=4))) for _ in range(2))
+    flight = SpatialFlight(spatial_dynamics(diver), diver.transmission[6:], start, goal, DURATION, n)
+    momentum = MomentumSet(np.array([5.0, 30.0, -8.0]), np.diag([4.0, 9.0, 3.0])[:, :2])
+    size = 3 * n
+    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
+    return FlightModel(flight), variables, 0.3 * rng.normal(size=variables.size)
+
+
+@pytest.mark.parametrize("quantity", ["residual", "attitude", "rate", "torques", "motor_torques"])
+def test_derivatives_are_those_of_differences(diver, quantity):
+    model, variables, x = drawn_motion(diver, 11)
+    sampling = sample_also(model.nodes(4, variables.polynomials.form), np.array([0.0, 0.37, 1.0]))
+    motion = trajectory(model, variables, sampling, x)
+    present = motion.flown.attitude
+
+    def value(x):
+        flown = trajectory(model, variables, sampling, x).flown
+        if quantity == "attitude":
+            return logarithm(flown.attitude @ np.swapaxes(present, 1, 2))
+        return flown.residual[0] if quantity == "residual" else getattr(flown, quantity)
+
+    computed = {
+        "residual": lambda: motion.residual_jacobian,
+        "attitude": lambda: motion.attitude_jacobian,
+        "rate": lambda: motion.jacobian(motion.differentiable.rate_partials),
+        "torques": lambda: motion.jacobian(motion.differentiable.torque_partials),
+        "motor_torques": lambda: motion.jacobian(motion.differentiable.motor_torque_partials),
+    }[quantity]()
+    chosen = [0, 7, 13, variables.size - 2, variables.size - 1]
+    steps = 1e-6 * np.eye(variables.size)[chosen]
+    differences = np.stack([(value(x + step) - value(x - step)) / 2e-6 for step in steps], axis=-1)
+    assert np.abs(differences - computed[..., chosen]).max() < 3e-6 * np.abs(computed).max()
+
+
+def test_the_logarithm_changes_as_its_derivative_says():
+    turn_vector, small = np.array([0.4, -1.1, 0.7]), 1e-6 * np.array([[0.2, 0.9, -0.4]])
+    after = [logarithm(exponential(sign * small) @ exponential(turn_vector[None]))[0] for sign in (1, -1)]
+    assert (after[0] - after[1]) / 2 == pytest.approx(left_jacobian_inverse(turn_vector) @ small[0], rel=1e-6)
+    assert left_jacobian_inverse(np.zeros(3)) == pytest.approx(np.eye(3))
+
+
+@pytest.mark.parametrize("axes", ["yxz", "xyz", "zxz", "yzx"])
+def test_angles_go_on_over_whole_turns(axes):
+    middle = 1.2 if axes[0] == axes[2] else 0.3
+    s = np.linspace(0, 1, 60)[:, None]
+    angles = s * [4 * math.pi, 0, -3 * math.pi] + [0.1, middle, -0.2]
+    found = unwrapped_angles(axes, of_angles(axes, angles))
+    assert found - found[0] == pytest.approx(angles - angles[0], abs=1e-9)
+
+
+def test_a_planar_plan_flown_in_space_is_the_planar_plan():
+    """The same joints' motion and momentum; the gymnast is its own mirror image, and so never leaves the plane."""
+    planar = fp.plan(fp.load_problem(URDF.parent / "problems" / "handstand.toml"))
+    robot = fp.Robot.from_urdf(URDF / "gymnast.urdf", base="free-flyer", joints=list(planar.robot.joints))
+    normal, ends = planar.robot.plane.normal, (planar.problem.initial, planar.problem.final)
+
+    def posture(end):
+        turned = Rotation.from_rotvec(end.orientation * normal).as_quat()
+        return fp.Posture(fp.Attitude(quaternion_xyzw=tuple(turned)), end.positions, end.velocities, end.accelerations)
+
+    flight = planar.problem.flight
+    problem = fp.Problem(
+        robot,
+        *map(posture, ends),
+        fp.Flight(
+            flight.duration,
+            tuple(planar.angular_momentum * normal),
+            fp.Takeoff(flight.takeoff.frame, (0.0, 0.0, 0.0)),
+            fp.Landing(flight.landing.frame, planar.problem.landing_height),
+            (flight.horizontal_velocity, 0.0),
+        ),
+        limits=fp.Limits(position=planar.problem.position_limits),
+    )
+    written = WrittenMotion.from_powers(planar.centre, planar.amplitude, planar.coefficients, planar.duration)
+    from floatplan.motion.flight import ballistics
+
+    spatial = whole_motion(problem, written, planar.angular_momentum * normal, ballistics(problem))
+    times = np.linspace(0, planar.duration, 9)
+    expected, state = planar.at(times), spatial.state(times)
+    turned = Rotation.from_rotvec(expected.orientation[:, None] * normal)
+    assert np.abs((turned.inv() * Rotation.from_quat(state.orientation)).as_rotvec()).max() < 1e-9
+    assert state.torques == pytest.approx(expected.torques, abs=1e-9)
+    assert state.com_position[:, [0, 2]] == pytest.approx(expected.com_position, abs=1e-12)
+    assert state.base_position[:, [0, 2]] == pytest.approx(expected.base_position, abs=1e-9)
+
+
+def test_what_is_suggested_turns_the_plain_motion_to_the_goal(diver):
+    low, high = diver.position_limits.T
+    posture = (low + high) / 2
+    start, goal = fp.Attitude(angles=(0.1, 0, 0), axes="yxz"), fp.Attitude(angles=(0.1 + 2 * math.pi, 0, 0), axes="yxz")
+    problem = fp.Problem(diver, fp.Posture(start, posture), fp.Posture(goal, posture), fp.Flight(1.2, "suggested"))
+    h = suggested_momentum(problem)
+    plain = fp.plan(problem)
+    assert plain.ok
+    assert plain.objective_value < 1e-9
+    assert plain.angular_momentum == pytest.approx(h)
+    assert abs(h[1]) > 50 * np.hypot(h[0], h[2])
+
+
+def test_the_motion_in_the_files_coordinates_is_one_of_pinocchio(diver):
+    """No force on the base but gravity, q' = v, v' = a, and the momentum is constant."""
+    plan = fp.plan(fp.load_problem(URDF.parent / "problems" / "space" / "diver_half_twist.toml"))
+    assert plan.ok
+    model = pin.buildModelFromXML(diver.xml, pin.JointModelFreeFlyer())
+    model.gravity = pin.Motion(np.array([0.0, 0.0, -9.81]), np.zeros(3))
+    data, step = model.createData(), 1e-5
+    for time in (0.1, 0.6, 1.3):
+        q, v, a, tau = (getattr(plan, name)(time) for name in ("q", "v", "a", "tau"))
+        assert pin.rnea(model, data, q, v, a) == pytest.approx(tau, abs=1e-9)
+        before, after = plan.q(time - step), plan.q(time + step)
+        assert pin.difference(model, before, after) / (2 * step) == pytest.approx(v, abs=1e-5)
+        assert (plan.v(time + step) - plan.v(time - step)) / (2 * step) == pytest.approx(a, abs=2e-3)
+        momentum = pin.computeCentroidalMomentum(model, data, q, v).angular
+        assert momentum == pytest.approx(plan.angular_momentum, abs=1e-9)

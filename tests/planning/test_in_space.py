@@ -1,0 +1,247 @@
+"""Plans of flights in space: twists, rolls within limits, an arm on a free base; their files, replays and refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.motion.flight import momentum_set
+from floatplan.motion.spatial.rotations import logarithm
+from floatplan.planning.in_space import degrees_tried
+from floatplan.planning.lifting import LiftedFlight, close, starts
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
+from floatplan.planning.transcription.trajectory import flight_model
+from floatplan.planning.transcription.variables import decision_variables
+from floatplan.tables import ORIENTATION
+
+ROOT = Path(__file__).resolve().parents[2]
+SPACE = ROOT / "problems" / "space"
+DIVER = ROOT / "urdf" / "diver.urdf"
+
+
+@pytest.fixture(scope="module")
+def half_twist():
+    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"), prove=True)
+
+
+def test_half_a_twist_is_made_by_the_arms(half_twist):
+    plan = half_twist
+    assert plan.ok, plan.explanation
+    assert plan.certificate is None
+    angles = plan.whole.angles("yxz")
+    assert angles[-1] == pytest.approx([2 * math.pi, 0, math.pi], abs=1e-8)
+    assert plan.whole.missed < ORIENTATION
+    assert np.abs(angles[:, 1]).max() < math.radians(70)
+    assert 0.1 < plan.objective_value < 2
+    ends, problem = plan.at([0.0, plan.duration]), plan.problem
+    for index, end in enumerate((problem.initial, problem.final)):
+        assert ends.positions[index] == pytest.approx(end.positions, abs=1e-9)
+        assert ends.velocities[index] == pytest.approx(end.velocities, abs=1e-9)
+        assert ends.accelerations[index] == pytest.approx(end.accelerations, abs=1e-9)
+    momentum = plan.at(np.linspace(0, plan.duration, 23)).angular_momentum
+    assert np.abs(momentum - plan.angular_momentum).max() < 1e-9
+
+
+def test_the_takeoff_frame_leaves_its_place_and_lands_at_its_height(half_twist):
+    plan = half_twist
+    model = plan.robot.model
+    import pinocchio as pin
+
+    data, frame = model.createData(), model.getFrameId("feet")
+    for time, place in ((0.0, [0, 0, 0]), (plan.duration, None)):
+        pin.forwardKinematics(model, data, plan.q(time))
+        found = pin.updateFramePlacement(model, data, frame).translation
+        assert found[2] == pytest.approx(0.0, abs=1e-9)
+        if place:
+            assert found == pytest.approx(place, abs=1e-9)
+
+
+def test_its_file_is_read_back_bit_for_bit_and_changes_are_seen(half_twist, tmp_path):
+    path = half_twist.save(tmp_path / "plan.json")
+    content = json.loads(path.read_text())
+    assert content["format"] == "floatplan.plan/2"
+    assert content["robot"]["base"] == "free-flyer"
+    assert content["orientation"]["goal"]["quaternion_xyzw"] == pytest.approx([0, 0, 1, 0], abs=1e-12)
+    again = fp.load_plan(path)
+    times = np.linspace(0, again.duration, 7)
+    for name, values in vars(half_twist.at(times)).items():
+        assert np.array_equal(values, getattr(again.at(times), name)), name
+    assert again.problem.final.attitude == half_twist.problem.final.attitude
+    for key, value, named in (
+        ("format", "floatplan.plan/1", "angular_momentum"),
+        ("angular_momentum", 1.0, "angular_momentum"),
+        ("angular_momentum", [1.0, 2.0], "angular_momentum"),
+        ("angular_momentum_bounds", [0.0, 1.0], "angular_momentum_bounds"),
+        ("orientation", {"start": 0.0, "end": 1.0, "goal": 2.0}, "orientation"),
+        ("com", {**content["com"], "position0": [0.0, 0.0]}, "com"),
+        ("robot", {**content["robot"], "base": "planar"}, "robot"),
+    ):
+        path.write_text(json.dumps({**content, key: value}))
+        with pytest.raises(fp.InputError, match=named):
+            fp.load_plan(path)
+
+
+def test_it_lands_in_forward_dynamics_and_a_changed_one_does_not(half_twist, tmp_path):
+    flown = fp.replay(half_twist)
+    assert flown.landed
+    assert flown.orientation_error < 1e-9
+    assert flown.momentum_drift < 1e-9
+    record = half_twist.record
+    faster = replace(record, angular_momentum=1.001 * record.angular_momentum)
+    assert not fp.replay(faster, half_twist.robot).landed
+
+
+@pytest.mark.long
+def test_one_whose_coefficients_were_changed_lands_elsewhere(half_twist):
+    coefficients = half_twist.record.coefficients.copy()
+    coefficients[1, 3] *= 1.001
+    assert not fp.replay(replace(half_twist.record, coefficients=coefficients), half_twist.robot).landed
+
+
+def test_nothing_is_proved_of_it(half_twist):
+    certificate = fp.certify(half_twist)
+    assert certificate.verdict == "undecided"
+    assert "not yet for flights in space" in certificate.findings[0].label
+
+
+def test_an_arm_turns_its_free_base_within_its_limits():
+    plan = fp.plan(fp.load_problem(SPACE / "free_arm.toml"))
+    assert plan.ok, plan.explanation
+    assert plan.angular_momentum == pytest.approx([0, 0, 0])
+    assert (plan.peaks.velocity <= plan.problem.velocity_limits * (1 + 1e-9)).all()
+    assert (plan.peaks.motor_torque <= plan.problem.motor_torque_limits * (1 + 1e-9)).all()
+    turned = logarithm(plan.whole.attitudes(np.array([0.0, plan.duration])))
+    assert np.linalg.norm(turned[1]) == pytest.approx(math.radians(60), abs=1e-4)
+
+
+def test_a_search_that_finds_nothing_says_so_and_ends():
+    """Two joints about one axis cannot turn the base about another."""
+    robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf", base="free-flyer")
+    level, aside = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=(0.3, 0, 0, 1))
+    problem = fp.Problem(robot, fp.Posture(level, 0.1), fp.Posture(aside, 0.1), fp.Flight(1.0, 0.0))
+    found = planned(problem, SearchOptions(budget=1.0))
+    assert not found.plan.ok
+    assert "misses the goal's orientation" in found.plan.explanation
+
+
+def test_the_same_seed_gives_the_same_plan():
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    first, second = (fp.plan(problem, seed=3) for _ in range(2))
+    assert np.array_equal(first.coefficients, second.coefficients)
+
+
+def test_twists_and_few_joints_need_a_higher_degree():
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    assert [degrees[0] for degrees in degrees_tried(problem, flight_model(problem).flight)] == [9, 11]
+    given = replace(problem, motion=fp.Motion(degree=8))
+    assert degrees_tried(given, flight_model(given).flight) == [(8,) * 7]
+
+
+def test_a_closed_motion_has_no_gaps_between_its_cells():
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    model, branches = flight_model(problem), np.zeros((2, 7), int)
+    variables = decision_variables(problem, (9,) * 7, branches, momentum_set(problem))
+    lifted = LiftedFlight(model, model.flight, variables)
+    drawn = starts(lifted, 4)
+    motions = [close(next(drawn)) for _ in range(3)]
+    assert any(motion.is_closed() for motion in motions)
+    for motion in motions:
+        if motion.is_closed():
+            landing = lifted.landing(motion.turning.cells, motion.x)
+            assert np.linalg.norm(logarithm((landing @ model.flight.final_attitude.T)[None])) < 1e-5
+    assert model.work > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"orientation": 0.3}, "orientation: must be an Attitude"),
+        ({"orientation": fp.Attitude(quaternion_xyzw=(0, 0, 1, 0))}, "half a turn"),
+        ({"velocities": "takeoff"}, "is for flights in a plane"),
+    ],
+)
+def test_postures_that_make_no_sense_are_refused(change, message):
+    problem = fp.load_problem(SPACE / "free_arm.toml")
+    end = "start" if "velocities" in change else "goal"
+    with pytest.raises(fp.InputError, match=message):
+        replace(problem, **{end: replace(getattr(problem, end), **change)})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "give either quaternion_xyzw, or angles"),
+        ({"quaternion_xyzw": (0, 0, 0, 0)}, "length zero"),
+        ({"quaternion_xyzw": (0, 0, 1)}, "is not four numbers"),
+        ({"quaternion_xyzw": (0, 0, 0, 1), "axes": "xyz"}, "a quaternion has no axes"),
+        ({"quaternion_xyzw": (0, 0, 0, 1), "angles": (0, 0, 0), "axes": "xyz"}, "give either"),
+        ({"angles": (0, 0, 0)}, "axes: is missing"),
+        ({"angles": (0, 0, 0), "axes": "xxz"}, "neighbours that differ"),
+        ({"angles": (0, 0, 0), "axes": "xy"}, "three of the letters"),
+        ({"angles": (0, 0, math.nan), "axes": "xyz"}, "not a finite number"),
+    ],
+)
+def test_attitudes_that_are_none_are_refused(arguments, message):
+    with pytest.raises(fp.InputError, match=message):
+        fp.Attitude(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"flight": fp.Flight(1.0, (1.0, 2.0, 3.0))}, "angular_momentum: must be a number"),
+        ({"flight": fp.Flight(1.0, "suggested")}, "angular_momentum: must be a number"),
+        ({"flight": fp.Flight(1.0, horizontal_velocity=(1.0, 2.0))}, "horizontal_velocity: must be a number"),
+        ({"start": fp.Posture(fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), 0.0)}, "orientation: must be an angle"),
+    ],
+)
+def test_flights_in_a_plane_are_not_asked_as_those_in_space(change, message):
+    problem = fp.load_problem(ROOT / "problems" / "handstand.toml")
+    with pytest.raises(fp.InputError, match=message):
+        replace(problem, **change)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"flight": fp.Flight(1.0, 3.0)}, "angular_momentum: must be 0, three numbers"),
+        ({"flight": fp.Flight(1.0, (0, 0, 0), horizontal_velocity=2.0)}, "two numbers"),
+        ({"flight": fp.Flight(1.0, (0, 0, 0), fp.Takeoff("base", (1.0, 2.0)))}, "takeoff.position: must be three"),
+        ({"flight": fp.Flight(1.0, (0, 0, 0), fp.Takeoff("nose"))}, "no frame 'nose'"),
+        ({"ground": True}, "ground: is for flights in a plane"),
+        ({"obstacles": [fp.Circle(center=(0, 0), radius=1)]}, "obstacles: is for flights in a plane"),
+        ({"jump": fp.JumpRequest()}, "jump: is for flights in a plane"),
+    ],
+)
+def test_flights_in_space_are_not_asked_as_those_in_a_plane(change, message):
+    problem = fp.load_problem(SPACE / "free_arm.toml")
+    with pytest.raises(fp.InputError, match=message):
+        replace(problem, **change)
+
+
+@pytest.mark.parametrize("of", [fp.takeoff, fp.landing, fp.Replanner, fp.launch])
+def test_what_is_for_flights_in_a_plane_says_so(of, half_twist):
+    with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
+        of(half_twist if of in (fp.Replanner, fp.launch) else half_twist.problem)
+
+
+def test_robots_in_space_have_no_plane():
+    with pytest.raises(fp.InputError, match="plane: a flight in space has none"):
+        fp.Robot.from_urdf(DIVER, base="free-flyer", plane="xz")
+    with pytest.raises(fp.InputError, match="base: must be 'planar' or 'free-flyer', not 'free'"):
+        fp.Robot.from_urdf(DIVER, base="free")  # type: ignore[arg-type]
+    robot = fp.Robot.from_urdf(
+        DIVER, base="free-flyer", locked={"waist_turn": 0.2}, coupled={"right_abduction": "left_abduction"}
+    )
+    assert robot.joints == ("left_abduction", "left_flexion", "right_flexion", "waist_flexion", "waist_side")
+    assert robot.motors == (*robot.joints, "right_abduction")
+    assert (robot.model.nq, robot.model.nv) == (14, 13)
+    assert robot.reference[-1] == 0.2
+    assert "free-flyer" in repr(robot)
