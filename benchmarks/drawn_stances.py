@@ -294,7 +294,7 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
             accelerations = drawing.alone.released(y, v, a)[1:]
         if np.abs(drawing.carried(*found)[:2, -1]).max() > 1e-7 * weight or not _in_reach(drawing, found[:, :, :-1]):
             return None
-    return Grid(point.times, *found, np.zeros((0, NODES)))
+    return Grid(point.times, found[0], found[1], found[2], np.zeros((0, NODES)))
 
 
 def _known(drawing: Drawing, stances: tuple[Stance, ...]) -> DrawnStance | None:

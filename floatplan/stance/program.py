@@ -46,7 +46,7 @@ CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at 
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
-SMOOTH, STEADY = 0.1, 1e-3  # [-] of squared torques, and of such steps, beside the factor
+SMOOTH, STEADY = 0.1, 0.01  # [-] of squared torques, beside the factor; of such steps, beside these
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
@@ -54,7 +54,8 @@ IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "m
 ONE_SIDE = {"max_hessian_perturbation": 1e6, "adaptive_mu_globalization": "never-monotone-mode"}
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 250  # [-] of IPOPT; jumps that are found take half as many
+ITERATIONS = 400
+AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +102,7 @@ class JumpProgram:
     momentum : kg m^2/s, where it is given
     limits : whether the factor on limits is least, instead of squared torques
     iterations : of IPOPT at most
+    smooth : weight of squared torques beside the factor
     """
 
     def __init__(
@@ -111,13 +113,14 @@ class JumpProgram:
         momentum: float | None = None,
         limits: bool = False,
         iterations: int = ITERATIONS,
+        smooth: float = SMOOTH,
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations = limits, iterations
+        self._limits, self._iterations, self._smooth = limits, iterations, smooth
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -216,7 +219,8 @@ class JumpProgram:
             rough += ca.sumsqr(unit**2 * ca.diff(parts[2][1:, :], 1, 1))
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
-        cost = factor + SMOOTH * total / unit + STEADY * rough if self._limits else total / unit + ROUGHNESS * rough
+        cost = total / unit + (STEADY if self._limits else ROUGHNESS) * rough
+        cost = factor + self._smooth * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
 
@@ -384,6 +388,7 @@ class JumpProgram:
         other = copy(self)
         vars(other).pop("stated", None)
         other.node, other.separation = copy(self.node), separation
+        other._iterations = min(self._iterations, AROUND) if separation.lines else self._iterations
         other.node.held = held
         return other
 
