@@ -76,7 +76,7 @@ class Robot:
 
     Attributes
     ----------
-    name, path, sha256, xml : of the URDF file as read
+    name, path, sha256, xml : of the file as read; ``xml`` is a URDF, of an MJCF the one that is the same robot
     source : the file as the caller named it, such as ``example-robot-data:...``
     base : "planar", or "free-flyer" in space
     joints : (n) names of the planned joints, in the order of all arrays

@@ -81,6 +81,38 @@ def test_from_a_robot_to_its_jump_in_two_commands(floatplan: Command, name: str)
     assert [phase.kind for phase in found.phases] == ["stance", "stance", "flight", "stance", "stance"]
 
 
+ASKED = {
+    "gymnast": (["--turns", "1", "--duration", "0.62"], -1),
+    "high_jumper": (["--degrees", "--locked", "q3=30", "--turns", "0"], 0),
+}
+
+
+@pytest.mark.long
+@needs_jumps
+@pytest.mark.parametrize("name", ASKED)
+def test_what_is_asked_plans_as_it_stands(floatplan: Command, root: Path, name: str) -> None:
+    """And jumps; its daily representative, in ``tests/initial/test_asked.py``, makes no jump of its own."""
+    options, turns = ASKED[name]
+    assert floatplan("init", root / "urdf" / f"{name}.urdf", *options, "-q").code == 0
+    problem = planned(floatplan, Path(f"{name}.toml")).problem
+    assert problem.flight.duration == 0.62 or "--duration" not in options
+    assert dict(problem.robot.locked) == ({"q3": math.radians(30)} if "--locked" in options else {})
+    assert floatplan("jump", f"{name}.toml", "-o", "jump", "--no-report").code == 0
+    found = fp.load_jump("jump/jump.json")
+    standing = jump_setup(found.problem, found.request).standing
+    assert standing[1, 0] - standing[0, 0] == pytest.approx(turns * problem.robot.plane.turn * 2 * math.pi)
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+@pytest.mark.usefixtures("afloat")
+def test_asked_turns_without_casadi_are_refused(floatplan: Command) -> None:
+    """They are no turn afloat, so that one is not written in their place."""
+    run = floatplan("init", PREFIX + SOLO12, "--turns", "1")
+    assert run.code == 2
+    assert "--turns: it is about a jump. No jump was looked for: CasADi is not installed" in run.stderr
+    assert not Path("solo12.toml").exists()
+
+
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 @pytest.mark.usefixtures("afloat")
 def test_without_casadi_it_is_afloat_and_says_so(floatplan: Command) -> None:

@@ -1,7 +1,7 @@
 """What the actuators of a compiled MJCF can, and what their joints feel of them."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,18 +12,10 @@ from floatplan.robot.mjcf.tree import MjcfTree
 UNLIMITED = np.array([-math.inf, math.inf])
 
 
-class JointMotor(NamedTuple):
-    """A joint's largest torque, N m, zero without a limit; armature kg m^2, damping N m s/rad, friction N m."""
-
-    effort: float
-    armature: float
-    damping: float
-    friction: float
-
-
-def joint_motors(tree: MjcfTree) -> tuple[dict[int, JointMotor], list[str]]:
+def joint_motors(tree: MjcfTree) -> tuple[dict[int, dict[str, float]], list[str]]:
     """Return the motor of each joint that moves the robot's bodies, and warnings about what is not as in the file.
 
+    A motor has ``effort``, N m, zero without a limit, ``armature`` kg m^2, ``damping`` N m s/rad and ``friction`` N m.
     What several actuators of a joint can adds up. Limits are one number for both directions, the smaller one, and none
     where the joint is driven in one direction only.
     """
@@ -44,7 +36,8 @@ def joint_motors(tree: MjcfTree) -> tuple[dict[int, JointMotor], list[str]]:
         for index, key in enumerate(("actuator_armature", "actuator_damping")):  # of newer versions of MuJoCo
             if hasattr(model, key):
                 felt[index] += float(model.actuator_gear[actuators, 0] ** 2 @ getattr(model, key)[actuators])
-        motors[joint] = JointMotor(effort if 0.0 < effort < math.inf else 0.0, *felt)
+        felt = [effort if 0.0 < effort < math.inf else 0.0, *felt]
+        motors[joint] = dict(zip(("effort", "armature", "damping", "friction"), felt, strict=True))
     said = {
         "actuators that act on no joint, left out": others,
         "joints without an actuator, planned as if they had one without limits": idle,

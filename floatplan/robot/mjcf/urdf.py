@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.robot.mjcf.compiled import compiled_mjcf, import_mujoco
-from floatplan.robot.mjcf.motors import JointMotor, joint_motors
+from floatplan.robot.mjcf.motors import joint_motors
 from floatplan.robot.mjcf.text import whole_mjcf
 from floatplan.robot.mjcf.tree import MjcfTree, new_name
 from floatplan.robot.urdf.tree import UrdfText
@@ -108,7 +108,7 @@ def _collision(model: Any, geom: int, meshes: Mapping[int, str]) -> str:
     return f"<collision>{_origin(place)}<geometry><{shape}/></geometry></collision>"
 
 
-def _joints(tree: MjcfTree, motors: Mapping[int, JointMotor]) -> Iterator[str]:
+def _joints(tree: MjcfTree, motors: Mapping[int, Mapping[str, float]]) -> Iterator[str]:
     """What carries each body: its joints one after the other, and what then leads to the body's own frame."""
     model, links = tree.model, set(tree.body_names.values())
     for body in tree.bodies[1:]:
@@ -126,8 +126,8 @@ def _joints(tree: MjcfTree, motors: Mapping[int, JointMotor]) -> Iterator[str]:
             limited, motor = bool(model.jnt_limited[joint]), motors[joint]
             kind = "prismatic" if slides else "revolute" if limited else "continuous"
             lower, upper = model.jnt_range[joint] if limited else (0.0, 0.0)  # zeros are no limits
-            limit = _written(lower=lower, upper=upper, effort=motor.effort, velocity=0.0)
-            losses = {key: value for key, value in motor._asdict().items() if key != "effort" and value}
+            limit = _written(lower=lower, upper=upper, effort=motor["effort"], velocity=0.0)
+            losses = {key: value for key, value in motor.items() if key != "effort" and value}
             inside = f"<axis {_written(xyz=axis)}/><limit {limit}/><dynamics {_written(**losses)}/>"
             yield _joint(tree.joint_names[joint], kind, (carrier, child), place, inside)
             carrier, place = child, _place(-anchor)
