@@ -8,7 +8,9 @@ Pinocchio's inverse dynamics is drawn again. Limits are a little above what the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,8 @@ from floatplan.stance.rows import balanced
 from floatplan.tables import POINT_FEET
 
 NODES = 61  # [-] of each phase
+FEW = 13  # [-] of one that is only tried
+FOLLOWED = 12  # [-] times, at most, until feet carry nothing at the end
 WIDER = 1.5  # [-] bounds of durations about those that are known
 HEADROOM = 1.05  # [-] of limits over what the stance needs
 SLIPPERY = (0.25, 0.8)  # [-] friction of what is kept
@@ -71,7 +75,7 @@ class Drawing:
         self.model = PlanarModel(self.robot, GRAVITY)
         alone = Phase("takeoff", self.feet[:1], 1.0, (1.0, 1.0), 1)
         self.alone = StanceDynamics(self.model, alone, self.home)
-        self.point = OnePoint(self.alone, np.linspace(0.0, 1.0, NODES))
+        self.tried, self.point = (OnePoint(self.alone, np.linspace(0.0, 1.0, count)) for count in (FEW, NODES))
         rear, front = (foot.spots[0] for foot in self.feet)
         model, size = self.model, len(self.home)
         (fx, fz), _ = balanced(model, alone, [])
@@ -115,7 +119,9 @@ class Drawing:
             value, ways, _ = self.task(y, v)
             step = np.linalg.solve(ways[:, :, 1:], (wanted[0] - value)[:, :, None])[:, :, 0]
             y[1:] += np.clip(step.T, -0.5, 0.5)
-        if not np.abs(step).max() < 1e-10:
+            if np.abs(step).max() < 1e-10:
+                break
+        else:
             return None
         v[1:] = np.linalg.solve(ways[:, :, 1:], (wanted[1] - ways[:, :, 0] * v[0][:, None])[:, :, None])[:, :, 0].T
         rest = wanted[2] - ways[:, :, 0] * orientation[2][:, None] - self.task(y, v)[2]
@@ -137,36 +143,48 @@ def drawn_stances(count: int) -> tuple[list[DrawnStance], int]:
 
 def drawn_stance(drawing: Drawing, rng: np.random.Generator, together: bool) -> DrawnStance | None:
     """Draw a stance, whose feet leave together or the front ones first; None where it does not hold."""
+    alone = 0.0 if together else rng.uniform(0.03, 0.12)
     try:
-        grid = _both(drawing, rng, together)
+        grid = _both(drawing, rng, alone)
     except np.linalg.LinAlgError:
         return None
     if grid is None:
         return None
     stances = [Stance(drawing.robot, GRAVITY, drawing.feet, 0j, grid)]
-    if not together:
-        last = _alone(drawing, rng, grid, rng.uniform(0.03, 0.12))
+    if alone and _promises(stances[0]):
+        last = _alone(drawing, rng, grid, alone)
         if last is None:
             return None
         stances.append(Stance(drawing.robot, GRAVITY, drawing.feet[:1], 0j, last))
-    return _known(drawing, tuple(stances)) if all(map(_presses, stances)) else None
+    return _known(drawing, tuple(stances)) if _promises(stances[-1]) else None
 
 
-def _presses(stance: Stance) -> bool:
+def _in_reach(drawing: Drawing, motion: Sequence[Array] | Array) -> bool:
+    """Whether joints are in range, and the force on all feet together in the widest cone."""
+    low, high = np.asarray(drawing.robot.position_limits).T[..., None]
+    horizontal, vertical = drawing.carried(*motion)[:2]
+    within = ((low < motion[0][1:]) & (motion[0][1:] < high)).all()
+    return bool(within and (np.abs(horizontal) <= SLIPPERY[1] * vertical).all())
+
+
+def _promises(stance: Stance) -> bool:
     """Whether at some instants forces are in the cone, so that it is worth to look at all of them."""
     forces = [each[:-2] for each in stance.at(stance.grid.times[:: NODES // 10]).forces.values()]
     return all((each[:, 1] > 0).all() and (np.abs(each[:, 0]) < SLIPPERY[1] * each[:, 1]).all() for each in forces)
 
 
-def _both(drawing: Drawing, rng: np.random.Generator, together: bool, straight: bool = False) -> Grid | None:
+def _both(drawing: Drawing, rng: np.random.Generator, alone: float = 0.0, straight: bool = False) -> Grid | None:
     """The phase on all feet, from rest; at its end the front feet carry nothing, or no foot does.
+
+    The rear feet are to stand ``alone`` for so long, s, then.
 
     Where it is to end ``straight``, the centre of mass then rises upright and the angular momentum is zero.
     """
     height, begin = drawing.stands[1], np.append(0.0, drawing.stands[:2])
     moved = rng.uniform((-0.3, -0.25, -0.15), (0.3, 0.2, 0.3)) * (1.0, height, height)
     rates = rng.uniform((-3.0, -1.0, 0.8), (3.0, 1.0, 2.8)) * (1.0, *([np.sqrt(height / 0.3)] * 2))
-    changes = rng.uniform((-40.0, -6.0, -6.0), (40.0, 6.0, 20.0)) if not together else np.array([0.0, 0.0, -GRAVITY])
+    moved -= rates * alone
+    changes = rng.uniform((-40.0, -6.0, -6.0), (40.0, 6.0, 20.0)) if alone else np.array([0.0, 0.0, -GRAVITY])
     times = np.linspace(0.0, rng.uniform(0.15, 0.45), NODES)
 
     def motion(turning: float, at: Array) -> tuple[Array, Array, Array] | None:
@@ -185,18 +203,14 @@ def _both(drawing: Drawing, rng: np.random.Generator, together: bool, straight: 
         rates[0] = 1.0
         rates[0] = -still / (last(0.0, 3) - still)
     rest = last(0.0, 2)
-    turning = -rest / (last(1.0, 2) - rest)  # at which the front feet carry nothing
-    if not np.isfinite(turning):
-        return None
-    few = motion(turning, times[6:-1:6])  # most do not hold, which few instants show
-    found = None if few is None or drawing.carried(*few)[1].min() < 0 else motion(turning, times)
-    if found is None:
+    turning = np.nan if np.isnan(rest) else -rest / (last(1.0, 2) - rest)  # at which the front feet carry nothing
+    few = None if np.isnan(turning) else motion(turning, times[6:-1:6])  # most do not hold, which few instants show
+    found = motion(turning, times) if few is not None and _in_reach(drawing, few) else None
+    if found is None or not _in_reach(drawing, [each[:, : None if alone else -1] for each in found]):
         return None
     fx, fz, *_ = drawing.carried(*found)
-    if not (fz[: -1 if together else None] > 0).all():
-        return None
     ratios = fx / np.where(fz > 0, fz, 1.0)
-    if together:
+    if not alone:
         ratios[-1] = 2 * ratios[-2] - ratios[-3]
     return Grid(times, *found, ratios[None])
 
@@ -215,11 +229,11 @@ def drawn_hops(count: int) -> tuple[list[fp.Problem], int]:
 def _hop(drawing: Drawing, rng: np.random.Generator) -> fp.Problem | None:
     """A jump straight up whose landing is its takeoff, backwards in time; so is the second half of its flight."""
     try:
-        grid = _both(drawing, rng, together=True, straight=True)
+        grid = _both(drawing, rng, straight=True)
     except np.linalg.LinAlgError:
         return None
     stance = None if grid is None else Stance(drawing.robot, GRAVITY, drawing.feet, 0j, grid)
-    known = _known(drawing, (stance,)) if stance is not None and _presses(stance) else None
+    known = _known(drawing, (stance,)) if stance is not None and _promises(stance) else None
     flown = None if known is None else _flown(known.plan, drawing)
     if known is None or flown is None or stance is None:
         return None
@@ -260,32 +274,27 @@ def _flown(plan: Plan, drawing: Drawing) -> tuple[Array, Array] | None:
 def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: float) -> Grid | None:
     """The phase on the rear feet, at whose end they carry nothing."""
     first = before.motion[:, 1:, -1]
-    begin = before.times[-1]
-    times = begin + np.linspace(0.0, duration, NODES)
+    begin, start = before.times[-1], (float(before.y[0, -1]), float(before.v[0, -1]))
     rates = first[1] + first[2] * duration / 2 + rng.uniform(-25.0, 25.0, len(first[0])) * duration
-    last = first[0] + (0.6 * first[1] + 0.4 * rates) * duration + rng.uniform(-2.0, 2.0, len(rates)) * duration**2
-    point = drawing.point
-    point.times = times
+    moved = (0.6 * first[1] + 0.4 * rates) * duration + rng.uniform(-2.0, 2.0, len(rates)) * duration**2
+    weight = drawing.robot.mass * GRAVITY
 
-    def motion(accelerations: Array) -> Array:
-        end, start = np.stack((last, rates, accelerations)), (float(before.y[0, -1]), float(before.v[0, -1]))
-        return point.follow(lambda at: quintic(at, times[[0, -1]], first, end), start)
-
-    def carried(accelerations: Array) -> Array:
-        return drawing.carried(*motion(accelerations)[:, :, -1:])[:2, 0]
-
-    unknown, weight = np.zeros(len(last)), drawing.robot.mass * GRAVITY
-    for _ in range(8):
-        value = carried(unknown)
-        if not np.isfinite(value).all() or np.abs(value).max() < 1e-9 * weight:
-            break
-        ways = np.stack([carried(unknown + way) - value for way in np.eye(len(last))], axis=1)
-        unknown = unknown - np.linalg.pinv(ways) @ value
-    if not np.abs(carried(unknown)).max() < 1e-7 * weight:
-        return None
-    y, v, a = motion(unknown)
-    fz = drawing.carried(y, v, a)[1]
-    return Grid(times, y, v, a, np.zeros((0, NODES))) if (fz[:-1] > 0).all() else None
+    accelerations = np.zeros(len(rates))
+    for point in (drawing.tried, drawing.point):  # most do not hold, which few nodes show
+        point.times = begin + duration * np.linspace(0.0, 1.0, len(point.times))
+        for _ in range(FOLLOWED):
+            end = np.stack((first[0] + moved, rates, accelerations))
+            joints = partial(quintic, span=point.times[[0, -1]], first=first, last=end)
+            found = point.follow(joints, start)
+            if not np.isfinite(found).all() or abs(found[1, 0, -1]) > FASTEST:
+                return None
+            y, v, a = found[:, :, -1]
+            if np.abs(drawing.carried(y, v, a)[:2]).max() < 1e-9 * weight:
+                break
+            accelerations = drawing.alone.released(y, v, a)[1:]
+        if np.abs(drawing.carried(*found)[:2, -1]).max() > 1e-7 * weight or not _in_reach(drawing, found[:, :, :-1]):
+            return None
+    return Grid(point.times, found[0], found[1], found[2], np.zeros((0, NODES)))
 
 
 def _known(drawing: Drawing, stances: tuple[Stance, ...]) -> DrawnStance | None:
@@ -293,9 +302,7 @@ def _known(drawing: Drawing, stances: tuple[Stance, ...]) -> DrawnStance | None:
     robot, last = drawing.robot, stances[-1].grid
     momentum, horizontal, vertical = drawing.carried(*last.motion[:, :, -1:])[3:, 0].tolist()
     y, v, a = last.motion[:, :, -1]
-    low, high = np.asarray(robot.position_limits).T[..., None]
-    within = all(((low < each.grid.y[1:]) & (each.grid.y[1:] < high)).all() for each in stances)
-    if not (within and RISING[0] < vertical < RISING[1]):
+    if not RISING[0] < vertical < RISING[1]:
         return None
     names = [tuple(each.frame for each in stance.contacts) for stance in stances]
     request = fp.JumpRequest(friction=SLIPPERY[1], takeoff=fp.JumpTakeoff(contacts=names))

@@ -16,7 +16,7 @@ from floatplan.errors import InputError, naming
 
 Output = Annotated[Path | None, option("DIR", "Where files go; beside the plan if left out.", "--output", "-o")]
 STIFFNESS = (
-    "Stiffness of the joints, N m/rad, of all or by name; of a jump that of a bandwidth of 100 rad/s if left out."
+    "Stiffness of the joints, N m/rad, of all or by name; of a jump as of its lightest joint at 125 rad/s if left out."
 )
 ERRORS = (
     "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, rise, "
@@ -24,7 +24,7 @@ ERRORS = (
     "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms."
 )
 FLIGHTS = "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too."
-DAMPING = "Their damping, N m s/rad; the critical one if left out."
+DAMPING = "Their damping, N m s/rad; the critical one, or nearly so, if left out."
 
 
 def certify(
@@ -183,6 +183,8 @@ def show(
     with naming(motion_file):
         plan = motion.view
         _ = plan.problem  # a jump's is made now, or refused with the name of its file
+    if isinstance(motion, fp.Jump) and not motion.ok:
+        common.tell(quiet)(f"warning: this jump does not hold: {motion.check.sentences[0]}")
     other = None if compare is None else fp.load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)

@@ -138,12 +138,10 @@ def exported(
     Raises
     ------
     InputError
-        There is no motion, or a gain is wrong.
+        No jump was found, or its check does not hold; or a gain is wrong.
     """
-    if not motion.duration > 0:
-        raise InputError(
-            "no jump was found, so there is nothing to export", source=motion.problem.name, element="status"
-        )
+    if isinstance(motion, JumpMotion):
+        motion.refuse_unless_ok("export")
     found = Exported(motion, model=model)
     if isinstance(motion, JumpMotion):
         return replace(found, gains=read_only(first_gains(motion, (kp, kd))))

@@ -72,20 +72,18 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
     if choices.get("coupled"):
         mirror = choices["coupled"] == "mirror"
-        asked = "mirror" if mirror else {name: asdict(coupling) for name, coupling in robot.coupled.items()}
+        pairs = {name: asdict(each) | {"offset": _degrees(each.offset)} for name, each in robot.coupled.items()}
+        asked = "mirror" if mirror else pairs
         lines.append(f"coupled = {_value(asked)}{'     # left and right move as one' if mirror else ''}")
-        pairs = (f"{follower} follows {coupling.leader}" for follower, coupling in robot.coupled.items())
-        lines += _comment(f"{', '.join(pairs)}.")
+        follows = (f"{follower} follows {coupling.leader}" for follower, coupling in robot.coupled.items())
+        lines += _comment(f"{', '.join(follows)}.")
     if "reference" in choices:
         lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
     if choices.get("locked"):
-        turns = {joint.name for joint in robot.layout.tree.joints if joint.turns}
-        held = {name: _degrees(each) if name in turns else each for name, each in choices["locked"].items()}
-        lines.append(f"locked = {_value(held)}")
+        lines.append(f"locked = {_value({name: _degrees(each) for name, each in choices['locked'].items()})}")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     turning = [name for name in robot.locked if name not in sliding]
-    told = [("Locked", turning), ("Held, because joints that slide are not planned", sliding)]
-    for words, names in told:
+    for words, names in (("Locked", turning), ("Held, because joints that slide are not planned", sliding)):
         lines += _comment(f"{words}: {', '.join(names)}.") if names else []
     lines += [line for told in explain_wheels(robot) for line in _comment(f"{told[0].upper()}{told[1:]}.")]
     if chosen.feet:

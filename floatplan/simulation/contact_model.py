@@ -41,10 +41,12 @@ class ContactRobot:
     touched : geoms that touched the ground
     forces, points : (C, 3) N, m, of the feet; NaN where one is in the air
     slips : (C,) m/s, of those that press on the ground
+    balanced : bodies whose inertia MuJoCo refuses, as of :func:`floatplan.simulation.mujoco_model.inertial_spec`
     """
 
     def __init__(self, jump: JumpMotion, friction: float, drawn: Drawn) -> None:
-        self.robot, self.model = jump.problem.robot, contact_model(jump, friction, drawn)
+        self.robot = jump.problem.robot
+        self.model, self.balanced = contact_model(jump, friction, drawn)
         self.light = LIGHT * self.robot.mass * jump.problem.flight.gravity
         self.data = import_mujoco().MjData(self.model)
         joints = [self.model.joint(f"joint{joint}") for joint in range(BASE + 1, self.robot.model.njoints)]
@@ -113,8 +115,10 @@ class ContactRobot:
         return bool(turned and level > np.cos(TIPPED) and heights[0] > LOW * heights[1])
 
 
-def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> Any:
-    """Return the ``mujoco.MjModel`` of a jump's robot on its ground; errors as of :func:`planar_model`.
+def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> tuple[Any, dict[str, float]]:
+    """Return the ``mujoco.MjModel`` of a jump's robot on its ground, and which bodies were balanced.
+
+    Errors are those of :func:`planar_model`.
 
     Feet are spheres about their frames, as large as these are high above the ground where they stand; each end of a
     sole is one of ``SMALLEST``.
@@ -125,7 +129,7 @@ def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> Any:
     drawn : factors of the links' masses and inertias, and the rotors that come on top of the problem's
     """
     mujoco, robot = import_mujoco(), jump.problem.robot
-    spec = inertial_spec(robot, robot.file_tree, {}, in_plane=False)
+    spec, balanced = inertial_spec(robot, robot.file_tree, {}, in_plane=False)
     up, kinds = np.asarray(robot.plane.vertical, dtype=np.float64), mujoco.mjtGeom
     spec.option.gravity = -jump.problem.flight.gravity * up
     spec.option.timestep = STEP
@@ -159,7 +163,7 @@ def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> Any:
     model = compiled(robot, spec)
     entries = [0, *(int(model.joint(own).qposadr[0]) for own in names)]
     scale_bodies(model, np.array(entries), drawn.mass, drawn.inertia)
-    return model
+    return model, balanced
 
 
 def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:

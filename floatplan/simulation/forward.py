@@ -38,7 +38,9 @@ Gains: TypeAlias = tuple[Gain | None, Gain | None]  # stiffness, damping
 
 FASTEST = 1e4  # [rad/s] bandwidth of feedback
 BANDWIDTH = 100.0  # [rad/s] of a controller's feedback, where none is said
-DAMPED = 0.15  # [-] damping of a jump's feedback over its stiffness and sqrt(height / gravity)
+STIFFEST = 125.0  # [rad/s] of a jump's feedback, over what is measured 4 ms late and held for 2 ms: 0.6 over the delay
+LEAD = 0.017  # [s] its damping over its stiffness: nearly critical
+INSTANTS = 33  # [-] of a flight
 TIGHT = 1e-12  # [-] per step; open loop, errors grow with the motion: 10-fold in a flight, 1e12-fold with 20 links
 LOOSE = 1e-8  # [-] where what is flown was perturbed by far more
 MOST_EVALUATIONS = 40_000  # [-] of the dynamics; flights of real robots take up to 2000
@@ -86,16 +88,20 @@ def given_gains(joints: Sequence[str], given: Gain | None, element: str, otherwi
 def first_gains(jump: JumpMotion, given: Gains = (None, None)) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as given.
 
-    What is left out is the same of all: the robot's weight times its height where it stands, and what damps that.
-    InputError where one that is given is wrong.
+    What is left out is the same of all: what gives the lightest joint in flight the bandwidth ``STIFFEST``, but at
+    least the weight times its height where the robot stands, which it falls over without; and ``LEAD`` times that. The
+    lightest bounds them all, for damping of more than its inertia over the delay rings. InputError where one that is
+    given is wrong.
     """
-    robot, gravity = jump.problem.robot, jump.problem.flight.gravity
-    begin = jump.at(0.0).positions[0]
-    height = float(
-        (pin.centerOfMass(robot.model, robot.model.createData(), begin) @ robot.plane.vertical) - jump.ground
-    )
-    stiffness, joints = robot.mass * gravity * height, tuple(robot.model.names)[BASE_COORDINATES + 1 :]
-    usual = [float(f"{gain:.2g}") for gain in (stiffness, DAMPED * stiffness * math.sqrt(height / gravity))]
+    robot, begin = jump.problem.robot, jump.at(0.0).positions[0]
+    com = pin.centerOfMass(robot.model, robot.model.createData(), begin) @ robot.plane.vertical
+    standing = robot.mass * jump.problem.flight.gravity * float(com - jump.ground)
+    model, joints = robot.model, tuple(robot.model.names)[BASE_COORDINATES + 1 :]
+    takeoff, landing = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
+    postures = jump.at(np.linspace(takeoff, landing, INSTANTS)).positions
+    lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
+    stiffness = max(STIFFEST**2 * lightest, standing)
+    usual = [float(f"{gain:.2g}") for gain in (stiffness, LEAD * stiffness)]
     rows = zip(given, ("kp", "kd"), usual, strict=True)
     return np.array([given_gains(joints, each, name, np.full(len(joints), gain)) for each, name, gain in rows])
 

@@ -8,7 +8,7 @@ the planner is used: the ground pushes as MuJoCo's contacts do.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -27,7 +27,10 @@ STEPS = round(PERIOD / STEP)  # [-] of the simulation in it
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion."""
+    """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion.
+
+    ``balanced`` is as of :func:`floatplan.simulation.mujoco_model.inertial_spec`.
+    """
 
     stands: bool
     touched: tuple[str, ...]
@@ -35,6 +38,7 @@ class Flown:
     torque: float
     slid: float
     statuses: Counter[str]
+    balanced: dict[str, float]
     motion: FlownJump
 
 
@@ -68,10 +72,17 @@ class JumpControl:
         self.every = 1 if rate is None else max(1, round(1 / (rate * PERIOD)))
 
     def fly(
-        self, perturbation: Perturbation, friction: float, flight: tuple[int, int], correct: bool, record: bool = False
+        self,
+        perturbation: Perturbation,
+        friction: float,
+        flight: tuple[int, int],
+        correct: bool,
+        record: bool = False,
+        rotors: float | None = None,
     ) -> Flown:
-        """Fly one robot, drawn by a seed and its number, on a ground of some friction."""
+        """Fly one robot, drawn by a seed and its number, or with some rotors, kg m^2, on a ground of some friction."""
         drawn = perturbation.drawn(*flight, len(self.joints), self.robot.model.njoints)
+        drawn = drawn if rotors is None else replace(drawn, armature=rotors)
         robot = ContactRobot(self.jump, drawn.friction * friction, drawn)
         robot.begin(self.ends[0], self.wanted.positions[0])
         loop = _Loop(self, perturbation, drawn, self.replanner if correct else None)
@@ -93,6 +104,7 @@ class JumpControl:
             torque=loop.share,
             slid=float(np.max(slid)),
             statuses=loop.statuses,
+            balanced=robot.balanced,
             motion=self._recorded(rows, tuple(robot.feet)),
         )
 

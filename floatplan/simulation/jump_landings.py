@@ -10,6 +10,7 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, BoolArray, read_only
 from floatplan.files import plain
+from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState
@@ -124,6 +125,7 @@ class JumpReplay(Outlined):
     uncorrected, corrected : JumpLandings
         The same robots, the same noise; the latter where there is a rate.
     statuses : how often a correction had which
+    balanced : bodies whose inertia MuJoCo refuses -> change of a principal moment, kg m^2
     motion : FlownJump
         The first flight, corrected where there is a rate.
     seconds : time that it took
@@ -144,6 +146,7 @@ class JumpReplay(Outlined):
     uncorrected: JumpLandings
     corrected: JumpLandings | None
     statuses: dict[str, int]
+    balanced: dict[str, float]
     motion: FlownJump
     seconds: float
 
@@ -151,6 +154,7 @@ class JumpReplay(Outlined):
     def engine(self) -> str:
         """What flew them."""
         words = [f"friction {self.friction:g}", *self.perturbation.in_words()]
+        words += [f"inertias {balanced_in_words(self.balanced)}"] if self.balanced else []
         return f"MuJoCo with contact, {', '.join(words)}"
 
     @property
@@ -194,6 +198,7 @@ class JumpReplay(Outlined):
                 "uncorrected": self.uncorrected.to_dict(),
                 "corrected": None if self.corrected is None else self.corrected.to_dict(),
                 "statuses": self.statuses,
+                "balanced": self.balanced,
                 "seconds": self.seconds,
             }
         )

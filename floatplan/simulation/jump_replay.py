@@ -1,12 +1,11 @@
 """Replay of whole jumps: perturbed robots fly one in MuJoCo with contact, with corrections in flight and without."""
 
+import itertools
 import math
 import time as clock
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from floatplan.arguments import SEED, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
@@ -14,38 +13,44 @@ from floatplan.errors import InputError
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
-from floatplan.simulation.forward import Gains, first_gains
+from floatplan.simulation.forward import Gains, first_gains, joint_inertia
 from floatplan.simulation.jump_flight import Flown, JumpControl
 from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 
-MULTIPLES = ((1.0, 1.0), (1.5, 1.5), (0.7, 0.7), (1.5, 2.0), (0.7, 1.0), (2.0, 2.0), (0.5, 0.5), (3.0, 3.0))
-TRIALS, SEARCH = 4, 977  # [-] flights, and their seed
+MULTIPLES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
+TRIALS, SEARCH = 4, 977  # [-] flights with the lightest and with the heaviest rotors each, and their seed
+CORRECTED = 250.0  # [Hz]
 TO_SPARE = 0.2  # [-] of friction
 STRAIGHT = 0.1  # [rad]
-ROTORS = 4e-4  # [s^2] armature that may be there, over stiffness: 0.02 kg m^2 of a Go2
+ROTORS = 2.5  # [-] armature that may be there, over the least inertia that a joint turns where the robot stands
 
 
-def search_gains(control: JumpControl) -> int:
-    """Give a controller the gains with which robots land that measure late and have rotors that nobody knows.
+def search_gains(jump: Jump) -> tuple[Array, int]:
+    """Return gains (2, J) with which robots land that measure late, whatever rotors they have, and how many were tried.
 
-    Multiples of those that it has, each flown ``TRIALS`` times without corrections: the first with which all land on
-    their feet alone, ``STRAIGHT`` at touchdown, or else those with which most do. Returns how many were tried.
+    Light rotors ring where gains are high, heavy ones lag where they are low, so each of some multiples of
+    :func:`first_gains` is flown with none and with the heaviest, with corrections in flight and without, ``TRIALS``
+    times each: the first with which all land on their feet alone, ``STRAIGHT`` at touchdown, or else those with which
+    most do.
     """
-    friction = control.jump.request.friction + TO_SPARE
-    first, found = control.gains, list[tuple[tuple[float, ...], Array]]()
-    perturbation = Perturbation(mass=0.05, armature=ROTORS * float(first[0, 0]), noise=math.radians(0.1), delay=4e-3)
-    for factors in MULTIPLES:
-        control.gains = first * np.array(factors)[:, None]
-        flown = [control.fly(perturbation, friction, (SEARCH, trial), correct=False) for trial in range(TRIALS)]
-        ends = _landings(flown)
+    first, found = first_gains(jump), list[tuple[tuple[float, ...], Array]]()
+    control = JumpControl(jump, first, CORRECTED)
+    heaviest = ROTORS * float(joint_inertia(control.robot.model, control.wanted.positions[0]).min())
+    late = Perturbation(mass=0.05, noise=math.radians(0.1), delay=4e-3)
+    friction = jump.request.friction + TO_SPARE
+    ways = list(itertools.product((0.0, heaviest), (False, True), range(TRIALS)))
+    for factor in MULTIPLES:
+        control.gains = factor * first
+        ends = _landings(
+            [control.fly(late, friction, (SEARCH, trial), correct, rotors=rotors) for rotors, correct, trial in ways]
+        )
         found.append(((int(ends.clean.sum()), int(ends.stands.sum()), -ends.pitch_rms), control.gains))
         if ends.clean.all() and ends.pitch_rms < STRAIGHT:
             break
-    control.gains = max(found, key=lambda each: each[0])[1]
-    return len(found)
+    return max(found, key=lambda each: each[0])[1], len(found)
 
 
 @one_thread
@@ -82,7 +87,8 @@ def replay_jump(
     Raises
     ------
     InputError
-        No jump was found, a number is wrong, a perturbation makes no sense, or MuJoCo is not installed.
+        No jump was found, or its check does not hold; a number is wrong, a perturbation makes no sense, or MuJoCo is
+        not installed.
     """
     began = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
@@ -91,15 +97,13 @@ def replay_jump(
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
-    if jump.flight is None:
-        raise InputError("no jump was found, so there is nothing to fly", source=jump.problem.name, element="status")
+    jump.refuse_unless_ok("fly")
     if jump.duration + AFTER > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    control = JumpControl(jump, first_gains(jump, gains), replan)
-    tried = search_gains(control) if gains == (None, None) else 0
-    kp, kd = control.gains
+    chosen, tried = search_gains(jump) if gains == (None, None) else (first_gains(jump, gains), 0)
+    control = JumpControl(jump, chosen, replan)
     corrected: list[Flown] = []
     uncorrected: list[Flown] = []
     for flight in range(flights):
@@ -114,13 +118,14 @@ def replay_jump(
         perturbation=perturbation,
         friction=friction,
         joints=control.joints,
-        kp=read_only(kp),
-        kd=read_only(kd),
+        kp=read_only(chosen[0]),
+        kd=read_only(chosen[1]),
         tried=tried,
         rate=replan,
         uncorrected=_landings(uncorrected),
         corrected=_landings(corrected) if corrected else None,
         statuses=dict(sum((each.statuses for each in corrected), Counter[str]())),
+        balanced=uncorrected[0].balanced,
         motion=(corrected or uncorrected)[0].motion,
         seconds=clock.perf_counter() - began,
     )

@@ -13,10 +13,14 @@ from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import UrdfTree
+from floatplan.robot.urdf.tree import Inertial, UrdfJoint, UrdfTree, rigid_body
 from floatplan.simulation.recorded_motion import ReducedModel
 
 BASE = ("base_horizontal", "base_vertical", "base_orientation")
+LEAST = 1e-14  # [kg m^2] moment of inertia of a body that moves: MuJoCo refuses 1e-15
+GYRATION = 1e-3  # [m] least radius of gyration of a body that is free in space, where a point or a line is given
+EDGE = 1e-9  # [-] of the largest moment: by how much less than the sum of the others it is at least
+ROUNDING = 1e-6  # [-] of the largest moment: what changes by less is not said
 
 
 def planar_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> tuple[Any, IntArray]:
@@ -29,7 +33,7 @@ def planar_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Arra
     InputError
         MuJoCo is not installed, or refuses the robot, such as for a link that moves and has no mass.
     """
-    model = _compiled(robot, reduced, robot.layout.tree, robot.locked)
+    model, _ = _compiled(robot, reduced, robot.layout.tree, robot.locked)
     joints = [model.joint(name).id for name in (*BASE, *_names(robot, reduced))]
     coordinates = np.asarray(model.jnt_qposadr[joints], dtype=np.int64)
     scale_bodies(model, coordinates[BASE_COORDINATES - 1 :], mass, inertia)
@@ -47,6 +51,7 @@ class SpatialModel:
         First entry of the free joint in ``qpos`` and ``qvel``.
     positions, velocities : (m,) int
         Entry of each joint of a reduced model in ``qpos`` and ``qvel``.
+    balanced : name of a body's first link -> change of its inertia, as of :func:`inertial_spec`
     """
 
     model: Any
@@ -54,6 +59,7 @@ class SpatialModel:
     base_velocity: int
     positions: IntArray
     velocities: IntArray
+    balanced: dict[str, float]
 
 
 def spatial_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> SpatialModel:
@@ -62,11 +68,11 @@ def spatial_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Arr
     Factors and errors as of :func:`planar_model`.
     """
     rigid = {name: position for name, position in robot.locked.items() if name not in set(reduced.model.names)}
-    model = _compiled(robot, reduced, robot.file_tree, rigid, in_plane=False)
+    model, balanced = _compiled(robot, reduced, robot.file_tree, rigid, in_plane=False)
     joints = [model.joint(name).id for name in ("free", *_names(robot, reduced))]
     positions, velocities = (np.asarray(each[joints], dtype=np.int64) for each in (model.jnt_qposadr, model.jnt_dofadr))
     scale_bodies(model, positions, mass, inertia)
-    return SpatialModel(model, int(positions[0]), int(velocities[0]), positions[1:], velocities[1:])
+    return SpatialModel(model, int(positions[0]), int(velocities[0]), positions[1:], velocities[1:], balanced)
 
 
 def _names(robot: Robot, reduced: ReducedModel) -> list[str]:
@@ -76,15 +82,15 @@ def _names(robot: Robot, reduced: ReducedModel) -> list[str]:
 
 def _compiled(
     robot: Robot, reduced: ReducedModel, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool = True
-) -> Any:
-    """The model of a tree whose base moves in the plane alone, or is free; rigid joints stay where they are."""
-    mujoco, spec = import_mujoco(), inertial_spec(robot, tree, rigid, in_plane)
+) -> tuple[Any, dict[str, float]]:
+    """The model of a tree as of :func:`inertial_spec`, and which bodies were balanced."""
+    mujoco, (spec, balanced) = import_mujoco(), inertial_spec(robot, tree, rigid, in_plane)
     # nothing but inertia, gravity and joint torques, which damping and friction are taken off
     spec.option.gravity = reduced.model.gravity.linear
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     for name, armature in robot.armature.items():
         spec.joint(f"joint{robot.model.getJointId(name)}").armature = armature
-    return compiled(robot, spec)
+    return compiled(robot, spec), balanced
 
 
 def compiled(robot: Robot, spec: Any) -> Any:
@@ -108,28 +114,55 @@ def scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) -> 
 
 
 def rigid_joints(robot: Robot) -> set[str]:
-    """Locked joints that must be rigid in MuJoCo, which refuses bodies that move and have no inertia."""
-    tree = robot.file_tree
-    rigid: set[str] = set()
+    """Locked joints that must be rigid in MuJoCo, where a body that a joint turns must have inertia about its axis."""
+    tree, rigid = robot.file_tree, set[str]()
     while True:
-        body: dict[str, str] = {tree.root: tree.root}  # link -> the link that a joint moves, and this one with it
-        heavy: set[str] = set()
-        for joint in tree.joints:
-            moves = joint.moves and joint.name not in rigid
-            body[joint.child] = joint.child if moves else body[joint.parent]
-            if tree.links[joint.child].inertial is not None:
-                heavy.add(body[joint.child])
-        light = {joint.child for joint in tree.joints if body[joint.child] == joint.child} - heavy
-        found = {name for name in robot.locked if {tree.joint[name].child, body[tree.joint[name].parent]} & light}
+        carried = _carried(tree, {name: robot.locked[name] for name in rigid})
+        solid = {body: rigid_body(parts) for body, parts in _parts(tree, carried).items()}
+        light = {joint.child for joint in tree.joints if joint.child in solid and _light(joint, *solid[joint.child])}
+        found = {name for name in robot.locked if {tree.joint[name].child, carried[tree.joint[name].parent][0]} & light}
         if found <= rigid:
             return rigid
         rigid |= found
 
 
-def inertial_spec(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool) -> Any:
+def _light(joint: UrdfJoint, mass: float, lever: Array, inertia: Array) -> bool:
+    """Whether a joint turns no more than a point on its axis, or slides no mass."""
+    arm = np.cross(joint.axis, lever)
+    moment = joint.axis @ inertia @ joint.axis + mass * arm @ arm
+    return bool(moment <= mass * GYRATION**2 if joint.turns else mass == 0)
+
+
+def _carried(tree: UrdfTree, rigid: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
+    """Of each link the first link of the body that it is part of, and its placement in it; rigid joints stay."""
+    found = {tree.root: (tree.root, pin.SE3.Identity())}
+    for joint in tree.joints:
+        body, place = found[joint.parent]
+        if joint.moves and joint.name not in rigid:
+            found[joint.child] = joint.child, pin.SE3.Identity()
+        else:
+            found[joint.child] = body, place * joint.origin.placement * joint.motion(rigid.get(joint.name, 0.0))
+    return found
+
+
+def _parts(tree: UrdfTree, carried: Mapping[str, tuple[str, Any]]) -> dict[str, list[tuple[Inertial, Any]]]:
+    """What has inertia of each body, by first link."""
+    parts: dict[str, list[tuple[Inertial, Any]]] = {body: [] for body, _ in carried.values()}
+    for link, (body, place) in carried.items():
+        own = tree.links[link].inertial
+        if own is not None:
+            parts[body].append((own, place))
+    return parts
+
+
+def inertial_spec(
+    robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool
+) -> tuple[Any, dict[str, float]]:
     """Return the ``mujoco.MjSpec`` of inertias and joints alone, these called ``joint`` and their number in the model.
 
     The base moves in the plane alone, or is free; rigid joints stay where they are, and what they carry is one body.
+    In the plane a body has its moment about the normal about all axes: the others do not count. In space moments that
+    MuJoCo refuses are balanced: what is told, by body, is the largest change of one, kg m^2.
     """
     mujoco = import_mujoco()
     spec, kinds = mujoco.MjSpec(), mujoco.mjtJoint
@@ -139,28 +172,41 @@ def inertial_spec(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], in_p
             base.add_joint(name=name, type=kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE, axis=axis)
     else:
         base.add_joint(name="free", type=kinds.mjJNT_FREE)
-    bodies, carried = [base], {tree.root: (0, pin.SE3.Identity())}  # which body carries a link, and where
-    for joint in tree.joints:
+    bodies, carried = {tree.root: base}, _carried(tree, rigid)
+    for joint in (joint for joint in tree.joints if carried[joint.child][0] == joint.child):
         carrier, place = carried[joint.parent]
-        place = place * joint.origin.placement * joint.motion(rigid.get(joint.name, 0.0))
-        if joint.moves and joint.name not in rigid:
-            body = bodies[carrier].add_body(pos=place.translation, quat=_quaternion(place.rotation))
-            name, kind = f"joint{robot.model.getJointId(joint.name)}", "HINGE" if joint.turns else "SLIDE"
-            body.add_joint(name=name, type=getattr(kinds, f"mjJNT_{kind}"), axis=joint.axis)
-            carrier, place = len(bodies), pin.SE3.Identity()
-            bodies.append(body)
-        carried[joint.child] = carrier, place
-    inertias = [pin.Inertia.Zero() for _ in bodies]
-    for name, (carrier, place) in carried.items():
-        own = tree.links[name].inertial
-        if own is not None:
-            inertias[carrier] += (place * own.origin.placement).act(pin.Inertia(own.mass, np.zeros(3), own.inertia))
-    for body, inertia in zip(bodies, inertias, strict=True):
-        moments, axes = np.linalg.eigh(inertia.inertia)
+        place = place * joint.origin.placement
+        body = bodies[carrier].add_body(pos=place.translation, quat=_quaternion(place.rotation))
+        name, kind = f"joint{robot.model.getJointId(joint.name)}", "HINGE" if joint.turns else "SLIDE"
+        body.add_joint(name=name, type=getattr(kinds, f"mjJNT_{kind}"), axis=joint.axis)
+        bodies[joint.child] = body
+    placements, changed = tree.placements(rigid), dict[str, float]()
+    for name, parts in _parts(tree, carried).items():
+        body = bodies[name]
+        body.mass, body.ipos, inertia = rigid_body(parts)
+        if in_plane:
+            normal = placements[name].rotation.T @ plane.normal
+            inertia = normal @ inertia @ normal * np.eye(3)
+        moments, axes = np.linalg.eigh(inertia)
         axes[:, 0] *= np.linalg.det(axes)  # right-handed
-        body.mass, body.inertia, body.explicitinertial = inertia.mass, moments, True
-        body.ipos, body.iquat = inertia.lever, _quaternion(axes)
-    return spec
+        least = LEAST if in_plane else max(LEAST, body.mass * GYRATION**2)
+        body.inertia, body.iquat, body.explicitinertial = _balanced(moments, least), _quaternion(axes), True
+        change = np.abs(body.inertia - moments).max()
+        if change > max(ROUNDING * moments[-1], LEAST):
+            changed[name] = float(change)
+    return spec, changed
+
+
+def _balanced(moments: Array, least: float) -> Array:
+    """Principal moments (3,), rising, as MuJoCo takes them: none less than ``least`` or more than the others' sum."""
+    moments = np.maximum(moments, least)
+    moments[:2] += max(moments[2] * (1 + EDGE) - moments[0] - moments[1], 0.0) / 2
+    return moments
+
+
+def balanced_in_words(balanced: Mapping[str, float]) -> str:
+    """Say which inertias were balanced, and by how much."""
+    return f"of {', '.join(balanced)}, which no body can have: moments changed by {max(balanced.values()):.2g} kg m^2"
 
 
 def _quaternion(rotation: Array) -> Array:

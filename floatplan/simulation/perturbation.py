@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from floatplan.arguments import Check, Checked, made, number, optional
 from floatplan.arrays import Array
@@ -127,10 +126,9 @@ class Drawn:
         """Return a copy of a ``pinocchio.Model`` with these masses and inertias."""
         model = model.copy()
         for joint in range(model.njoints):
-            body = model.inertias[joint]
-            model.inertias[joint] = pin.Inertia(
-                body.mass * self.mass[joint], body.lever, body.inertia * self.inertia[joint]
-            )
+            body = model.inertias[joint].copy()  # a new one would be refused where a moment of zero was rounded
+            body.mass, body.inertia = body.mass * self.mass[joint], body.inertia * self.inertia[joint]
+            model.inertias[joint] = body
         return model
 
 

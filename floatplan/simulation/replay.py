@@ -25,6 +25,7 @@ from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation import forward
 from floatplan.simulation.forward import MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
+from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
@@ -127,6 +128,8 @@ class Replay:
             gains = f", {held} joint{'s' if held > 1 else ''} held by gains" if held else ""
             turned = f"roll {math.degrees(landing.roll):+.3g} deg, yaw {math.degrees(landing.yaw):+.3g} deg"
             rows.append(("in space", f"{turned}; in the plane off by {short(off)} rad{gains}"))
+            if landing.balanced:
+                rows.append(("inertias", balanced_in_words(landing.balanced)))
         return rows
 
     def to_dict(self) -> dict[str, Any]:

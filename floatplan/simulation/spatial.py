@@ -44,6 +44,8 @@ class SpatialLanding:
     locked_error : rad, of the locked joint that is furthest off; m of one that slides
     com_error : m, of the centre of mass from its parabola
     held : joints that gains hold
+    balanced : bodies whose inertia no body can have, by first link
+        MuJoCo refuses it: the largest change of a principal moment, kg m^2.
     """
 
     roll: float
@@ -53,6 +55,7 @@ class SpatialLanding:
     locked_error: float
     com_error: float
     held: tuple[str, ...]
+    balanced: dict[str, float]
 
 
 def fly_in_space(
@@ -102,6 +105,7 @@ def fly_in_space(
         locked_error=float(locked_errors.max(initial=0.0)),
         com_error=float(np.linalg.norm(com_error)),
         held=tuple(np.array(reduced.joints)[held].tolist()),
+        balanced=model.balanced,
     )
 
 

@@ -83,6 +83,14 @@ class Jump(Outputs, JumpMotion):
         object.__setattr__(found, "flight", judged(self.flight, certificate))
         return found
 
+    def refuse_unless_ok(self, action: str) -> None:
+        """Raise InputError where there is no jump to "fly", say, or it is no motion that its robot can make."""
+        super().refuse_unless_ok(action)
+        if not self.ok:
+            fault = self.check.sentences[0] if self.status == "found" else f"its status is {self.status!r}"
+            reason = f"a jump that does not hold is none to {action}: {fault}"
+            raise InputError(reason, source=self.problem.name, element="stances", advice="plan it again")
+
     @property
     def verdict(self) -> str:
         """What was found out, for a person: "flight proved, stances checked" only where both are true."""

@@ -85,6 +85,12 @@ class JumpMotion(MotionInFile):
         flight = JumpPhase("flight", (), self.takeoff_time, self.takeoff_time + self.flight.duration)
         return (*before, flight, *after)
 
+    def refuse_unless_ok(self, action: str) -> None:
+        """Raise InputError where there is no jump to "fly", say."""
+        if self.flight is None:
+            reason = f"no jump was found, so there is nothing to {action}"
+            raise InputError(reason, source=self.problem.name, element="status")
+
     @one_thread
     def at(self, times: npt.ArrayLike) -> JumpState:
         """State at times (N,) s from the jump's start; at a change of contacts that of the phase before.

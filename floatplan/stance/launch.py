@@ -24,7 +24,7 @@ from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
-from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.program import SMOOTH, JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE, Range
 
@@ -32,6 +32,7 @@ STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
 MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
+KEENER = 0.1  # [-] of the usual weight of squared torques, from the second start on, which begins as the first
 SHORTER, DRAWN = 0.8, (0.3, 1.3)  # [-] of the usual durations; and of these, each at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
@@ -121,10 +122,12 @@ def launch(
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
     answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
-    program = partial(setup.program, iterations=ITERATIONS)
-    first = program(ROOM)
+    weights = SMOOTH, KEENER * SMOOTH
+    programs = [partial(setup.program, iterations=ITERATIONS, smooth=each) for each in weights]
+    firsts = [program(ROOM) for program in programs]
     for start in range(starts):
-        rng = np.random.default_rng((seed, start)) if start else None
+        program, first = programs[min(start, 1)], firsts[min(start, 1)]
+        rng = np.random.default_rng((seed, start)) if start > 1 else None
         solution = solved(first, plainest(first, met, v, rng))
         if solution[1].converged:
             found = corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end))

@@ -46,7 +46,7 @@ CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at 
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
-SMOOTH, STEADY = 0.1, 1e-3  # [-] of squared torques, and of such steps, beside the factor
+SMOOTH, STEADY = 0.1, 0.01  # [-] of squared torques, beside the factor; of such steps, beside these
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
@@ -102,6 +102,7 @@ class JumpProgram:
     momentum : kg m^2/s, where it is given
     limits : whether the factor on limits is least, instead of squared torques
     iterations : of IPOPT at most
+    smooth : weight of squared torques beside the factor
     """
 
     def __init__(
@@ -112,13 +113,14 @@ class JumpProgram:
         momentum: float | None = None,
         limits: bool = False,
         iterations: int = ITERATIONS,
+        smooth: float = SMOOTH,
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations = limits, iterations
+        self._limits, self._iterations, self._smooth = limits, iterations, smooth
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -158,10 +160,10 @@ class JumpProgram:
         low = np.append(least[0] - TURN_ROOM, np.minimum(bounds.position[:, 0], least[1:]))
         high = np.append(most[0] + TURN_ROOM, np.maximum(bounds.position[:, 1], most[1:]))
         fastest = np.append(FASTEST_TURN, (MOST if self._limits else 1.0) * bounds.velocity)
-        y, v, a = (np.empty((2, self.size, self.nodes)) for _ in range(3))
+        parts = [np.stack((np.full(shape, -np.inf), np.full(shape, np.inf))) for shape in self._shapes]
+        y, v, a = parts[:3]
         y[:] = np.stack((low, high))[:, :, None]
         v[:] = np.stack((-fastest, fastest))[:, :, None]
-        a[0], a[1] = -np.inf, np.inf
         for node in (0, -1):
             if self.phases[node].contacts:
                 y[:, :, node], v[:, :, node], a[:, :, node] = ends[node], 0.0, 0.0
@@ -169,32 +171,24 @@ class JumpProgram:
             node = self.starts[self.flight + (1 if each.node else 0)]
             for part, held in ((y, each.y), (v, each.v), (a, each.a)):
                 part[:, :, node] = part[:, :, node] if held is None else held
-        parts = [y, v, a, *(self._force_box(phase) for phase in self.phases)]
-        parts += [
-            np.stack([np.full(shape, -np.inf), np.full(shape, np.inf)])
-            for shape in self._shapes[-3 - len(self.phases) : -3]
-        ]
-        parts.append(np.array([phase.bounds for phase in self.phases]).T[:, :, None])
-        given = self._momentum
-        parts.append(np.array([[[-np.inf]], [[np.inf]]]) if given is None else np.full((2, 1, 1), given))
-        parts.append(np.array([[[0.0]], [[MOST]]])[:, : int(self._limits)])
+        for index, phase in enumerate(self.phases):
+            if phase.others:
+                self._bound_forces(parts[3 + index], phase, self.phases[index + (1 if phase.side == "takeoff" else -1)])
+        parts[-3][:] = np.array([phase.bounds for phase in self.phases]).T[:, :, None]
+        if self._momentum is not None:
+            parts[-2][:] = self._momentum
+        parts[-1][0], parts[-1][1] = 0.0, MOST
         return self.join([part[0] for part in parts]), self.join([part[1] for part in parts])
 
-    def _force_box(self, phase: Phase) -> Array:
+    def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
         """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
-        index = self.phases.index(phase)
-        box = np.empty((2, 2 * len(phase.others), phase.intervals + 1))
-        box[0], box[1] = -np.inf, np.inf
         box[0, 1::2] = LEAST_FORCE * self.node.weight * phase.firm
-        if phase.others:
-            inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
-            seam = -1 if phase.side == "takeoff" else 0
-            for row, contact in enumerate(phase.others):
-                if contact.vertical:
-                    box[:, 2 * row] = 0.0
-                if contact.name not in [each.name for each in inner.contacts]:
-                    box[:, 2 * row : 2 * row + 2, seam] = 0.0
-        return box
+        seam, stays = -1 if phase.side == "takeoff" else 0, [contact.name for contact in inner.contacts]
+        for row, contact in enumerate(phase.others):
+            if contact.vertical:
+                box[:, 2 * row] = 0.0
+            if contact.name not in stays:
+                box[:, 2 * row : 2 * row + 2, seam] = 0.0
 
     @cached_property
     def stated(self) -> tuple[Any, Any, Rows]:
@@ -212,29 +206,23 @@ class JumpProgram:
             if not phase.intervals:
                 self._add_seam(rows, parts, momentum)
                 continue
-            step = durations[index] * ca.DM(np.diff(phase.shares)).T
+            step, joints = durations[index] * ca.DM(np.diff(phase.shares)).T, [each[1:, :] for each in parts]
+            self._add_links(rows, parts if phase.others else joints, step, phase.side)
+            if not phase.others:
+                self._add_turn(rows, phase, parts, step)
             if phase.side == "flight":
-                self._add_links(rows, [each[1:, :] for each in parts], step, phase.side)
                 cost = self._add_flight(rows, parts, durations[index], momentum)
             else:
-                cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
-            self._add_rates(rows, [each[1:, :] for each in parts], step, phase.name)
+                cost = self._add_stance(rows, phase, parts, forces[index], drifts[index])
+            self._add_rates(rows, joints, step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += ca.sumsqr(unit**2 * ca.diff(parts[2][1:, :], 1, 1))
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
-        cost = factor + SMOOTH * total / unit + STEADY * rough if self._limits else total / unit + ROUGHNESS * rough
+        cost = total / unit + (STEADY if self._limits else ROUGHNESS) * rough
+        cost = factor + self._smooth * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
-
-    def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
-        """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
-        if phase.others:
-            self._add_links(rows, parts, step, phase.side)
-        else:
-            self._add_links(rows, [each[1:, :] for each in parts], step, phase.side)
-            self._add_turn(rows, phase, parts, step)
-        return self._add_stance(rows, phase, parts, *held)
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
         """Between nodes accelerations are linear."""
@@ -258,12 +246,13 @@ class JumpProgram:
                 rows.add_nodes(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), rates), bounds, -most, most, label)
 
     def _add_turn(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any) -> None:
-        """Angular momentum about the one point on the ground, as of ``model``, and orientation, by Hermite's rule."""
+        """Orientation by Hermite's rule, on one point after the momentum about it, as of ``model``."""
         model, (y, v, a) = self.model, parts
-        about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
-        momenta, pulls, changes = rows.calls(about, y, v, a)
-        ahead = hermite_step(momenta, pulls, changes, step)
-        rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{BALANCE} ({phase.side})")
+        if phase.contacts:
+            about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
+            momenta, pulls, changes = rows.calls(about, y, v, a)
+            ahead = hermite_step(momenta, pulls, changes, step)
+            rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{BALANCE} ({phase.side})")
         rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
 
     def _add_stance(self, rows: Rows, phase: Phase, parts: Sequence[Any], forces: Any, drifts: Any) -> Any:
@@ -305,12 +294,10 @@ class JumpProgram:
         return {kind for each in kinds for kind in each}
 
     def _add_flight(self, rows: Rows, parts: Sequence[Any], duration: Any, momentum: Any) -> Any:
-        """Rows of the flight: orientation, momentum, parabola, limits and heights."""
+        """Rows of the flight: momentum, parabola, limits and heights."""
         ca, phase, gravity, unit = casadi(), self.phases[self.flight], self.model.gravity, self.node.unit
         y, v, a = parts
         count = phase.intervals + 1
-        step = duration * ca.DM(np.diff(phase.shares)).T
-        rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, "turn (flight)")
         z0, vx0, vz0 = self._com(rows, self.flight - 1, [each[:, 0] for each in parts])
         z1, vx1, vz1 = self._com(rows, self.flight + 1, [each[:, -1] for each in parts])
         rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node.height, 0.0, 0.0, "parabola")

@@ -29,7 +29,7 @@ from floatplan.stance.contacts import (
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
-from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
+from floatplan.stance.program import ITERATIONS, SMOOTH, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
@@ -169,12 +169,12 @@ class Setup:
         known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
         return NodeRows(model, phases, watched, bounds, self.standing, known)
 
-    def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
+    def program(self, room: Room, iterations: int = ITERATIONS, smooth: float = SMOOTH) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
         parts = problem.obstacles, problem.self_clearances, problem.takeoff.place_in_plane, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
-        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations, smooth)
 
 
 def inside(ranges: Array, room: float) -> Array:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import jumps
 import numpy as np
@@ -111,11 +112,15 @@ def test_csv(jump: fp.Jump, tmp_path: Path, form: str) -> None:
 
 
 def gains_of(jump: fp.Jump) -> tuple[float, float]:
-    """Stiffness and damping of a robot that stands as an inverted pendulum, in the file's own model."""
-    model = model_of(jump)
-    height = pin.centerOfMass(model, model.createData(), jump.q(0.0))[2] - jump.ground
-    stiffness = 9.81 * pin.computeTotalMass(model) * height
-    return stiffness, 0.15 * stiffness * np.sqrt(height / 9.81)
+    """Stiffness and damping by the lightest joint in flight, in the file's own model."""
+    model, flight = model_of(jump), jump.flight
+    assert flight is not None
+    least = []
+    for q in jump.q(jump.takeoff_time + np.linspace(0.0, flight.duration, 50)):
+        mass = pin.crba(model, model.createData(), q)
+        least.append((1.0 / np.diagonal(np.linalg.inv(np.triu(mass) + np.triu(mass, 1).T))[6:]).min())
+    stiffness = 125.0**2 * float(np.mean(least))
+    return stiffness, 0.017 * stiffness
 
 
 def test_parquet(jump: fp.Jump, tmp_path: Path) -> None:
@@ -128,7 +133,7 @@ def test_parquet(jump: fp.Jump, tmp_path: Path) -> None:
     assert [tuple(each["contacts"]) for each in json.loads(about["phases"])] == [each.contacts for each in jump.phases]
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
     assert (units["RL_foot_fz"], units["FL_hip_joint_kp"], units["FL_hip_joint_kd"]) == ("N", "N m/rad", "N m s/rad")
-    near(table["FL_hip_joint_kp"][0].as_py(), gains_of(jump)[0], 0.5)
+    near(table["FL_hip_joint_kp"][0].as_py(), gains_of(jump)[0], 0.02)
 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:
@@ -147,7 +152,7 @@ def check_controlled(jump: fp.Jump, content: dict[str, np.ndarray]) -> None:
     assert content["phase_begin"].tolist() == [phase.begin for phase in jump.phases]
     for number, phase in enumerate(jump.phases):
         assert times[content["phase"] == number][-1] <= phase.end
-    near(content["kp"], np.full(12, gains_of(jump)[0]), 0.5)
+    near(content["kp"], np.full(12, gains_of(jump)[0]), 0.02)
     near(content["kd"], np.full(12, gains_of(jump)[1]), 0.02)
 
 
@@ -190,8 +195,70 @@ def test_mujoco(jump: fp.Jump, tmp_path: Path) -> None:
     check_controlled(jump, content)
 
 
+def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump: fp.Jump, tmp_path: Path) -> None:
+    """MuJoCo's reading of the URDF in the file's states, pushed by its forces where they act, needs its torques."""
+    mujoco = pytest.importorskip("mujoco")
+    content, robot = read_archive(export(jump, "mujoco", tmp_path / "file.npz", 4 * RATE)), jump.problem.robot
+    urdf = ElementTree.fromstring(robot.xml)
+    for link in urdf.iter("link"):
+        for shape in link.findall("visual") + link.findall("collision"):
+            link.remove(shape)
+    ElementTree.SubElement(ElementTree.SubElement(urdf, "mujoco"), "compiler", fusestatic="false")
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(urdf, encoding="unicode"))
+    spec.body(robot.layout.tree.root).add_freejoint()
+    spec.option.gravity = content["gravity"]
+    model = spec.compile()
+    data, names = mujoco.MjData(model), content["joint_names"].tolist()
+    places, rates = ([getattr(model.joint(name), key)[0] for name in names] for key in ("qposadr", "dofadr"))
+    acceleration = np.gradient(content["qvel"], content["time"], axis=0, edge_order=2)
+    for row in range(80, len(content["time"]), 160):
+        data.qpos[[*range(7), *places]], data.qvel[[*range(6), *rates]] = content["qpos"][row], content["qvel"][row]
+        data.qacc[[*range(6), *rates]] = acceleration[row]
+        mujoco.mj_inverse(model, data)
+        left = data.qfrc_inverse.copy()
+        for index, foot in enumerate(content["contact_names"].tolist()):
+            if content["contacts"][row, index]:
+                jacobian = np.zeros((3, model.nv))
+                mujoco.mj_jac(model, data, jacobian, None, content["contact_points"][row, index], model.body(foot).id)
+                left -= jacobian.T @ content["forces"][row, index]
+        np.testing.assert_allclose(left[rates], content["ctrl"][row], atol=0.02)  # accelerations are differences
+        np.testing.assert_allclose(left[[0, 2]], 0.0, atol=0.2)
+
+
+def through_ros(content: dict[str, Any]) -> None:
+    """A trajectory is one by ROS 2's definitions, no field more or less, and the same from bytes again."""
+    systems = pytest.importorskip("rosbags.typesys")
+    store, kind = systems.get_typestore(systems.Stores.ROS2_JAZZY), "trajectory_msgs/msg/JointTrajectory"
+    point, duration, head, stamp = (
+        store.types[name]
+        for name in (
+            f"{kind}Point",
+            "builtin_interfaces/msg/Duration",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
+    )
+    points = [
+        point(
+            **{
+                name: duration(**value) if name == "time_from_start" else np.array(value, dtype=np.float64)
+                for name, value in each.items()
+            }
+        )
+        for each in content["points"]
+    ]
+    header = head(**content["header"] | {"stamp": stamp(**content["header"]["stamp"])})
+    message = store.types[kind](**content | {"header": header, "points": points})
+    again = store.deserialize_cdr(store.serialize_cdr(message, kind), kind)
+    assert again.joint_names == content["joint_names"]
+    for one, other in zip(again.points, content["points"], strict=True):
+        assert vars(one.time_from_start)["nanosec"] == other["time_from_start"]["nanosec"]
+        assert all((getattr(one, name) == other[name]).all() for name in ("positions", "velocities", "effort"))
+
+
 def test_ros_trajectory(jump: fp.Jump, tmp_path: Path) -> None:
     message = yaml.safe_load(export(jump, "ros", tmp_path / "file.yaml", 125.0).read_text())
+    through_ros(message)
     points, velocity = message["points"], FLOATS[0]
     times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]
     assert times[-1] == pytest.approx(jump.duration, abs=2e-9)
@@ -226,6 +293,13 @@ def test_bag(jump: fp.Jump, tmp_path: Path) -> None:
     q = jump.q(times[30])
     near([placed.translation.x, placed.translation.y, placed.translation.z], q[:3])
     near([placed.rotation.x, placed.rotation.y, placed.rotation.z, placed.rotation.w], q[3:7])
+    with pytest.importorskip("rosbags.highlevel").AnyReader([path]) as bag:  # a second reader of bags
+        assert {each.topic: each.msgcount for each in bag.connections} == {
+            name: len(each) for name, each in found.items()
+        }
+        (wanted,) = (each for each in bag.connections if each.topic == "/joint_states")
+        efforts = [bag.deserialize(raw, each.msgtype).effort for each, _, raw in bag.messages([wanted])]
+    near(efforts, jump.tau(times)[:, 6:])
 
 
 def test_unitree_s_order(jump: fp.Jump, tmp_path: Path) -> None:
@@ -327,7 +401,7 @@ def test_what_is_no_number_is_no_motion(jump: fp.Jump, tmp_path: Path, form: str
     broken = replace(
         jump, before=(replace(first, grid=replace(grid, v=np.where(grid.times > 0.1, np.nan, grid.v))), *others)
     )
-    with pytest.raises(fp.InputError, match="holds what is no number"):
+    with pytest.raises(fp.InputError, match=r"a jump that does not hold is none to export: .*nan"):
         export(broken, form, tmp_path / "file")
     assert not list(tmp_path.iterdir())
 

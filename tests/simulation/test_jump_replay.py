@@ -25,39 +25,48 @@ LATE = "noise=0.1deg,delay=4ms"
 
 @pytest.fixture(scope="module")
 def flown() -> fp.JumpReplay:
-    return fp.replay_jump(backflip(), gains=(40.0, 1.0))
+    return fp.replay_jump(backflip(), gains=(57.0, 0.98))
 
 
 def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
+    """Which the plan takes for points, but they roll, so that it is a little off."""
     ends = flown.landings
     assert flown.landed
     assert ends.clean.all()
-    assert abs(ends.pitch[0]) < np.deg2rad(2)
+    assert abs(ends.pitch[0]) < 0.12
     assert 0.5 < ends.torque[0] < 1
     assert 0 < ends.slid[0] < 0.1
 
 
 def test_what_was_flown_is_a_motion(flown: fp.JumpReplay) -> None:
     jump, motion = backflip(), flown.motion
-    times = np.linspace(0.0, jump.duration, 50)
+    assert jump.flight is not None
+    times = np.linspace(0.0, jump.takeoff_time + jump.flight.duration, 50)
     assert motion.duration == jump.duration + 1.0
-    np.testing.assert_allclose(motion.at(times).positions, jump.at(times).positions, atol=0.25)
+    np.testing.assert_allclose(motion.at(times).positions, jump.at(times).positions, atol=0.15)
     weight = jump.problem.robot.mass * jump.problem.flight.gravity
-    standing = motion.at([motion.duration - 0.1])
-    assert sum(force[0, 1] for force in standing.forces.values()) == pytest.approx(weight, rel=0.01)
+    standing = motion.at(motion.duration - np.linspace(0.5, 0.0, 200))  # a little up and down still
+    assert sum(force[:, 1].mean() for force in standing.forces.values()) == pytest.approx(weight, rel=0.05)
 
 
-@pytest.mark.parametrize("changed", [{"friction": 0.1}, {"perturb": "torque=60%"}, {"gains": (0.0, 0.0)}])
-def test_without_grip_strength_or_feedback_it_does_not_land(changed: dict[str, Any]) -> None:
-    """On ice it ends upright, though without a turn: that is no landing."""
-    flown = fp.replay_jump(backflip(), **changed)
+@pytest.mark.parametrize(
+    "changed", [{"friction": 0.1}, {"perturb": "torque=60%"}, {"gains": (0, 0)}, {"gains": (1e6, 1e6)}]
+)
+def test_without_grip_strength_or_feedback_it_does_not_land(
+    changed: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On ice it ends upright, though without a turn: that is no landing. MuJoCo, which warns, leaves no log."""
+    monkeypatch.chdir(tmp_path)
+    flown = fp.replay_jump(backflip(), **{"gains": (57.0, 0.98), **changed})
     assert not flown.landed
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long
 def test_seeds_and_corrections() -> None:
     jump, perturb = backflip(), f"mass=5%,armature=0.004,{LATE}"
     first, again, other = (fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=seed) for seed in (3, 3, 4))
+    assert first.kp.tolist() == again.kp.tolist()
     assert first.landings.pitch.tolist() == again.landings.pitch.tolist() != other.landings.pitch.tolist()
     both = fp.replay_jump(jump, 250.0, perturb=perturb, friction=0.8, seed=3)
     assert both.uncorrected.pitch.tolist() == first.landings.pitch.tolist()
@@ -87,7 +96,7 @@ def test_refused(given: dict[str, Any], reason: str) -> None:
 @pytest.mark.long
 def test_pages_and_film(tmp_path: Path) -> None:
     """Of flights that land, and of one that falls with joints beyond their ranges."""
-    good, bad = {"flights": 3, "gains": (40.0, 1.0)}, {"perturb": "noise=1rad", "gains": (1e3, 1e3)}
+    good, bad = {"flights": 3, "gains": (57.0, 0.98)}, {"perturb": "noise=1rad", "gains": (1e3, 1e3)}
     for name, options, files in (("good", good, 3), ("bad", bad, 2)):
         flown = fp.replay_jump(backflip(), **options)
         found = write_jump_pages(flown, tmp_path / name)
@@ -95,6 +104,23 @@ def test_pages_and_film(tmp_path: Path) -> None:
         page = found[0].read_text()
         assert f"{'stands' if name == 'good' else 'falls'} in MuJoCo with contact" in page
         assert "on its feet alone" in page
+
+
+def test_a_file_that_contradicts_itself_is_not_flown(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+    """Nor handed on to a robot: replay and export say why; it is shown, with a warning."""
+    path = backflip().save(tmp_path / "jump.json")
+    content = json.loads(path.read_text())
+    stance = content["stances"][1]
+    stance["a"] = (1.3 * np.array(stance["a"])).tolist()
+    path.write_text(json.dumps(content))
+    for words, action in ((("replay",), "fly"), (("export", "-f", "csv"), "export")):
+        run = floatplan(words[0], path, *words[1:])
+        assert (run.code, run.stdout, len(run.stderr.splitlines())) == (2, "", 1)
+        assert f"go2: stances: a jump that does not hold is none to {action}: forces are out" in run.stderr
+    run = floatplan("show", path)
+    assert run.code == 0
+    assert run.stderr.startswith("warning: this jump does not hold: forces are out of balance by")
+    assert (tmp_path / "report.html").is_file()
 
 
 def test_command(floatplan: Callable[..., Any], tmp_path: Path) -> None:

@@ -355,6 +355,35 @@ class TestInSpace:
         assert landing.held == ()
         assert max(landing.orientation_error, *landing.position_error) < 1e-6
 
+    @pytest.mark.parametrize("axis", ["1 0 0", "0 1 0"])
+    def test_inertias_that_no_body_has_are_balanced_and_said(self, tmp_path, axis):
+        """As iCub's: a point mass at a knee, and one on the axis of a locked joint; a moment too large by rounding."""
+        text = robot_text(
+            joint("knee", "a", "b"),
+            joint("twist", "b", "c", axis, kind="revolute"),
+            joint("hip", "a", "d"),
+            links="abcd",
+        )
+        (body, found), none = (f'<link name="{name}">{inertial()}</link>' for name in "bd"), "0.0"
+        text = text.replace(body, body.replace("0.01", none)).replace(
+            found, found.replace('iyy="0.01"', 'iyy="0.02001"')
+        )
+        on_axis = f'<link name="c">{inertial()}</link>'
+        text = text.replace(on_axis, on_axis.replace("0.01", none))
+        (tmp_path / "robot.urdf").write_text(text)
+        robot = fp.Robot.from_urdf(tmp_path / "robot.urdf", plane="xz", locked={"twist": 0.1})
+        start, goal = fp.Posture(0.0, [0.2, 0.4]), fp.Posture(0.5, [1.0, 0.8])
+        plan = fp.plan(fp.Problem(robot, start, goal, fp.Flight(duration=0.7)))
+        flown = fp.replay(plan, engine="mujoco")
+        assert flown.landed
+        landing = flown.spatial
+        assert set(landing.balanced) == {"b", "d"} | ({"c"} if axis == "0 1 0" else set())
+        assert max(landing.balanced.values()) < 1e-5
+        assert ("twist" in landing.held) == (axis == "0 1 0")  # about the axis of what it carries there is nothing
+        assert max(landing.orientation_error, *landing.position_error) < 1e-2
+        assert "which no body can have" in repr(flown)
+        assert flown.to_dict()["spatial"]["balanced"] == landing.balanced
+
     def test_stiff_gains_take_short_steps(self, sides, monkeypatch):
         """However long the steps that are asked for, gains do not make them unstable; and they have an end."""
         plan = sides(0.6)

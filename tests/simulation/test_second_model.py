@@ -19,7 +19,7 @@ if not INSTALLED:
 mujoco = pytest.importorskip("mujoco")
 
 ROOT = Path(__file__).resolve().parents[2]
-FRICTION, KP, KD = 0.8, 51.0, 1.4  # the gains that `fp.replay_jump` finds
+FRICTION, KP, KD = 0.8, 57.0, 0.98  # the gains that `fp.replay_jump` finds
 STEP, EVERY, AFTER = 1e-3, 2, 1.0  # [s], steps of the control, [s]
 
 

@@ -36,7 +36,7 @@ def test_the_takeoff_of_a_jump_is_reached() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "seed", "together"), [("Go2", 9657, False), ("A1", 1460, True), ("A1", 7043, True), ("A1", 9478, True)]
+    ("name", "seed", "together"), [("Go2", 324, False), ("A1", 1460, True), ("A1", 7043, True), ("A1", 9478, True)]
 )
 def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: int, together: bool) -> None:
     """A foot that dips as little as the check lets; forces that leave the cone only between nodes; far guesses."""

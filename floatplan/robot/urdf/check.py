@@ -23,6 +23,7 @@ from floatplan.robot.urdf.tree import (
     UrdfTree,
     number,
     only,
+    rigid_body,
     triple,
 )
 
@@ -266,8 +267,11 @@ def _check_inertias(tree: UrdfTree) -> list[str]:
     body = {tree.root: tree.root}
     for joint in tree.joints:
         body[joint.child] = body[joint.parent] if joint.type == "fixed" else joint.child
+    placements = tree.placements({})
     for name, fault in faults.items():
-        if _fault(_combined_inertia(tree, [link for link in tree.links if body[link] == body[name]])):
+        fixed = [link for link in tree.links if body[link] == body[name]]
+        parts = ((own, placements[link]) for link in fixed if (own := tree.links[link].inertial) is not None)
+        if _fault(rigid_body(parts)[2]):
             advice = "no body has a negative moment, or one larger than the sum of the other two"
             raise InputError(fault, element=f'link "{name}": inertia', advice=advice)
     reason = "used, because together with the links fixed to them they make sound bodies"
@@ -282,21 +286,3 @@ def _fault(inertia: Array) -> str | None:
     if moments[2] > moments[0] + moments[1] + max(TRIANGLE_SLACK * moments[2], NEGLIGIBLE):
         return f"breaks the triangle inequality: principal moments {listed} kg m^2"
     return None
-
-
-def _combined_inertia(tree: UrdfTree, links: Iterable[str]) -> Array:
-    """Inertia (3, 3) of links that are fixed to one another, about their common centre of mass."""
-    placements = tree.placements({})
-    solid = [
-        (inertial, placements[link] * inertial.origin.placement)
-        for link in links
-        if (inertial := tree.links[link].inertial) is not None
-    ]
-    mass = sum(inertial.mass for inertial, _ in solid)
-    center = sum((inertial.mass * place.translation for inertial, place in solid), np.zeros(3)) / (mass or 1.0)
-    combined = np.zeros((3, 3))
-    for inertial, place in solid:
-        arm = place.translation - center
-        combined += place.rotation @ inertial.inertia @ place.rotation.T
-        combined += inertial.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return combined

@@ -8,7 +8,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib import metadata
@@ -54,6 +54,22 @@ class Inertial:
     origin: Origin
     mass: float
     inertia: Array
+
+
+def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Array]:
+    """Mass, kg, centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, of links that are fixed to one another.
+
+    Each comes with the placement (``pinocchio.SE3``) of its frame; the axes are those of the placements.
+    """
+    solid = [(own, place * own.origin.placement) for own, place in parts]
+    mass = sum(own.mass for own, _ in solid)
+    center = sum((own.mass * place.translation for own, place in solid), np.zeros(3)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for own, place in solid:
+        arm = place.translation - center
+        inertia += place.rotation @ own.inertia @ place.rotation.T
+        inertia += own.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return mass, center, inertia
 
 
 @dataclass(frozen=True, eq=False)
