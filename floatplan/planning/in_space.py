@@ -28,7 +28,9 @@ TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists and of robots with few joints
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
-MOST_WORK = 3e8  # [instants of one body of a plane] of a search whose budget is left out: about 7 s
+MOST_WORK = 2e8  # [instants of one body of a plane] of a search whose budget is left out: 2 to 7 s
+WORK_WITHIN_LIMITS = 1.3e8  # [-] the same where the SQP follows, of so few joints that its steps cost next to nothing
+CHEAP_JOINTS = 12  # [-] of steps of the SQP: of more, their cost, which is not counted, takes the time
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
@@ -43,7 +45,7 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
     """
     outcomes: list[Outcome] = []
     expired, began = expiry(options.budget), prepared.model.work
-    most_work = MOST_WORK if options.budget is None else np.inf
+    most_work = _usual_work(prepared) if options.budget is None else np.inf
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:
@@ -67,6 +69,17 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
         reason = "turns the robot too fast: no motion can be integrated"
         raise InputError(reason, element="flight.angular_momentum", advice="give a smaller one, or fewer turns")
     return SearchResult(outcomes, ran_out_of_time=stop(), interrupted=interrupted)
+
+
+def _is_followed(prepared: Attempts) -> bool:
+    """Whether the SQP follows what lifting finds."""
+    return bool(prepared.constraints) or prepared.problem.motion.objective != "coefficients"
+
+
+def _usual_work(prepared: Attempts) -> float:
+    """Work of a search whose budget is left out."""
+    more = len(prepared.problem.robot.joints) / CHEAP_JOINTS
+    return WORK_WITHIN_LIMITS / max(1.0, more) ** 1.5 if _is_followed(prepared) else MOST_WORK
 
 
 def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:
@@ -109,7 +122,7 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool])
     before = prepared.model.work
     motion, flight = close(start), start.lifted.flight
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
-    if usable and (prepared.constraints or prepared.problem.motion.objective != "coefficients"):
+    if usable and _is_followed(prepared):
         try:
             outcome = _within_limits(prepared, descend(motion), stop)
         except IntegrationError:

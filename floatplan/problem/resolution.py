@@ -215,7 +215,7 @@ def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
     if not isinstance(given, Mapping | int | float):
         return read_only(_in_order(robot, given, f"limits.{row.key}"))
     own = motor_limits(robot, row, given)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         per_coordinate = own[:, None] / np.abs(robot.motor_ratios)
     return read_only(np.where(robot.motor_ratios != 0, per_coordinate, math.inf).min(axis=0))
 

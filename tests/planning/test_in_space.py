@@ -342,3 +342,35 @@ def test_info_tells_what_a_robot_in_space_is():
     assert facts["joints"] == list(robot.joints)
     assert facts["mass"] == pytest.approx(robot.mass)
     assert not {"plane", "D_min", "out_of_plane_leak"} & set(facts)
+
+
+def test_the_usual_work_is_less_where_more_joints_are_followed_within_limits():
+    from floatplan.planning.attempt import Attempts
+    from floatplan.planning.in_space import MOST_WORK, WORK_WITHIN_LIMITS, _usual_work
+
+    arm = fp.load_problem(SPACE / "free_arm.toml")
+    assert _usual_work(Attempts(replace(arm, limits=fp.Limits()), 0)) == MOST_WORK
+    assert _usual_work(Attempts(arm, 0)) == WORK_WITHIN_LIMITS < MOST_WORK
+
+
+def test_an_attitude_that_says_nothing_is_named(tmp_path):
+    text = (SPACE / "free_arm.toml").read_text().replace("../../urdf", str(ROOT / "urdf"))
+    path = tmp_path / "problem.toml"
+    path.write_text(text.replace("{ quaternion_xyzw = [0, 0, 0, 1] }", "{}"))
+    with pytest.raises(fp.InputError, match=r"start\.orientation\.quaternion_xyzw: give either"):
+        fp.load_problem(path)
+
+
+def test_terms_as_large_as_those_of_high_degrees_are_read(half_twist, tmp_path):
+    path = half_twist.save(tmp_path / "plan.json")
+    content = json.loads(path.read_text())
+    terms = np.abs(half_twist.coefficients * half_twist.duration ** np.arange(half_twist.coefficients.shape[1]))
+    for largest in (1e7, 1e9):
+        path.write_text(
+            json.dumps({**content, "coefficients": (half_twist.coefficients * largest / terms.max()).tolist()})
+        )
+        if largest < 1e8:
+            assert not np.array_equal(fp.load_plan(path).coefficients, half_twist.coefficients)
+        else:
+            with pytest.raises(fp.InputError, match="terms of more than"):
+                fp.load_plan(path)
