@@ -374,3 +374,10 @@ def test_terms_as_large_as_those_of_high_degrees_are_read(half_twist, tmp_path):
         else:
             with pytest.raises(fp.InputError, match="terms of more than"):
                 fp.load_plan(path)
+
+
+def test_motions_of_the_highest_degree_are_fine_enough():
+    problem = fp.load_problem(SPACE / "free_arm.toml")
+    plan = fp.plan(replace(problem, motion=fp.Motion(degree=13), limits=fp.Limits()))
+    assert plan.ok, plan.explanation
+    assert plan.whole.missed < 1e-10

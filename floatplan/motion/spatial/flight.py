@@ -215,23 +215,24 @@ class SpatialBaseMotion:
 
     @cached_property
     def unresolved(self) -> float:
-        """Largest tail of the rates' Legendre coefficients in a cell, relative to the fastest rate."""
+        """Root of the relative error of the attitude, as the tail of the rates' Legendre coefficients foretells it.
+
+        Rates that fall as ``x^j`` with the degree j in a cell of S stages leave an error of ``x^(2 S)``.
+        """
         cells = self.grid.cells
         if self.turnings[0] is None:
             return math.inf
         rates = self.turning.rates.reshape(cells.count, cells.stages, 3)
         tail = np.abs(np.einsum("js,csa->cja", cells.gauss.transform[-2:], rates)).max()
-        return float(tail) / max(float(np.abs(rates).max()), SLOWEST / self.flight.duration)
+        relative = float(tail) / max(float(np.abs(rates).max()), SLOWEST / self.flight.duration)
+        return float(relative ** (cells.stages / (cells.stages - 2)))
 
     def level_needed(self, error: float) -> int:
-        """Level at which the attitude at landing is exact to an error, rad, as the tail in the cells foretells.
-
-        Rates that fall as ``x^j`` with the degree j in a cell leave an error of ``x^(2 S)``; half the length halves x.
-        """
+        """Level at which the attitude at landing is exact to an error, rad: half the length of a cell halves x."""
         own, finest = self.grid.cells, len(LEVELS) - 1
         if not self.unresolved < 1:
             return finest
-        decay = max(self.unresolved, 1e-16) ** (1 / (own.stages - 1))
+        decay = max(self.unresolved, 1e-16) ** (1 / own.stages)
         turned = max(float(np.abs(self.turning.rates).max()) * self.flight.duration, error)
         for level, (count, stages) in enumerate(LEVELS):
             if turned * (decay * own.count / count) ** (2 * stages) < error:
