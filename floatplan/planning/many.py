@@ -97,8 +97,9 @@ def plan_many(
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
-    """Most joints, and most coefficients of one."""
-    degrees = [problems.base.degrees] if isinstance(problems, Family) else [each.degrees for each in problems]
+    """Most joints, and most coefficients of one; refused for flights in space."""
+    asked = [problems.base] if isinstance(problems, Family) else problems
+    degrees = [each.degrees for each in asked if each.robot.layout]
     return max(map(len, degrees), default=0), max((max(each, default=0) for each in degrees), default=0) + 1
 
 

@@ -333,6 +333,11 @@ def test_pictures_of_flights_in_space_say_that_there_are_none(half_twist, tmp_pa
     assert not list(tmp_path.iterdir())
 
 
+def test_many_plans_are_not_yet_of_flights_in_space(half_twist):
+    with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
+        fp.plan_many([half_twist.problem])
+
+
 def test_info_tells_what_a_robot_in_space_is():
     from floatplan.cli.robots import robot_facts
 
