@@ -16,6 +16,7 @@ ALIKE = 1e-2  # relative, of all; where it ended at some feasible motion, which 
 FLAT = 1e-3  # relative, of peaks: near an optimum they change far more than the objective does
 STILL = 1e-6  # [N m; rad/s] peaks of joints that do not move are rounding
 
+TINY = 1e-3  # [kg m^2/s; rad] in space, of components of h, and of what next to no motion of the joints is
 expected = json.loads(REFERENCES.read_text(encoding="utf-8"))
 
 
@@ -31,9 +32,10 @@ def test_answer_is_the_reference(name):
     words = ("status", "verdict")
     assert {key: found[key] for key in words} == {key: wanted[key] for key in words}
     optimal = wanted["status"] == "optimal"
+    tiny = TINY if name.startswith("space/") else None
     is_free = fp.load_problem(ROOT / "problems" / f"{name}.toml").flight.angular_momentum == "free"
     for key, same in (("angular_momentum", FREE if is_free else SAME), ("objective", SAME)):
-        assert found[key] == pytest.approx(wanted[key], rel=same if optimal else ALIKE), key
+        assert found[key] == pytest.approx(wanted[key], rel=same if optimal else ALIKE, abs=tiny), key
     for key in ("torque_peak", "velocity_peak"):
         tolerance = FLAT if optimal else ALIKE
         assert sorted(found[key]) == pytest.approx(sorted(wanted[key]), rel=tolerance, abs=STILL), key  # mirrored

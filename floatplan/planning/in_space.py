@@ -15,7 +15,7 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.attempt import Attempts, Outcome
-from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, refined, starts
+from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
 from floatplan.planning.search import SearchOptions, SearchResult, expiry
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.program import FlightProgram, objective
@@ -129,7 +129,7 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool])
             outcome = _outcome(prepared, motion, "infeasible")
     else:
         final = refined(descend(motion)) if usable else None
-        status = "infeasible" if final is None else "optimal"
+        status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
         outcome = _outcome(prepared, final or motion, status)
     outcome.work = prepared.model.work - before
     return outcome if np.isfinite(outcome.solution.evaluation.detail.residual).all() else None

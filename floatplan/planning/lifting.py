@@ -45,6 +45,7 @@ SHORTER = 0.4  # [-] a step that does not serve
 GAIN = 0.25  # [-] of what a whole step would gain that is asked for
 TURNS_WEIGH = 0.09  # [-] mean square turn of the borders beside the square change of the motion
 DESCENDED = 1e-3  # [-] of the motion: a projected gradient below it is none
+LEAST = 1e-2  # [-] the same, of a motion that is called optimal
 DESCENTS = 40  # [-] most steps of the descent
 TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first step of the descent
 CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
@@ -231,6 +232,13 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
             if radius < SHORTEST:
                 break
     return motion
+
+
+def is_least(motion: LiftedMotion) -> bool:
+    """Whether no closed motion beside a closed one has a smaller free part, to first order."""
+    downhill = np.concatenate((-motion.x[: motion.lifted.coefficients], np.zeros(motion.lifted.momentum.free)))
+    change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
+    return float(np.linalg.norm(change)) <= LEAST * max(motion.size, ROUNDING)
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:

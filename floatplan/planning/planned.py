@@ -248,4 +248,6 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
     if not best.variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
-    return [*sentences, f"{found.counts['starts']} starts were tried, up to degree {max(best.variables.degrees)}."]
+    tried = found.counts["starts"]
+    counted = "1 start was" if tried == 1 else f"{tried} starts were"
+    return [*sentences, f"{counted} tried, up to degree {max(best.variables.degrees)}."]

@@ -257,7 +257,7 @@ class Limits(Keyed):
     motor : mapping motor -> Motor
         Motors' curves, by joint; a leader's holds for followers that are not named.
     orientation_rate : float, rad/s, optional
-        Largest rate of the base.
+        Largest rate of the base; in space of each component in the base's own axes.
     acceleration : "none", one number, mapping or (n,) sequence, rad/s^2
         Largest acceleration, written as the largest rates are; a URDF knows none.
     """

@@ -287,7 +287,7 @@ class Robot:
     @property
     def not_in_plane(self) -> InputError:
         """What is said of a robot that flies in space where only flights in a plane are known, yet."""
-        reason, advice = "the robot flies in space, and this is for flights in a plane, yet", "leave base out"
+        reason, advice = "the robot flies in space, and this is not yet for flights in space", "leave base out"
         return InputError(reason, source=self.source, element="robot.base", advice=advice)
 
     @property

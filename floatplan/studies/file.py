@@ -170,6 +170,8 @@ def load_study_file(path: str | Path) -> StudyFile:
         raise InputError("is for flights alone", source=path, element="plan.search", advice="raise plan.starts")
     problem = path.parent / tables.problem
     base = load_problem(problem)
+    if base.robot.in_plane is None:
+        raise base.robot.not_in_plane
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
     with naming(path):
         samples = _samples(tables, base, degrees=read_toml(problem).get("angles") == "deg")

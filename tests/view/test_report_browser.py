@@ -20,7 +20,9 @@ from floatplan.view.scene.scene import write_scene
 from floatplan.view.style import palette
 
 ROOT = Path(__file__).parents[2]
-PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
+PROBLEMS = sorted(
+    path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name not in ("studies", "space")
+)
 PATIENCE = 10.0  # s for what takes a fraction of one
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
