@@ -57,9 +57,8 @@ def plan(
         The problem is none, or its file is wrong; a number is none, or out of its range; or what stands on the ground
         moves down at takeoff.
     """
-    asked = given_problem(problem)
-    found = planned(asked, SearchOptions(seed, starts, budget, jobs, progress))
-    if not flag(prove, "prove") or asked.robot.in_plane is None:
+    found = planned(given_problem(problem), SearchOptions(seed, starts, budget, jobs, progress))
+    if not flag(prove, "prove") or found.plan.robot.in_plane is None:
         return _noted(found.plan)
     from floatplan.planning.repair import proved_plan  # here, because most plans do without
 
