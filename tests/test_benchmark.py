@@ -83,6 +83,7 @@ def test_section_runs(
         hops=1,
         takeoffs=2,
         landings=1,
+        in_space=1,
         chains=(3,),
         long_chains=(3, 4),
     )
