@@ -256,6 +256,7 @@ def test_loco_mujoco_itself_reads_it(pair: fp.Plan, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
+@pytest.mark.long
 def test_a_jump_has_its_contacts_and_forces(tmp_path: Path) -> None:
     jump = jumps.backflip()
     content, times = read(export(jump, "isaac-amp", tmp_path / "file", rate=RATE)), frame_times(jump, RATE)

@@ -94,6 +94,7 @@ def test_it_goes_on_where_it_ended(done: fp.Study, monkeypatch: pytest.MonkeyPat
     assert index_of(path)["rate"] == 25
 
 
+@pytest.mark.long
 def test_what_is_no_index_or_no_entry_is_made_anew(done: fp.Study) -> None:
     path = done.export("motion-csv", jobs=1)
     before, content = path.read_bytes(), index_of(path)
