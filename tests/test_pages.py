@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import importlib.util
 import json
 import re
@@ -22,13 +23,13 @@ import floatplan as fp
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
-EXTRAS = {
+EXTRAS = {  # words of commands, and the distribution that they need
     "parquet": "pyarrow",
     "floatplan study": "pyarrow",
     "mcap": "mcap",
     "mujoco": "mujoco",
     "--scene": "viser",
-    "example-robot-data:": "example_robot_data",
+    "example-robot-data:": "example-robot-data",
 }
 LONG = {f"docs/{page}.md" for page in ("in_flight", "jump", "tutorial")}  # README: always
 LONG |= {f"docs/howto/{page}.md" for page in ("flip_in_mujoco", "obstacles", "own_robot", "reference_motions")}
@@ -91,9 +92,9 @@ def test_snippets_run(page: str, floatplan: Command) -> None:
             exec(compile(block, page, "exec"), names)  # the project's own text
             continue
         for command in commands(block):
-            for word, module in EXTRAS.items():
-                if word in command and importlib.util.find_spec(module) is None:
-                    skip_or_fail(f"{module} is not installed")
+            for word, distribution in EXTRAS.items():
+                if word in command and not any(importlib.metadata.distributions(name=distribution)):
+                    skip_or_fail(f"{distribution} is not installed")
             folders = len(list(Path.cwd().glob("runs/*")))
             run = floatplan(*shlex.split(command)[1:])
             may_fail = command.startswith(VERDICTS) and page != "README.md"
