@@ -281,12 +281,17 @@ def _momentum_at_once(cells: Cells, step: float, seen: Array, start: Array) -> A
             at = at + grown[cell, :, 0] + grown[cell, :, 1:] @ at
         change = moves[..., 0] + np.einsum("csab,cb->csa", moves[..., 1:], starts)
         mu = mu + change
-        largest = float(abs(change).max())
-        if largest < SETTLED * size:
+        if _settled(change, size):
             return mu
-        if not largest < LARGEST * size:
-            break
     raise IntegrationError
+
+
+def _settled(change: Array, size: float) -> bool:
+    """Whether the last change of mu is lost in rounding; raises IntegrationError where it is beyond all bounds."""
+    largest = float(abs(change).max())
+    if not largest < LARGEST * size:
+        raise IntegrationError
+    return largest < SETTLED * size
 
 
 def _guessed(step: float, seen: Array, start: Array) -> Array:
@@ -341,11 +346,8 @@ def _momentum(cells: Cells, step: float, seen: Array, start: Array) -> Array:
         system = -step * np.einsum("jk,ckab->cjakb", cells.integrals, slope).reshape(count, 3 * stages, 3 * stages)
         change = np.linalg.solve(system + eye, defect.reshape(count, -1, 1)).reshape(mu.shape)
         mu = mu - change
-        largest = float(abs(change).max())
-        if largest < SETTLED * size:
+        if _settled(change, size):
             return mu
-        if not largest < LARGEST * size:
-            break
     raise IntegrationError
 
 
