@@ -232,6 +232,8 @@ def test_constraints_have_the_whole_search_and_stay_in_their_place(gymnast_probl
     assert plans.objective[1] == pytest.approx(fp.plan(hard).objective_value, rel=1e-9)
     assert not plans[2].ok
     assert "impossible" in plans[2].explanation
+    assert plans.starts[2] == 0, "nothing is tried"
+    assert "tried" not in plans[2].explanation
     family = fp.plan_many(fp.Family(hard, {"obstacles.0.center.0": [hard.obstacles[0].center[0], 50.0]}))
     far = replace(hard, obstacles=(dataclasses.replace(hard.obstacles[0], center=(50.0, 3.342)),))
     expected = [fp.plan(problem).objective_value for problem in (hard, far)]
@@ -248,6 +250,15 @@ def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monk
     whole = fp.plan_many([high_jump], search=True)
     assert whole.status.tolist() == ["optimal"]
     assert whole.evaluations[0] > brief.evaluations[0]
+
+
+def test_unsolved_starts_are_as_many_as_asked_for(root):
+    weak = replace(fp.load_problem(root / "problems" / "handstand.toml"), limits=fp.Limits("full", torque=0.02))
+    assert [fp.plan_many([weak], attempts=count).starts[0] for count in (1, 2)] == [1, 2]
+    assert fp.plan_many([weak], attempts=1).messages[0].count("search=True") == 1
+    for wrong in (0, 301, 1.5):
+        with pytest.raises(InputError, match="attempts"):
+            fp.plan_many([weak], attempts=wrong)
 
 
 def test_what_is_not_found_is_searched_for(gymnast_problem):
