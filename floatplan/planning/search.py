@@ -38,7 +38,8 @@ DEGREE_STEP = 2  # [-]
 HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
 SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
-AGREEING = 2  # [-] best solutions that are the same motion, where h is free: then it is taken for the best there is
+AGREEING = 2  # [-] solutions that are the same motion, where h is free: with no other it is taken for the best there is
+AGREEING_BEST = 3  # [-] of the best among others
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
 ANNOUNCED_EVERY = 1.0  # [s] words about the progress
 STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
@@ -149,7 +150,7 @@ def search(
         interrupted = True
     if not outcomes:
         outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
-        outcomes[0].starts = 0
+        outcomes[0].starts = int(interrupted)
     out_of_patience = allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0)
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
@@ -200,9 +201,10 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         return False
     constrained = bool(prepared.constraints)
     if constrained and prepared.plain_start.variables.momentum.free:
-        values = sorted(outcomes[index].objective_value for index in solved)[:AGREEING]
-        agree = len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
-        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agree
+        values = np.sort([outcomes[index].objective_value for index in solved])
+        agreeing = int((values - values[0] <= AGREEMENT * values).sum())
+        enough = AGREEING if agreeing == len(values) else AGREEING_BEST
+        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
     quickly = outcomes[0].is_optimal and outcomes[0].solution.iterations <= EASY_ITERATIONS  # others promise little
     if quickly or len(solved) >= WANTED_AFTER_FAILURE:
         return True

@@ -52,7 +52,8 @@ def starts(
 ) -> Iterator[Start]:
     """Yield the plain start, then random ones without end where anything is free; the same for the same seed.
 
-    Where h is free and there are constraints, the plain motion at other h comes before the random ones: none is drawn.
+    Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones: what
+    only those find shows that the plain ones agree on too little.
     """
 
     def on_branches(at_landing: IntArray) -> DecisionVariables:
@@ -68,12 +69,14 @@ def starts(
             draw = solver(problem, degrees).plan(rows, search)
             variables = on_branches(draw.branch[0])
             yield Start(variables, variables.variables(draw.z[0], momentum.centre))
+    drawn = _random_starts(model, constraints, plain, on_branches, seed)
     if momentum.free and constraints:
         coefficients = start.x[: plain.coefficients]
         for axis in np.eye(momentum.free):
             for fraction in MOMENTUM_FRACTIONS:
                 yield replace(start, x=np.concatenate((coefficients, fraction * axis)))
-    yield from _random_starts(model, constraints, plain, on_branches, seed)
+                yield next(drawn)
+    yield from drawn
 
 
 @lru_cache(maxsize=8)

@@ -29,11 +29,11 @@ Range = tuple[int, int]
 
 
 class StudyFolder:
-    """Where the rows of a study are kept, ``count`` of them when it is done."""
+    """Where some rows of a study are kept, from the first to the one before the last, or all of them."""
 
-    def __init__(self, path: Path, count: int) -> None:
+    def __init__(self, path: Path, rows: Range) -> None:
         self.path = path
-        self._count = count
+        self.rows = rows
 
     @property
     def results(self) -> Path:
@@ -71,21 +71,22 @@ class StudyFolder:
             It holds another study, or results of unknown origin.
         """
         if restart:  # what a study leaves goes, and nothing else
-            made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
-            for path in [*(path for path, _ in self._chunks()), *made]:
-                path.unlink(missing_ok=True)
-        known = self._digest()
+            self.discard_chunks()
+            for name in (RESULTS, *MAPS, STUDY):
+                (self.path / name).unlink(missing_ok=True)
+        known = self.record()
         if known is None:
             if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
                 raise InputError("holds results of no known study", source=self.path, advice=ADVICE)
             record = {"format": FORMAT, "hash": digest, **facts}
             write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
-        elif known != digest:
+        elif known.get("hash") != digest:
             raise InputError(
                 "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
             )
 
-    def _digest(self) -> str | None:
+    def record(self) -> dict[str, Any] | None:
+        """What it says of its study, nothing where that is spoiled; None where there is no record."""
         path = self.path / STUDY
         if not path.exists():
             return None
@@ -93,8 +94,7 @@ class StudyFolder:
             content = read_json(path, LARGEST_STUDY_RECORD, "a study's record")
         except InputError as error:
             raise InputError(error.reason, source=path, advice=ADVICE) from None
-        digest = content.get("hash") if isinstance(content, dict) else None
-        return digest if isinstance(digest, str) else ""
+        return content if isinstance(content, dict) else {}
 
     def _chunks(self) -> list[tuple[Path, Range]]:
         """Files of chunks by their names, in the order of their rows."""
@@ -104,6 +104,11 @@ class StudyFolder:
             if name:
                 found.append((path, (int(name[1]), int(name[2]) + 1)))
         return sorted(found, key=lambda chunk: chunk[1])
+
+    def discard_chunks(self) -> None:
+        """Remove all chunks."""
+        for path, _ in self._chunks():
+            path.unlink(missing_ok=True)
 
     def keep(self, first: int, stop: int, content: bytes) -> None:
         """Write a chunk, whole or not at all."""
@@ -115,21 +120,25 @@ class StudyFolder:
 
         Chunks are removed that cannot be read, or that do not hold their rows: ``are_in`` says so of a table.
         """
-        gaps, reached = [], 0
+        gaps, reached = [], self.rows[0]
         for path, (first, stop) in self._chunks():
-            if first < reached or stop > self._count or not _holds(path, first, stop, are_in):
+            if first < reached or stop > self.rows[1] or not _holds(path, first, stop, are_in):
                 with naming_the_folder(path):
                     path.unlink(missing_ok=True)
                 continue
             if first > reached:
                 gaps.append((reached, first))
             reached = stop
-        return [*gaps, (reached, self._count)] if reached < self._count else gaps
+        return [*gaps, (reached, self.rows[1])] if reached < self.rows[1] else gaps
+
+    def table(self) -> Any:
+        """All chunks as one table."""
+        pa, _ = arrow()
+        return pa.concat_tables([_read(path) for path, _ in self._chunks()])
 
     def merge(self) -> Any:
         """Put all chunks into one table, write it, and return it."""
-        pa, _ = arrow()
-        table = pa.concat_tables([_read(path) for path, _ in self._chunks()])
+        table = self.table()
         with naming_the_folder(self.path):
             write_atomically(self.results, written(table))
         return table

@@ -8,18 +8,23 @@ from multiprocessing.context import ForkServerProcess
 import floatplan as fp
 from floatplan.pool import get_ready
 from floatplan.studies import driver
+from floatplan.studies.shards import plan_shard
 
 ROWS, PAUSE = 4, 0.05  # of a chunk; [s] after it
 
 
-def run(path: str, folder: str) -> None:
-    """Run a study slowly, in this process."""
+def run(path: str, folder: str, shard: str = "") -> None:
+    """Run a study slowly, in this process, or a shard of it."""
     driver.FIRST_TOGETHER = driver.MOST_IN_CHUNK = ROWS
-    fp.study(path, folder=folder, jobs=1, progress=lambda _: time.sleep(PAUSE))
+    if shard:
+        engine = {"engine": "processes", "jobs": 1, "scheduler": None}
+        plan_shard(path, shard, folder=folder, restart=False, progress=lambda _: time.sleep(PAUSE), **engine)
+    else:
+        fp.study(path, folder=folder, jobs=1, progress=lambda _: time.sleep(PAUSE))
 
 
-def started(path: str, folder: str) -> ForkServerProcess:
+def started(path: str, folder: str, shard: str = "") -> ForkServerProcess:
     """Start a process that does so, with the package loaded already."""
-    process = get_ready("floatplan.studies.study").Process(target=run, args=(path, folder))
+    process = get_ready("floatplan.studies.study").Process(target=run, args=(path, folder, shard))
     process.start()
     return process
