@@ -6,6 +6,7 @@ import atexit
 import gc
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated
 
@@ -224,7 +225,7 @@ COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
     *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
 )
-TWO_WORDS = {merge: "study merge"}
+TWO_WORDS: Mapping[object, str] = {merge: "study merge"}
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:
     typed = common.reporting_errors(common.with_options(command))

@@ -6,7 +6,6 @@ import time
 import webbrowser
 from collections.abc import Callable
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -49,8 +48,9 @@ def study(
     Exit code 0 once every row has a status, whatever it is.
     """
     from floatplan.pool import get_ready
+    from floatplan.studies.driver import started
     from floatplan.studies.file import load_study_file
-    from floatplan.studies.shards import plan_shard
+    from floatplan.studies.study import planned_study
 
     began = time.perf_counter()
     if export is not None and shard is not None:
@@ -63,16 +63,8 @@ def study(
         if engine == "processes" and jobs != 1:
             get_ready("floatplan.studies.study")
         with progress("study", quiet, tell=True) as bar:
-            run = fp.study if shard is None else partial(plan_shard, shard=shard)
-            done = run(
-                study_file,
-                folder=output,
-                restart=restart,
-                engine=engine,
-                scheduler=scheduler,
-                jobs=jobs,
-                progress=_teller(bar),
-            )
+            chosen = started(engine, jobs, scheduler)
+            done = planned_study(Path(study_file), output, restart, chosen, _teller(bar), shard)
         if export is not None:
             with progress("exporting", quiet) as bar:
                 done.files.append(done.export(export, rate, model=model, jobs=jobs, progress=bar.reach))
@@ -99,7 +91,7 @@ def merge(
 
     began = time.perf_counter()
     with progress("study", quiet):
-        done = merged(study_file, output, shards or [])
+        done = merged(Path(study_file), output, shards or [])
     _tell(done, began, json_output, quiet)
 
 

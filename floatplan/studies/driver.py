@@ -12,9 +12,10 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from dataclasses import dataclass
 from typing import Any
 
+from floatplan.compiled.batch import is_plain_family
+from floatplan.arguments import optional
 from floatplan.errors import FloatplanError, InputError, import_optional
-from floatplan.kernel.batch import is_plain_family
-from floatplan.planning.search import MOST_JOBS
+from floatplan.planning.search import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder
@@ -89,7 +90,7 @@ def started(engine: str, jobs: int | None, scheduler: str | None, executor: Exec
         raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {engine!r}", element="engine")
     if scheduler is not None and engine != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
-    count = processors() if jobs is None else jobs
+    count = optional(JOBS)(jobs, "jobs") or processors()
     if executor is not None:
         if engine != "processes" or not isinstance(executor, Executor):
             reason = "must be a concurrent.futures.Executor, without an engine beside it"

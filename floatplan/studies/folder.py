@@ -1,11 +1,14 @@
 """The folder of a study and its table: chunks written whole, resumed, merged into one table; one run at a time."""
 
+from __future__ import annotations
+
 import contextlib
 import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,7 @@ from floatplan.errors import InputError, import_optional
 from floatplan.files import read_json, read_regular, write_atomically
 
 FORMAT = "floatplan.study/1"
-STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"
+STUDY, RESULTS, CHUNKS, SHARDS, LOCK = "study.json", "results.parquet", "chunks", "shards", ".lock"
 MAPS = ("map.png", "map.svg", "map.html")
 LARGEST_CHUNK = 1_000_000_000  # [bytes]
 LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
@@ -26,6 +29,35 @@ ROW_GROUP = 65_536  # rows
 WORDS = ("status", "explanation", "verdict")  # columns
 
 Range = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The ``number``-th, from 1, of ``count`` equal shares of a study's rows, which follow each other."""
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        """As it is asked for."""
+        return f"{self.number}/{self.count}"
+
+    def rows(self, total: int) -> Range:
+        """Its rows of so many."""
+        return total * (self.number - 1) // self.count, total * self.number // self.count
+
+    @classmethod
+    def asked(cls, words: str, total: int) -> Shard:
+        """Read "3/64" about a study of so many rows; each shard has one at least."""
+        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
+        if not found:
+            raise InputError(f"must be a number and how many there are, such as 3/64, not {words!r}", element="shard")
+        shard = cls(int(found[1]), int(found[2]))
+        if not 1 <= shard.count <= total:
+            raise InputError(f"{shard}: {total} rows make 1 to {total} shards", element="shard")
+        if not 1 <= shard.number <= shard.count:
+            raise InputError(f"{shard}: they are numbered from 1 to {shard.count}", element="shard")
+        return shard
 
 
 class StudyFolder:

@@ -27,7 +27,7 @@ from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.studies.driver import Engine, Progress, StudyRun, processors, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
-from floatplan.studies.folder import StudyFolder, arrow, naming_the_folder, words
+from floatplan.studies.folder import SHARDS, Shard, StudyFolder, arrow, naming_the_folder, words
 from floatplan.studies.motions import row_jump, row_plan, write_motions
 from floatplan.studies.rows import row_check
 from floatplan.tables import Range
@@ -57,7 +57,7 @@ class Study:
         self._file = file
         self.folder = folder.path
         self.table = table
-        self.files = [folder.results]
+        self.files: list[Path] = []
 
     def __len__(self) -> int:
         return len(self.table)
@@ -232,17 +232,9 @@ def study(
     FloatplanError
         No process can be started, or the executor takes no more; the same call goes on from there.
     """
-    given, scheduler = optional(as_path)(folder, "folder"), optional(text)(scheduler, "scheduler")
-    jobs, progress = optional(JOBS)(jobs, "jobs"), optional(function)(progress, "progress")
-    restart, engine = flag(restart, "restart"), text(engine, "engine")
-    file = asked(as_path(path, "path"))
-    place = StudyFolder(given or file.folder, (0, len(file)))
-    with place.locked():
-        place.open(file.digest(), facts(file), restart)
-        if file.map:  # while others plan
-            threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
-        filled(file, place, started(engine, jobs, scheduler, executor), progress)
-        return finished(file, place)
+    chosen = started(text(engine, "engine"), jobs, optional(text)(scheduler, "scheduler"), executor)
+    given, progress = optional(as_path)(folder, "folder"), optional(function)(progress, "progress")
+    return planned_study(as_path(path, "path"), given, flag(restart, "restart"), chosen, progress)
 
 
 def asked(path: Path) -> StudyFile:
@@ -254,22 +246,39 @@ def asked(path: Path) -> StudyFile:
     return file
 
 
-def filled(
-    file: StudyFile,
-    place: StudyFolder,
+def planned_study(
+    path: Path,
+    folder: Path | None,
+    restart: bool,
     engine: AbstractContextManager[Engine],
     progress: Callable[[Progress], None] | None,
-) -> None:
-    """Plan the rows that a folder lacks; the engine is begun where there are any."""
-    gaps = place.missing(row_check(file))
-    if gaps:
-        with engine as chosen:
-            StudyRun(file, place, chosen, progress).fill(gaps)
+    shard: str | None = None,
+) -> Study:
+    """Plan the rows that a study's folder lacks, or those of a shard, such as "3/64", in a folder of its own.
+
+    Of a shard the table has its rows, and no file; all else is as of :func:`study`.
+    """
+    file = asked(path)
+    which = Shard(1, 1) if shard is None else Shard.asked(shard, len(file))
+    of_shard = {} if shard is None else {"shard": [which.number, which.count]}
+    whole = folder or file.folder
+    part = whole / SHARDS / f"{which.number}-of-{which.count}" if of_shard else whole
+    place = StudyFolder(part, which.rows(len(file)))
+    with place.locked():
+        place.open(file.digest(), facts(file) | of_shard, restart)
+        gaps = place.missing(row_check(file))
+        if file.map and not of_shard:  # while others plan
+            threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
+        if gaps:
+            with engine as chosen:
+                StudyRun(file, place, chosen, progress).fill(gaps)
+        return Study(file, place, place.table()) if of_shard else finished(file, place)
 
 
 def finished(file: StudyFile, place: StudyFolder) -> Study:
     """Write the table and the maps of a study whose rows are all there."""
     done = Study(file, place, place.merge())
+    done.files.append(place.results)
     if file.map:
         from floatplan.studies import maps
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from multiprocessing.context import ForkServerProcess
+from pathlib import Path
 
 import floatplan as fp
 from floatplan.pool import get_ready
 from floatplan.studies import driver
-from floatplan.studies.shards import plan_shard
+from floatplan.studies.study import planned_study
 
 ROWS, PAUSE = 4, 0.05  # of a chunk; [s] after it
 
@@ -17,8 +18,8 @@ def run(path: str, folder: str, shard: str = "") -> None:
     """Run a study slowly, in this process, or a shard of it."""
     driver.FIRST_TOGETHER = driver.MOST_IN_CHUNK = ROWS
     if shard:
-        engine = {"engine": "processes", "jobs": 1, "scheduler": None}
-        plan_shard(path, shard, folder=folder, restart=False, progress=lambda _: time.sleep(PAUSE), **engine)
+        engine = driver.started("processes", 1, None)
+        planned_study(Path(path), Path(folder), False, engine, lambda _: time.sleep(PAUSE), shard)
     else:
         fp.study(path, folder=folder, jobs=1, progress=lambda _: time.sleep(PAUSE))
 

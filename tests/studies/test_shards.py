@@ -15,8 +15,7 @@ import slow_study
 
 import floatplan as fp
 from floatplan.studies import driver, rows
-from floatplan.studies.folder import StudyFolder
-from floatplan.studies.shards import Shard
+from floatplan.studies.folder import Shard, StudyFolder
 
 pytest.importorskip("pyarrow")
 WHOLE = '[vary]\n"obstacles.0.center.0" = [0.9, 1.3, 1.7, 50.0]\n'
@@ -107,7 +106,7 @@ class TestMergeRefuses:
         return merge
 
     def test_none(self, refused):
-        assert "there are no shards" in refused()
+        assert "has no shards" in refused()
 
     def test_missing_ones(self, shard, refused):
         shard("2/4")
@@ -128,10 +127,10 @@ class TestMergeRefuses:
         path, _, _ = asked
         path.write_text(path.read_text().replace("4.4", "4.5"))
         shard("2/2")
-        assert "holds a shard of another study" in refused()
+        assert "holds no shard of this study" in refused()
 
     def test_what_is_no_shard(self, asked, refused, tmp_path):
-        assert "has no study.json" in refused(tmp_path)
+        assert "holds no shard" in refused(tmp_path)
         assert "holds no shard" in refused(tmp_path / "whole")
 
     @pytest.mark.parametrize("record", ["[]", "{}", '"x"', "["])
@@ -150,7 +149,7 @@ class TestMergeRefuses:
         part = shard("1/1")
         for chunk in (part / "chunks").iterdir():
             chunk.write_bytes(chunk.read_bytes()[:100])
-        assert "96 rows are still to be planned" in refused()
+        assert "96 rows of shard 1/1 are still to be planned" in refused()
         shard("1/1")
         assert floatplan("study", "merge", path, "-o", out, "-q").code == 0
         assert timeless(fp.study(path, folder=out, jobs=1).table).equals(table)
@@ -253,7 +252,7 @@ def test_a_killed_shard_goes_on(asked, shard, floatplan):
     assert 0 < len(list(chunks.glob("*.parquet"))) < 48 / slow_study.ROWS, "killed in the middle"
     shard("2/2")
     run = floatplan("study", "merge", path, "-o", out)
-    assert "run --shard 1/2 again" in run.stderr
+    assert "rows of shard 1/2 are still to be planned; run it again" in run.stderr
     shard("1/2")
     assert floatplan("study", "merge", path, "-o", out, "-q").code == 0
     assert timeless(fp.study(path, folder=out, jobs=1).table).equals(table)
