@@ -195,7 +195,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
 def _missed_turn(found: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
     missed = found.best.solution.evaluation.detail.residual[0]
-    return np.where(np.abs(missed) > ORIENTATION, missed, 0.0)
+    return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
 
 
 def _numbers(values: Array, form: str) -> str:
@@ -237,12 +237,17 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
 def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
     best, missed, sentences = found.best, _missed_turn(found), []
+<<<<<<< HEAD
     tried = found.counts["starts"]
     if not tried:
         return []
+=======
+    wrong = best.solution.evaluation.detail.flown.wrong_way if np.isfinite(missed).all() else ""
+>>>>>>> main
     if missed.any():
-        sentences.append(f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad.")
-    elif wrong := best.solution.evaluation.detail.flown.wrong_way:
+        off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
+        sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")
+    elif wrong:
         sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
     if best.worst.least < 0:
         number, row, value, s = best.worst.lowest
