@@ -237,13 +237,10 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
 def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
     best, missed, sentences = found.best, _missed_turn(found), []
-<<<<<<< HEAD
     tried = found.counts["starts"]
     if not tried:
         return []
-=======
     wrong = best.solution.evaluation.detail.flown.wrong_way if np.isfinite(missed).all() else ""
->>>>>>> main
     if missed.any():
         off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
         sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")
