@@ -9,7 +9,7 @@ and a small turn zeta of the world, ``delta R = [zeta]x R``, goes on as
 
     zeta' = M [h]x zeta + g,    M = R I^-1 R^T,    g = -R I^-1 (L dq + A dq') + M dh,                              (S2)
 
-where L is the derivative of ``I omega + A q'`` by the joints' positions. In a cell ``R = B Y S``, with B at its border: S
+where L is the derivative of ``I omega + A q'`` by the joints' positions. In a cell ``R = B Y S``, B at its border: S
 is the motion for h = 0, a linear equation for a quaternion; ``mu = Y^T B^T h`` obeys ``mu' = mu x (J mu)`` with
 ``J = S I^-1 S^T``, which Newton's method solves; and Y follows from mu, again linearly. The kernel does that.
 """
