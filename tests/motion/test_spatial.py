@@ -220,6 +220,16 @@ def test_what_is_suggested_turns_the_plain_motion_to_the_goal(diver):
     assert abs(h[1]) > 50 * np.hypot(h[0], h[2])
 
 
+@pytest.mark.parametrize("angles", [(0.4, -0.3, 0.2), (0.01, 0.8, 0.7), (0, 0, -0.9)])
+def test_small_turns_about_any_axes_need_no_joints(diver, angles):
+    posture = diver.position_limits.mean(axis=1)
+    level, turned = (fp.Attitude(angles=each, axes="yxz") for each in ((0, 0, 0), angles))
+    problem = fp.Problem(diver, fp.Posture(level, posture), fp.Posture(turned, posture), fp.Flight(1.2, "suggested"))
+    plain = fp.plan(problem)
+    assert plain.ok
+    assert plain.objective_value < 1e-9
+
+
 def test_the_motion_in_the_files_coordinates_is_one_of_pinocchio(diver):
     """No force on the base but gravity, q' = v, v' = a, and the momentum is constant."""
     plan = fp.plan(fp.load_problem(URDF.parent / "problems" / "space" / "diver_half_twist.toml"))

@@ -1,4 +1,4 @@
-"""Problem files of flights in space: what their comments say, and that they fly."""
+"""Problem files of flights in space: what their comments say, that they fly; and goals that are known to be reached."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from space_sections import drawn_goals
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
@@ -66,3 +67,23 @@ def test_those_that_nothing_turns_are_asked_so(name, momentum):
     turned = problem.final.attitude.matrix.T @ problem.initial.attitude.matrix
     angle = math.degrees(math.acos((np.trace(turned) - 1) / 2))
     assert angle == pytest.approx({"go2_levels": 35.9}.get(name, 60.0), abs=0.1)
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+@pytest.mark.parametrize("seeds", [(0, 2, 3), pytest.param(range(40), marks=pytest.mark.long)])
+def test_goals_to_which_drawn_motions_lead_are_found(seeds):
+    """A third of them within limits of 1.3 times what the drawn motion needs."""
+    drawn = enumerate(drawn_goals(max(seeds) + 1))
+    plans = [fp.plan(problem, seed=seed) for seed, problem in drawn if seed in seeds]
+    found = [plan for plan in plans if plan.ok]
+    assert len(found) >= 0.9 * len(seeds)
+    assert plans[0].ok, plans[0].explanation
+    assert np.isfinite(plans[0].problem.torque_limits).all()
+    for plan in found:
+        assert plan.whole.missed < 1e-9
+        assert (plan.peaks.torque <= plan.problem.torque_limits * (1 + 1e-9)).all()
+        ends = plan.at([0.0, plan.duration])
+        for index, end in enumerate((plan.problem.initial, plan.problem.final)):
+            assert ends.positions[index] == pytest.approx(end.positions, abs=1e-9)
+            assert ends.velocities[index] == pytest.approx(end.velocities, abs=1e-9)
+            assert ends.accelerations[index] == pytest.approx(end.accelerations, abs=1e-8)

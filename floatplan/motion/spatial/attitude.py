@@ -9,8 +9,8 @@ and a small turn zeta of the world, ``delta R = [zeta]x R``, goes on as
 
     zeta' = M [h]x zeta + g,    M = R I^-1 R^T,    g = -R I^-1 (L dq + A dq') + M dh,                              (S2)
 
-where L is the derivative of ``I omega + A q'`` by the joints' positions. In a cell ``R = B Y S``, B at its border: S
-is the motion for h = 0, a linear equation for a quaternion; ``mu = Y^T B^T h`` obeys ``mu' = mu x (J mu)`` with
+where L is the derivative of ``I omega + A q'`` by the joints' positions. In a cell ``R = B Y S``, with B at its border:
+S is the motion for h = 0, a linear equation for a quaternion; ``mu = Y^T B^T h`` obeys ``mu' = mu x (J mu)`` with
 ``J = S I^-1 S^T``, which Newton's method solves; and Y follows from mu, again linearly. The kernel does that.
 """
 
@@ -21,12 +21,11 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, kernel
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
-from floatplan.motion.spatial.rotations import exponential
+from floatplan.motion.spatial.rotations import exponential, of_quaternions
 
 TOLERANCES: dict[str, float] = {
     "sweeps": 12,  # of Newton's method; more than it takes where it comes to an end
@@ -109,7 +108,7 @@ class Turning:
         for rates in self.spun:
             quaternions = self.step * np.einsum("ls,lsa->la", integrals, rates[cell])
             quaternions[:, 3] += 1.0
-            attitudes = attitudes @ Rotation.from_quat(quaternions).as_matrix()
+            attitudes = attitudes @ of_quaternions(quaternions)
         return np.asarray(attitudes)
 
     @property
