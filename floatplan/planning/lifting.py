@@ -285,8 +285,9 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     """Attitudes (K, 3, 3) at instants (K,) of [0, 1] of a path to the goal.
 
     A goal that is a rotation is reached by the shortest one, from rest to rest, where there is no h; else from the way
-    that the motion x turns the base, whose error at landing is taken away evenly. For angles the body of the start posture is taken for a symmetric top: with the momentum h along the first axis, a tilt
-    by beta makes it twist at ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
+    that the motion x turns the base, whose error at landing is taken away evenly. For angles the body of the start
+    posture is taken for a symmetric top: with the momentum h along the first axis, a tilt by beta makes it twist at
+    ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
     """
     flight, angular_momentum = lifted.flight, lifted.variables.angular_momentum(x)
     steady = s if angular_momentum.any() else _smoothstep(s)
