@@ -5,7 +5,7 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -147,10 +147,6 @@ def solve(
         sampling = watching(nodes, constraints, beside)
         return scaled(FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off), x)
 
-    def by_active_rows(current: Evaluation[Trajectory], hessian: Array, active: IntArray) -> Step | None:
-        model.solved(len(hessian))
-        return step_by_active_rows(current, hessian, active)
-
     back_off, extra = BACK_OFF, np.empty(0)
     always = instants_beside_nodes(variables, constraints)
     counts = model.flight.node_counts
@@ -159,7 +155,9 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=by_active_rows)
+    guess = hessian_approximation(
+        program.hessian(start), inequalities=bool(constraints), first=partial(_counted, model)
+    )
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
@@ -193,6 +191,12 @@ def solve(
             level, program = needed, program_at(needed, extra, x)
             start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
+
+
+def _counted(model: FlightModel, current: Evaluation[Trajectory], hessian: Array, active: IntArray) -> Step | None:
+    """Count a quadratic program as work, and solve it if its active rows are nearly known."""
+    model.solved(len(hessian))
+    return step_by_active_rows(current, hessian, active)
 
 
 def _stages(
