@@ -20,6 +20,7 @@ from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn_from
+from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics, spatial_flight
 from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
@@ -36,13 +37,12 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
     """Place (3,) of a link's or joint's origin relative to the centre of mass, m, in the world's axes."""
-    model = robot.model
-    data = model.createData()
-    q = spatial_dynamics(robot).configurations(state.positions[None])[0]
-    pin.forwardKinematics(model, data, q)
-    name = frame if model.existFrame(frame) else robot.joint_tree.joint[frame].child
-    place = pin.updateFramePlacement(model, data, model.getFrameId(name)).translation
-    return np.asarray(attitude_of(state).matrix @ (place - pin.centerOfMass(model, data, q)))
+    return posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
+
+
+def posed(robot: Robot, state: JointState, com: Array) -> BodyPoses:
+    """The bodies in a given posture, the centre of mass (3,) m where it is told to be."""
+    return BodyPoses.of(robot, attitude_of(state).matrix[None], state.positions[None], com[None])
 
 
 @lru_cache(maxsize=8)
@@ -146,6 +146,27 @@ class SpatialMotion:
         """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state; none on the base."""
         moved = (state.positions, state.velocities, state.accelerations, state.orientation_rate)
         return np.pad(self.dynamics.torques(*moved), ((0, 0), (BASE, 0)))
+
+    def bodies(self, instants: Array) -> BodyPoses:
+        """Where the bodies are at times (N,) s."""
+        joints, com = self.joints.at(instants)[0], self.path.positions(instants)
+        return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
+
+    def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
+        """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
+        poses, solids = self.bodies(instants), self.problem.robot.solids
+        heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
+        return heights - self._ground, tuple(solid.link for solid in solids)
+
+    @cached_property
+    def _ground(self) -> float:
+        """Height, m, of the lowest point with which the takeoff link stands, or of its frame where it has no shape."""
+        robot, frame = self.problem.robot, self.problem.takeoff.frame
+        joint = robot.joint_tree.joint.get(frame)
+        standing = robot.contact_link(frame if joint is None else joint.child)
+        start = posed(robot, self.problem.initial, np.asarray(self.path.position0))
+        lowest = [start.lowest(solid)[0] for solid in robot.solids if solid.link == standing]
+        return float(min(lowest, default=start.frame(robot, frame)[0, 2]))
 
     @property
     def orientation_at_ends(self) -> Mapping[str, Any]:
