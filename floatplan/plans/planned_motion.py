@@ -1,9 +1,11 @@
 """The motion of a plan: a function of time, and what is measured of it."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,9 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
+
+if TYPE_CHECKING:
+    from floatplan.motion.spatial.bodies import BodyPoses
 
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
@@ -129,6 +134,10 @@ class PlannedMotion(flight.MotionInFile):
     @cached_property
     def _written(self) -> WrittenMotion:
         return WrittenMotion.from_powers(self.centre, self.amplitude, self.coefficients, self.duration)
+
+    def bodies(self, times: npt.ArrayLike) -> BodyPoses:
+        """Where the bodies of a robot in space are at N times, s; errors as of :meth:`at`."""
+        return flight.bodies(self.whole, self._within(times).ravel())
 
     @property
     def in_plane(self) -> flight.PlanarMotion:

@@ -190,6 +190,14 @@ class SpatialMotion:
         found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
         return found
 
+    def angles_at(self, axes: str, instants: Array) -> Array:
+        """The same (N, 3), rad, at times (N,) s."""
+        known, found = self.angles(axes), unwrapped_angles(axes, self.attitudes(instants))
+        stages = np.concatenate(([0.0], self.turning.cells.s, [1.0])) * self.problem.flight.duration
+        near = np.stack([np.interp(instants, stages, column) for column in known.T], axis=1)
+        found[:, [0, 2]] += (2 * np.pi * np.rint((near - found) / (2 * np.pi)))[:, [0, 2]]
+        return found
+
 
 class SpatialFullMotion(FullMotion):
     """All J joints that can move, and the base, at the N instants of a motion in space."""
