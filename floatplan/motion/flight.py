@@ -7,7 +7,7 @@ asked; see :mod:`floatplan.motion.dynamics`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -32,28 +32,14 @@ from floatplan.motion.planar.full_model import (
 )
 from floatplan.motion.planar.whole import PlanarMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from floatplan.motion.spatial.bodies import BodyPoses
-    from floatplan.motion.spatial.whole import SpatialMotion
 
 __all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FlightCoordinates", "FullMotion", "GaussGrid"]
 __all__ += ["LinkShapes", "MotionInFile", "PinocchioDynamics", "PlanarFlight", "PlanarMotion", "Reachable", "Segments"]
-__all__ += [
-    "angular_momentum_interval",
-    "attitude_angles",
-    "ballistics",
-    "bodies",
-    "difficulties",
-    "end_rates",
-    "flight_dynamics",
-]
+__all__ += ["angular_momentum_interval", "ballistics", "difficulties", "end_rates", "flight_dynamics"]
 __all__ += ["frame_from_com", "free_flyer", "gauss_grid", "impossibilities", "inertia_extremes", "landing"]
-__all__ += ["momentum_set", "motion_into_ground", "no_common_momentum", "obstacle_distances", "planar_flight", "posed"]
-__all__ += ["reachable_sets", "takeoff", "tree_dynamics", "whole_motion"]
+__all__ += ["missed_in_space", "momentum_set", "motion_into_ground", "no_common_momentum", "obstacle_distances"]
+__all__ += ["planar_flight", "reachable_sets", "takeoff", "tree_dynamics", "whole_motion"]
 
 
 def flight_dynamics(problem: Problem) -> FlightDynamics:
@@ -92,29 +78,11 @@ def whole_motion(problem: Problem, joints: WrittenMotion, angular_momentum: Any,
     return SpatialMotion(problem, joints, np.asarray(angular_momentum), path)
 
 
-def bodies(motion: WholeMotion, instants: Array) -> BodyPoses:
-    """Where the bodies of a robot in space are at times (N,) s."""
-    return _in_space(motion).bodies(instants)
+def missed_in_space(motion: PlanarMotion) -> Array:
+    """What a plan in a plane leaves out; see :mod:`floatplan.motion.spatial.out_of_plane`."""
+    from floatplan.motion.spatial import out_of_plane
 
-
-def _in_space(motion: WholeMotion) -> SpatialMotion:
-    from floatplan.motion.spatial.whole import SpatialMotion
-
-    if not isinstance(motion, SpatialMotion):
-        raise InputError("the robot flies in a plane", element="motion")
-    return motion
-
-
-def attitude_angles(motion: WholeMotion, axes: str, instants: Array) -> Array:
-    """Angles (N, 3), rad, of the base in space about axes at times (N,) s: first and third unwrapped from takeoff."""
-    return _in_space(motion).angles_at(axes, instants)
-
-
-def posed(robot: Robot, state: JointState, com: Array) -> BodyPoses:
-    """The bodies of a robot in space in a given posture, its centre of mass at (3,), m."""
-    from floatplan.motion.spatial.whole import posed
-
-    return posed(robot, state, com)
+    return out_of_plane.missed_in_space(motion)
 
 
 def angular_momentum_interval(problem: Problem) -> tuple[float, float] | None:

@@ -1,11 +1,9 @@
 """The motion of a plan: a function of time, and what is measured of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +22,8 @@ from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
-if TYPE_CHECKING:
-    from floatplan.motion.spatial.bodies import BodyPoses
-
 PEAK_NODES = (33, 65, 129, 257)
+NO_LEAK = 1e-12  # [-] is rounding
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
@@ -135,10 +131,6 @@ class PlannedMotion(flight.MotionInFile):
     def _written(self) -> WrittenMotion:
         return WrittenMotion.from_powers(self.centre, self.amplitude, self.coefficients, self.duration)
 
-    def bodies(self, times: npt.ArrayLike) -> BodyPoses:
-        """Where the bodies of a robot in space are at N times, s; errors as of :meth:`at`."""
-        return flight.bodies(self.whole, self._within(times).ravel())
-
     @property
     def in_plane(self) -> flight.PlanarMotion:
         """The whole robot's motion in a plane; refused in space.
@@ -237,6 +229,20 @@ class PlannedMotion(flight.MotionInFile):
             return None
         state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
+
+    @cached_property
+    @one_thread
+    def out_of_plane(self) -> Array | None:
+        """By how much (3,) the robot turns away from its planned attitude until landing, as it leaves the plane, rad.
+
+        A vector of rotation about its own axes: the plane's horizontal, its vertical and its normal. It is the joints'
+        motion as planned, integrated in space: 0 for a robot that is its own mirror image in the plane, NaN where the
+        motion cannot be integrated, None for a flight in space.
+        """
+        leak = self.out_of_plane_leak
+        if leak is None:
+            return None
+        return read_only(np.zeros(3) if leak < NO_LEAK else flight.missed_in_space(self.in_plane))
 
     @property
     def _size(self) -> float:

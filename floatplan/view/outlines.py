@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.motion.flight import posed
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view.jumps import JumpView, Shown
-from floatplan.view.solids import CAMERA, LINK_RADIUS, drawn_solids, face_normals, from_behind
+from floatplan.view.solids import CAMERA, LINK_RADIUS, drawn_solids, face_normals
 from floatplan.view.style import round_below
 
 if TYPE_CHECKING:
@@ -79,18 +78,12 @@ class Postures:
             return [(shape, []) for shape in range(len(self.radius))]
         corners = self.corners[index]
         places = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
-        normals = [face_normals(of_shape, faces) for of_shape, faces in zip(places, self.faces, strict=True)]
-        return [
-            (
-                shape,
-                [
-                    (corners[shape, face], max(float(LIGHT @ normal), 0.0))
-                    for face, normal in zip(self.faces[shape], normals[shape], strict=True)
-                    if normal[2] > 0
-                ],
-            )
-            for shape in from_behind(places, self.radius, self.faces, normals)
-        ]
+        found = []
+        for shape in np.argsort(self.depth[index].mean(axis=1), kind="stable").tolist():
+            normals = face_normals(places[shape], self.faces[shape])
+            lights = zip(self.faces[shape], normals[:, 2] > 0, np.clip(normals @ LIGHT, 0.0, 1.0), strict=True)
+            found.append((shape, [(corners[shape, face], float(light)) for face, seen, light in lights if seen]))
+        return found
 
     @property
     def low(self) -> ComplexArray:
@@ -119,7 +112,7 @@ class Postures:
 def postures(plan: Shown, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
     if isinstance(plan, Plan) and plan.robot.in_plane is None:
-        return seen_robot(plan.problem, times, plan.bodies(times), com_path(plan, times))
+        return seen_robot(plan.problem, times, bodies(plan, times), com_path(plan, times))
     return placed_robot(plan.problem, times, *coordinates(plan, times))
 
 
@@ -135,8 +128,8 @@ def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
     """Return the robot in a given posture, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
     if isinstance(plan, Plan) and plan.robot.in_plane is None:
-        poses = posed(plan.robot, state, plan.ballistics.positions(times)[0])
-        return seen_robot(plan.problem, times, poses, com_path(plan, times))
+        whole: Any = plan.whole
+        return seen_robot(plan.problem, times, whole.posture(state, time), com_path(plan, times))
     orientation, com = np.array([state.orientation]), com_path(plan, times)
     return placed_robot(plan.problem, times, orientation, state.positions[None], com)
 
@@ -157,6 +150,13 @@ def placed_robot(problem: Problem, times: Array, orientation: Array, positions: 
         takeoff=takeoff,
         landing=landing,
     )
+
+
+def bodies(plan: Plan, times: Array) -> BodyPoses:
+    """Where the bodies of a robot in space are at times (K,), s."""
+    whole: Any = plan.whole
+    poses: BodyPoses = whole.bodies(times)
+    return poses
 
 
 def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArray) -> Postures:
@@ -212,43 +212,28 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
 def turns(plan: Plan, times: Array) -> Array:
     """Angles (K - 1, m), rad, by which the bodies turn from one of the times (K,), s, to the next."""
     if plan.robot.in_plane is None:
-        rotations = plan.bodies(times).rotations
+        rotations = bodies(plan, times).rotations
         traces = np.einsum("kmab,kmab->km", rotations[1:], rotations[:-1])
         return np.arccos(np.clip((traces - 1) / 2, -1.0, 1.0))
     return np.abs(np.diff(body_poses(plan.robot, *coordinates(plan, times)).angles, axis=0))
 
 
-def floor(plan: Plan) -> tuple[float, Array, Array] | None:
-    """Return the level of the ground that a flight in space leaves, and corners (2,) of the box that it is over, m.
-
-    None where there is none, as :func:`ground_lines` tells it.
-    """
-    poses, solids = plan.bodies(np.linspace(0.0, plan.duration, FLOOR_SAMPLES)), drawn_solids(plan.robot)
-    placed = [(poses.points(solid.body, solid.points), solid.radius) for solid in solids]
-    low, high = (
-        extreme.reduce([extreme.reduce(points, axis=1) + side * radius for points, radius in placed])
-        for extreme, side in ((np.minimum, -1.0), (np.maximum, 1.0))
-    )
-    size, level = float((high - low).max()), float(low[0, 2])
+def floor(plan: Plan) -> list[Array]:
+    """Lines (2, 3), m, of a grid on the ground that a flight in space leaves, where it stands on it at takeoff."""
+    poses, solids = bodies(plan, np.linspace(0.0, plan.duration, FLOOR_SAMPLES)), drawn_solids(plan.robot)
+    placed = np.concatenate([poses.points(solid.body, solid.points) for solid in solids], axis=1)
+    low, high, level = placed.min(axis=(0, 1)), placed.max(axis=(0, 1)), float(placed[0, :, 2].min())
+    size = float((high - low).max())
     stands = poses.frame(plan.robot, plan.problem.takeoff.frame)[0, 2] <= level + 2 * STANDING * size
-    if plan.ballistics.gravity == 0 or not stands or low[:, 2].min() < level - SINKING * size:
-        return None
-    return level, low[:, :2].min(axis=0), high[:, :2].max(axis=0)
-
-
-def grid(plan: Plan) -> list[Array]:
-    """Lines (2, 3), m, of a grid on the :func:`floor`; none where there is none."""
-    found = floor(plan)
-    if found is None:
+    if plan.ballistics.gravity == 0 or not stands or low[2] < level - SINKING * size:
         return []
-    level, low, high = found
-    step = round_below(float((high - low).max()) / 3)
+    step = round_below(size / 4)
     low, high = step * (np.floor(low / step) - 0.5), step * (np.ceil(high / step) + 0.5)
     lines = []
-    for axis in (0, 1):
-        for place in np.arange(low[axis] + step / 2, high[axis], step):
+    for along, across in ((0, 1), (1, 0)):
+        for place in np.arange(low[across] + step / 2, high[across], step):
             ends = np.full((2, 3), level)
-            ends[:, axis], ends[:, 1 - axis] = place, (low[1 - axis], high[1 - axis])
+            ends[:, across], ends[:, along] = place, (low[along], high[along])
             lines.append(ends)
     return lines
 

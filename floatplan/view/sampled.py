@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeGuard
+from typing import Any, TypeGuard, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightState
-from floatplan.motion.flight import attitude_angles
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 from floatplan.tables import JOINT_LIMITS
@@ -100,7 +99,7 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
     ):  # then along what the base turns about
         h = (turned[-1] * turned[0].inv()).as_rotvec()
     along = h / (np.linalg.norm(h) or 1.0)
-    axes, _ = attitude_axes(plan.problem)
+    axes, whole = attitude_axes(plan.problem)[0], cast("Any", plan.whole)
     limits, rates = limits_in_use(plan), state.velocities @ plan.robot.motor_ratios.T
     columns = {"momentum_base": of_base @ along, "momentum": state.angular_momentum @ along}
     columns["momentum_joints"] = columns["momentum"] - columns["momentum_base"]
@@ -113,7 +112,7 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
     for name, values in vectors.items():
         columns |= {f"{name}{axis}": column for axis, column in zip("xyz", values.T, strict=True)}
     rows = {
-        "orientation": attitude_angles(plan.whole, axes, state.times),
+        "orientation": whole.angles_at(axes, state.times),
         "quaternion": state.orientation,
         "inertia": np.linalg.eigvalsh(inertia),
         "torque_use": state.motor_torques / limits["torque"],

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.motion.spatial.flight import spatial_dynamics
+from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics
+from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
@@ -41,6 +42,11 @@ class BodyPoses:
                 places[k, body], rotations[k, body] = placement.translation - middle, placement.rotation
         turned = np.einsum("kab,kib->kia", attitudes, places)
         return cls(turned + com[:, None], attitudes[:, None] @ rotations)
+
+    @classmethod
+    def posed(cls, robot: Robot, state: JointState, com: Array) -> BodyPoses:
+        """Poses of a given posture, K = 1, with the centre of mass at (3,), m."""
+        return cls.of(robot, attitude_of(state).matrix[None], state.positions[None], com[None])
 
     def points(self, body: int, local: Array) -> Array:
         """Places (K, k, 3) of points (k, 3) of a body, m."""

@@ -37,12 +37,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
     """Place (3,) of a link's or joint's origin relative to the centre of mass, m, in the world's axes."""
-    return posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
-
-
-def posed(robot: Robot, state: JointState, com: Array) -> BodyPoses:
-    """The bodies in a given posture, the centre of mass (3,) m where it is told to be."""
-    return BodyPoses.of(robot, attitude_of(state).matrix[None], state.positions[None], com[None])
+    return BodyPoses.posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
 
 
 @lru_cache(maxsize=8)
@@ -152,6 +147,10 @@ class SpatialMotion:
         joints, com = self.joints.at(instants)[0], self.path.positions(instants)
         return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
 
+    def posture(self, state: JointState, time: float) -> BodyPoses:
+        """Where they are in a given posture, the centre of mass where it is at a time, s."""
+        return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
+
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses, solids = self.bodies(instants), self.problem.robot.solids
@@ -164,7 +163,7 @@ class SpatialMotion:
         robot, frame = self.problem.robot, self.problem.takeoff.frame
         joint = robot.joint_tree.joint.get(frame)
         standing = robot.contact_link(frame if joint is None else joint.child)
-        start = posed(robot, self.problem.initial, np.asarray(self.path.position0))
+        start = self.posture(self.problem.initial, 0.0)
         lowest = [start.lowest(solid)[0] for solid in robot.solids if solid.link == standing]
         return float(min(lowest, default=start.frame(robot, frame)[0, 2]))
 

@@ -75,7 +75,7 @@ def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant
 def draw_ground(axes: Axes, plan: Shown, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
     if isinstance(plan, Plan) and placed.depth is not None:
-        lines = [CAMERA(line) for line in outlines.grid(plan)]
+        lines = [CAMERA(line) for line in outlines.floor(plan)]
         axes.add_collection(
             LineCollection([*map(outlines.pairs, lines)], colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False
         )
