@@ -13,7 +13,7 @@ from floatplan.plans.plan import Plan
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import robot_size
-from floatplan.view.sampled import SampledPlan, attitude_axes, in_space, limits_in_use
+from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
 ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
@@ -126,13 +126,13 @@ class Chart:
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
 
-    Curves of another plan may be drawn beside them. In space there are shares of limits beside these. A jump has what stands, forces, shares of limits and the height of
-    the centre of mass in the place of momentum and inertia.
+    Curves of another plan may be drawn beside them. In space shares of limits are told too. A jump has what stands,
+    forces, shares of limits and the height of the centre of mass in the place of momentum and inertia.
     """
     plan = sampled.plan
     joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
     states, keys = (plan.problem.initial, plan.problem.final), [f"positions.{joint}" for joint in joints]
-    if in_space(plan):
+    if flies_in_space(plan):
         ends = [tuple(state.positions) for state in states]
     else:
         ends, keys = [(state.orientation, *state.positions) for state in states], ["orientation", *keys]
@@ -142,8 +142,8 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
         *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()),
         Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
     ]
-    if in_space(plan):
-        drawn = [_attitude(plan), *drawn, *_shares_in_space(sampled), *_momentum_in_space(plan)]
+    if flies_in_space(plan):
+        drawn = [_attitude(plan), *drawn, *_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
     elif isinstance(plan, JumpView):
         drawn = [*_of_jump(sampled, plan), *drawn]
     else:
@@ -216,10 +216,10 @@ def _momentum_in_space(plan: Plan) -> list[Chart]:
     ]
 
 
-def _shares_in_space(sampled: SampledPlan) -> list[Chart]:
+def _shares_in_space(sampled: SampledPlan, plan: Plan) -> list[Chart]:
     """What is used of limits, asked for or the file's."""
-    limits, robot = limits_in_use(sampled.plan), sampled.plan.robot
-    rates = _of_parts(sampled.plan, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    limits, robot = limits_in_use(plan), plan.robot
+    rates = _of_parts(plan, [f"velocities.{joint}" for joint in range(len(robot.joints))])
     drawn = [
         _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits["torque"]),
         _shares("rate_use", "Rate over limit", rates, robot.motors, limits["velocity"]),

@@ -103,10 +103,9 @@ class Postures:
     def outlines(self, index: int) -> list[ComplexArray]:
         """Closed outlines (points,) of the shapes at instant ``index``, m."""
         shapes = zip(self.corners[index], self.radius.tolist(), strict=True)
-        return [
-            stadium(*corners.tolist(), radius) if len(corners) == 2 else grown(corners, radius)
-            for corners, radius in shapes
-        ]
+        if self.depth is not None:
+            return [grown(corners, radius) for corners, radius in shapes]
+        return [stadium(complex(start), complex(end), radius) for (start, end), radius in shapes]
 
 
 def postures(plan: Shown, times: Array) -> Postures:
@@ -214,8 +213,16 @@ def turns(plan: Plan, times: Array) -> Array:
     if plan.robot.in_plane is None:
         rotations = bodies(plan, times).rotations
         traces = np.einsum("kmab,kmab->km", rotations[1:], rotations[:-1])
-        return np.arccos(np.clip((traces - 1) / 2, -1.0, 1.0))
-    return np.abs(np.diff(body_poses(plan.robot, *coordinates(plan, times)).angles, axis=0))
+        return np.asarray(np.arccos(np.clip((traces - 1) / 2, -1.0, 1.0)))
+    return np.asarray(np.abs(np.diff(body_poses(plan.robot, *coordinates(plan, times)).angles, axis=0)))
+
+
+def ball(plan: Plan) -> tuple[Array, float]:
+    """Return a place (3,) and a radius, m, that hold a flight in space."""
+    state = plan.at(np.linspace(0.0, plan.duration, FLOOR_SAMPLES))
+    size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
+    low, high = state.com_position.min(axis=0) - size, state.com_position.max(axis=0) + size
+    return (low + high) / 2, float((high - low).max()) / 2
 
 
 def floor(plan: Plan) -> list[Array]:

@@ -33,7 +33,7 @@ class SampledPlan:
     def of(cls, plan: Shown, times: Array, beside: Shown | None = None) -> SampledPlan:
         """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
         state, beside = plan.at(times), beside or plan
-        columns = _columns_in_space(plan, state) if in_space(plan) else _columns_in_plane(plan, state)
+        columns = _columns_in_space(plan, state) if flies_in_space(plan) else _columns_in_plane(plan, state)
         for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
             columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
         torques = dict(zip(plan.robot.motors, state.motor_torques.T, strict=True))
@@ -66,7 +66,7 @@ def _columns_in_plane(plan: Shown, state: FlightState) -> dict[str, Array]:
     return columns | {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
 
 
-def in_space(plan: Shown) -> TypeGuard[Plan]:
+def flies_in_space(plan: Shown) -> TypeGuard[Plan]:
     """Whether a robot flies in space."""
     return isinstance(plan, Plan) and plan.robot.in_plane is None
 

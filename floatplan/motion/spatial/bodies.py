@@ -11,7 +11,7 @@ from floatplan.arrays import Array
 from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics
 from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import LinkSolid
+from floatplan.robot.shapes.solids import LinkSolid, frame_place
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -50,14 +50,14 @@ class BodyPoses:
 
     def points(self, body: int, local: Array) -> Array:
         """Places (K, k, 3) of points (k, 3) of a body, m."""
-        return self.places[:, None, body] + np.einsum("kab,ib->kia", self.rotations[:, body], local)
+        return np.asarray(self.places[:, None, body] + np.einsum("kab,ib->kia", self.rotations[:, body], local))
 
     def frame(self, robot: Robot, name: str) -> Array:
         """Places (K, 3) of a link's or joint's origin, m."""
-        name = name if robot.model.existFrame(name) else robot.joint_tree.joint[name].child
-        frame = robot.model.frames[robot.model.getFrameId(name)]
-        return self.points(frame.parentJoint, frame.placement.translation[None])[:, 0]
+        body, place = frame_place(robot.model, robot.joint_tree, name)
+        return self.points(body, place[None])[:, 0]
 
     def lowest(self, solid: LinkSolid) -> Array:
         """Heights (K,) of a solid's lowest point, m."""
-        return self.places[:, solid.body, 2] - solid.reach(DOWN @ self.rotations[:, solid.body])
+        heights: Array = self.places[:, solid.body, 2] - solid.reach(DOWN @ self.rotations[:, solid.body])
+        return heights

@@ -37,7 +37,8 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
     """Place (3,) of a link's or joint's origin relative to the centre of mass, m, in the world's axes."""
-    return BodyPoses.posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
+    place: Array = BodyPoses.posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
+    return place
 
 
 @lru_cache(maxsize=8)

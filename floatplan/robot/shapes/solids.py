@@ -72,6 +72,13 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
     return tuple(solids)
 
 
+def frame_place(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
+    """Return which joint of a model carries a link's or joint's origin, and its place (3,) in that joint's frame, m."""
+    name = name if model.existFrame(name) else tree.joint[name].child
+    frame = model.frames[model.getFrameId(name)]
+    return int(frame.parentJoint), frame.placement.translation.copy()
+
+
 def _segments(tree: UrdfTree, link: str) -> list[Array]:
     """From a link's origin to those of its children's joints, (2, 3) m each; a point where there is none but mass."""
     if tree.links[link].frame:

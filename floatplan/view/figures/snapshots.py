@@ -75,10 +75,8 @@ def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant
 def draw_ground(axes: Axes, plan: Shown, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
     if isinstance(plan, Plan) and placed.depth is not None:
-        lines = [CAMERA(line) for line in outlines.floor(plan)]
-        axes.add_collection(
-            LineCollection([*map(outlines.pairs, lines)], colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False
-        )
+        floor = [outlines.pairs(CAMERA(line)) for line in outlines.floor(plan)]
+        axes.add_collection(LineCollection(floor, colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False)
     lines = outlines.ground_lines(placed)
     for height, low, high in lines:
         if len(lines) == 1:
@@ -129,9 +127,9 @@ def draw_posture(
     colours = palette(int(placed.part.max()) + 1)
     fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
     drawn = [(link, faded(ring, 1.0), width) for ring, width in rings for link in links]
-    for each, faces in placed.painted(index):
+    for each, seen in placed.painted(index):
         drawn.append((links[each], fills[each], 0.0))
-        drawn += [(face, lit(fills[each], light), 0.2) for face, light in faces if strength]
+        drawn += [(face, lit(fills[each], light), 0.2) for face, light in seen if strength]
     mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
     takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
     for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
