@@ -156,10 +156,10 @@ class SpatialMotion:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses, solids = self.bodies(instants), self.problem.robot.solids
         heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
-        return heights - self._ground, tuple(solid.link for solid in solids)
+        return heights - self.ground, tuple(solid.link for solid in solids)
 
     @cached_property
-    def _ground(self) -> float:
+    def ground(self) -> float:
         """Height, m, of the lowest point with which the takeoff link stands, or of its frame where it has no shape."""
         robot, frame = self.problem.robot, self.problem.takeoff.frame
         joint = robot.joint_tree.joint.get(frame)
@@ -206,6 +206,10 @@ class SpatialFullMotion(FullMotion):
         object.__setattr__(self, "robot", motion.problem.robot)
         object.__setattr__(self, "motion", motion)
         object.__setattr__(self, "state", state)
+
+    def __repr__(self) -> str:
+        """How many joints, at how many instants."""
+        return f"SpatialFullMotion({len(self.joints)} joints, {len(self.state.times)} instants)"
 
     motion: SpatialMotion
     state: FlightState

@@ -135,7 +135,7 @@ def _add_space(server: Any, plan: Plan, bodies: RobotNodes, meshed: bool) -> Any
     times = np.linspace(0.0, plan.duration, 121)
     poses, com = outlines.bodies(plan, times), plan.at(times).com_position
     centre, radius = outlines.ball(plan)
-    _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 2.6 * radius * CAMERA.toward)
+    _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
     for index, line in enumerate(outlines.floor(plan)):
         server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
     ends = (plan.problem.takeoff.frame, plan.problem.landing.frame)
@@ -167,10 +167,10 @@ def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, a
     _view(server, plane.vertical, middle, middle + size * (aside * across + above * plane.vertical))
 
 
-def _view(server: Any, up: Array, middle: Array, eye: Array) -> None:
+def _view(server: Any, up: Array, middle: Array, eye: Array, ambient: float = 1.6) -> None:
     server.scene.set_up_direction(tuple(up))
     server.scene.configure_environment_map(None)
-    server.scene.add_light_ambient("/lights/ambient", intensity=1.6)
+    server.scene.add_light_ambient("/lights/ambient", intensity=ambient)
     server.initial_camera.position = tuple(eye)
     server.initial_camera.look_at = tuple(middle)
 
