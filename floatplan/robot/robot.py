@@ -274,13 +274,7 @@ class Robot:
 
     @property
     def layout(self) -> TreeLayout:
-        """How links are gathered into bodies of the plane; refused in space, as all that follows from it.
-
-        Raises
-        ------
-        InputError
-            The robot flies in space.
-        """
+        """How links are gathered into bodies of the plane; InputError in space, as of all that follows from it."""
         if self.in_plane is None:
             raise self.not_in_plane
         return self.in_plane

@@ -149,8 +149,12 @@ class JointTorques:
         return dynamics
 
 
-def accelerations_of(engine: Engine, robot: Robot, reduced: ReducedModel, drawn: Drawn) -> Accelerations:
-    """Accelerations (3 + m,) of a perturbed robot in the plane by an engine; errors as of ``planar_model``."""
+def accelerations_of(
+    engine: Engine, robot: Robot, reduced: ReducedModel, drawn: Drawn, free: SpatialModel | None = None
+) -> Accelerations:
+    """Accelerations of a perturbed robot by an engine, in space where it is ``free``; errors as of ``planar_model``."""
+    if free is not None:
+        return free_accelerations(free)
     if engine == "pinocchio":
         return pinocchio_accelerations(drawn.perturbed(reduced.model))
     return mujoco_accelerations(*planar_model(robot, reduced, drawn.mass, drawn.inertia))

@@ -201,12 +201,10 @@ def replay(
     motion = recorded_motion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
     control = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
-    balanced: Mapping[str, float] = {}
+    free = None
     if record.in_space and engine == "mujoco":
         free = spatial_model(robot, reduced, drawn.mass, drawn.inertia)
-        accelerations, balanced = forward.free_accelerations(free), free.balanced
-    else:
-        accelerations = forward.accelerations_of(engine, robot, reduced, drawn)
+    accelerations = forward.accelerations_of(engine, robot, reduced, drawn, free)
     dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations)
     times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
     if not in_steps:
@@ -231,7 +229,7 @@ def replay(
         step=step if in_steps else None,
         seconds=clock.perf_counter() - began,
         spatial=spatial,
-        balanced=balanced if spatial is None else spatial.balanced,
+        balanced=getattr(free or spatial, "balanced", {}),
     )
 
 

@@ -132,6 +132,14 @@ def test_a_search_that_finds_nothing_says_so_and_ends():
     assert "misses the goal's orientation" in found.plan.explanation
 
 
+def test_a_motion_that_makes_other_turns_is_said_to():
+    """Without momentum there is no somersault, and half a twist alone ends next to where it should."""
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    found = planned(replace(problem, flight=replace(problem.flight, angular_momentum=0)), SearchOptions(budget=0.5))
+    assert not found.plan.ok
+    assert "it makes other turns than are asked for" in found.plan.explanation
+
+
 def test_the_same_seed_gives_the_same_plan():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     first, second = (fp.plan(problem, seed=3) for _ in range(2))

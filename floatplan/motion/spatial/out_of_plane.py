@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.motion.planar.whole import PlanarMotion
-from floatplan.motion.spatial.attitude import IntegrationError, cells, turn_from
+from floatplan.motion.spatial.attitude import IntegrationError, cells, turn
 from floatplan.robot.leak import centroidal_maps
 
 CELLS = 32, 8  # of how many stages
@@ -30,7 +30,7 @@ def missed_in_space(motion: PlanarMotion) -> Array:
         pin.exp3(each * plane.normal) for each in (motion.problem.initial.orientation, motion.final_orientation)
     )
     try:
-        end = turn_from(grid, duration, inertia, relative, momentum, start).ends[-1]
+        end = turn(grid, duration, inertia, relative, momentum, start).ends[-1]
     except (IntegrationError, np.linalg.LinAlgError):
         return np.full(3, np.nan)
     axes = np.stack((plane.horizontal, plane.vertical, plane.normal))

@@ -32,6 +32,11 @@ def exponential(turns: Array) -> Array:
     return np.asarray(_rotation().from_rotvec(turns).as_matrix())
 
 
+def of_quaternions(quaternions: Array) -> Array:
+    """Rotations (K, 3, 3) of quaternions (K, 4), x, y, z, w, of any length."""
+    return np.asarray(_rotation().from_quat(quaternions).as_matrix())
+
+
 def logarithm(rotations: Array) -> Array:
     """The shortest vectors of rotation (K, 3), rad, of rotations (K, 3, 3)."""
     return np.asarray(_rotation().from_matrix(rotations).as_rotvec())
