@@ -91,15 +91,6 @@ def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) 
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
-def rounded(points: Array, radius: float) -> Mesh:
-    """Return the convex hull of points (k, 3), grown by a radius, m."""
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=1, radius=radius).vertices if radius else np.zeros((1, 3))
-    hull = trimesh.convex.convex_hull((points[:, None] + ball).reshape(-1, 3))
-    return np.asarray(hull.vertices), np.asarray(hull.faces)
-
-
 def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:
     """Draw a mesh again with one vertex for each cube of an edge length: no point moves farther than its diagonal.
 

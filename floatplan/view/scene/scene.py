@@ -375,7 +375,7 @@ class RobotNodes:
                 f"{self.name}/{solid.body - 1}/solid{number}",
                 {"color": colours[solid.part], "flat_shading": True},
             )
-            add.add_mesh_simple(name, *meshes.rounded(solid.points, solid.radius), **look)
+            add.add_mesh_simple(name, solid.points, solid.faces, **look)
 
     def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
         """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""
