@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, TypedDict, Unpack, get_args
@@ -399,6 +399,10 @@ class Robot:
         Those of the links that stand are all corners of their hulls. What turns with one of them is exact too, and the
         bodies of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
         """
+        return self._hulls(tuple(frames), frozenset(touching))
+
+    @lru_cache(maxsize=16)  # noqa: B019 - of few robots, as many problems of one have the same
+    def _hulls(self, frames: tuple[str, ...], touching: frozenset[str]) -> tuple[LinkCapsule, ...]:
         turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)

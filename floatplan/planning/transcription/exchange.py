@@ -155,9 +155,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(
-        program.hessian(start), inequalities=bool(constraints), first=partial(_counted, model)
-    )
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=_counting(model))
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
