@@ -41,11 +41,12 @@ CAMERA = Camera.at(AZIMUTH, ELEVATION)
 
 @dataclass(frozen=True, eq=False)
 class DrawnSolid:
-    """A polyhedron: the joint of the model that carries it, its part, corners (k, 3), m, and triangles (f, 3).
+    """A polyhedron: its link, the joint of the model that carries it, its part, corners (k, 3), m, triangles (f, 3).
 
     ``part`` is 0 of the base, i + 1 of what joint i moves; corners go around triangles against the clock.
     """
 
+    link: str
     body: int
     part: int
     points: Array
@@ -56,7 +57,7 @@ class DrawnSolid:
 def drawn_solids(robot: Robot) -> tuple[DrawnSolid, ...]:
     """Return a robot's links as they are drawn; errors as of :attr:`Robot.solids`."""
     part = np.zeros(robot.model.njoints, dtype=np.int64)
-    for joint in range(2, len(part)):
+    for joint in range(1, len(part)):
         row = np.abs(robot.selection[robot.model.idx_vs[joint]])
         part[joint] = 1 + int(row.argmax()) if row.any() else part[robot.model.parents[joint]]
     sizes = [float(np.ptp(solid.points, axis=0).max() + np.abs(solid.axes).max()) for solid in robot.solids]
@@ -72,7 +73,9 @@ def drawn_solids(robot: Robot) -> tuple[DrawnSolid, ...]:
         if len(points) > DIRECTIONS:
             points = points[np.unique((directions @ points.T).argmax(axis=1))]
         hull = trimesh.convex.convex_hull(points)
-        drawn.append(DrawnSolid(solid.body, int(part[solid.body]), np.array(hull.vertices), np.array(hull.faces)))
+        drawn.append(
+            DrawnSolid(solid.link, solid.body, int(part[solid.body]), np.array(hull.vertices), np.array(hull.faces))
+        )
     return tuple(drawn)
 
 
