@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_MOTIONS = 10_000  # of a study, as files
+MOST_MOTIONS = 100_000  # of a study, as files
 
 
 class Study:

@@ -5,7 +5,7 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look, minima
 from floatplan.compiled.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.optimization.programs import Evaluation, Settings, Step
+from floatplan.optimization.programs import AnyEvaluation, Evaluation, FirstWay, Settings, Step
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.program import (
@@ -155,9 +155,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(
-        program.hessian(start), inequalities=bool(constraints), first=partial(_counted, model)
-    )
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=_counting(model))
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
@@ -193,10 +191,14 @@ def solve(
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
-def _counted(model: FlightModel, current: Evaluation[Trajectory], hessian: Array, active: IntArray) -> Step | None:
-    """Count a quadratic program as work, and solve it if its active rows are nearly known."""
-    model.solved(len(hessian))
-    return step_by_active_rows(current, hessian, active)
+def _counting(model: FlightModel) -> FirstWay:
+    """Return what solves a quadratic program if its active rows are nearly known, and counts any as work."""
+
+    def step(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+        model.solved(len(hessian))
+        return step_by_active_rows(current, hessian, active)
+
+    return step
 
 
 def _stages(
