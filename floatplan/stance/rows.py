@@ -55,7 +55,7 @@ class Bounds:
 class Rows:
     """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes.
 
-    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that, but for efforts.
+    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
     """
 
     factor: Any = None
@@ -78,8 +78,7 @@ class Rows:
         self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
 
     def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
-        limited = (low == -1.0) & (high == 1.0) & [not label.startswith(EFFORT) for label in labels]
-        shares = [] if self.factor is None else np.flatnonzero(limited).tolist()
+        shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
         if shares:
             own = values[shares]
             values[shares], low[shares], high[shares] = self.factor - own, 0.0, np.inf
@@ -111,33 +110,34 @@ class Calls:
         self._found.append((one, points, symbols))
         return list(ca.vertsplit(symbols, np.cumsum([0, *[each.shape[0] for each in outputs]]).tolist()))
 
-    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
-        """IPOPT's solver of a program, and a function raw -> values."""
+    def solver(self, raw: Any, smooth: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
+        """IPOPT's solver of a program, whose goal has a weight in it, and a function raw -> values."""
         ca = casadi()
         given = [raw, *[symbols for _, _, symbols in self._found]]
         both = ca.vertcat(*[ca.vec(each) for each in given])
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", values.shape[0])
         bends = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
         now = [raw, *[one.map(points.shape[1])(points) for one, points, _ in self._found]]
-        found = ca.Function("found", given, [goal, values])(*now)
+        cost = ca.Function("cost", [*given, smooth], [goal])(*now, smooth)
+        found = ca.Function("found", given, [values])(*now)
         slope = ca.Function("slope", given, [ca.jacobian(values, both)])(*now)
-        bend, weights = ca.Function("bend", [*given, lam_f, lam_g], bends)(*now, lam_f, lam_g)
+        bend, weights = ca.Function("bend", [*given, smooth, lam_f, lam_g], bends)(*now, smooth, lam_f, lam_g)
         sizes = np.cumsum([0, *[each.numel() for each in given]]).tolist()
         curved, chain = 0.0, [ca.MX.eye(raw.shape[0])]
         for called, weight in zip(self._found, ca.vertsplit(weights, sizes)[1:], strict=True):
             first, second = self._derivatives(raw, *called[:2], weight)
             curved += second
             chain.append(first)
-        through, none = ca.vertcat(*chain), ca.MX.sym("p", 0)
+        through = ca.vertcat(*chain)
         full = ca.mtimes(through.T, ca.mtimes(bend, through)) + curved
         options = {
-            "jac_g": ca.Function("jac_g", [raw, none], [found[1], ca.mtimes(slope, through)]),
-            "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
+            "jac_g": ca.Function("jac_g", [raw, smooth], [found, ca.mtimes(slope, through)]),
+            "hess_lag": ca.Function("hess_lag", [raw, smooth, lam_f, lam_g], [ca.triu(full)]),
             "print_time": False,
             "ipopt": settings,
         }
-        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": found[0], "g": found[1]}, options)
-        return solver, ca.Function("values", [raw], [found[1]])
+        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "p": smooth, "f": cost, "g": found}, options)
+        return solver, ca.Function("values", [raw], [found])
 
     def _derivatives(self, raw: Any, one: Any, points: Any, weights: Any) -> tuple[Any, Any]:
         """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""
@@ -284,17 +284,18 @@ class NodeRows:
 
     def _held_rows(self, contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of joints that are held over their efforts."""
-        names, most = [name for name in self.held if name != CLEAR], self.bounds.held
-        shares = self._holding.shares(names, contacts, forces)
-        return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
+        names = [name for name in self.held if name != CLEAR]
+        shares = self._holding.shares(names, contacts, forces) / self.bounds.held
+        return [(shares[row], -1.0, 1.0, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
 
-    def strained(self, motion: Sequence[Array], forces: Sequence[Array]) -> tuple[str, ...]:
+    def strained(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
         """What is beyond its bounds at nodes, but no row yet: torques of held joints, of left and right the one; CLEAR.
 
         Parameters
         ----------
         motion : y, v, a (n+1, K+1)
         forces : of each phase (2 others, nodes) N
+        factor : on the bounds of torques
         """
         names, spots = [name for name in self._holding.efforts if name not in self.held], self.watched.spots
         found, least = dict[tuple[float, ...], str](), self.least[: len(spots)] - BEYOND
@@ -312,7 +313,7 @@ class NodeRows:
                 function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
                 shares.append(np.abs(np.asarray(function(*nodes, given))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if row.max() > self.bounds.held + BEYOND:
+            if row.max() > factor * self.bounds.held + BEYOND:
                 found.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(found.values())
 

@@ -70,9 +70,9 @@ def test_twins_are_rows_once_and_only_where_they_bind() -> None:
     y, v, a, _ = program.motion(program.guess(np.random.default_rng(1)))
     forces = [np.full((2 * len(phase.others), phase.intervals + 1), 30.0) for phase in program.phases]
     program.node.bounds, program.node.held = replace(program.node.bounds, held=1e-3), (CLEAR,)
-    assert program.node.strained((y, v, a), forces) == ("FL_hip_joint", "RL_hip_joint")
+    assert program.node.strained((y, v, a), forces, 1.0) == ("FL_hip_joint", "RL_hip_joint")
     program.node.bounds = replace(program.node.bounds, held=np.inf)
-    assert program.node.strained((y, v, a), forces) == ()
+    assert program.node.strained((y, v, a), forces, 1.0) == ()
 
 
 def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low() -> None:
