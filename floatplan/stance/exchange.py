@@ -12,9 +12,7 @@ EXCHANGES = 8  # [-] programs at most after the first
 LESS = 0.7  # [-] of what is missing is left at most by the next, or no other is tried
 
 
-def solved(
-    first: JumpProgram, guess: Array, known: JumpProgram | None = None, keen: bool = False
-) -> tuple[JumpProgram, Solution]:
+def solved(first: JumpProgram, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
     """Solve from a guess; again with what the solution breaks, until nothing is.
 
     That is what comes too near, where either way around is tried, and what else should have been a row. A solution in
@@ -26,7 +24,6 @@ def solved(
     guess : (size,)
     known : the program that the guess comes from, or one that failed
         What it keeps is kept from the start.
-    keen : as of ``solve``, where the guess is a solution of another program
 
     Returns
     -------
@@ -37,7 +34,7 @@ def solved(
     if known is not None and (known.separation.lines or known.node.held):
         lines = replace(first.separation, lines=known.separation.lines).at(first.node, first.motion(guess))
         program = first.kept(lines, known.node.held)
-    solution = program.solve(guess, keen)
+    solution = program.solve(guess)
     for _ in range(EXCHANGES):
         missing = solution.missing
         if missing == np.inf:
@@ -50,7 +47,7 @@ def solved(
         held, tried = (*program.node.held, *strained), list[tuple[JumpProgram, Solution]]()
         for separation in wider or [program.separation]:
             other = first.kept(separation, held)
-            tried.append((other, other.solve(before, keen=True)))
+            tried.append((other, other.solve(before)))
             if tried[-1][1].converged:
                 break
         program, solution = min(tried, key=lambda each: each[1].missing)

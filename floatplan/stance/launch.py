@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from floatplan.arguments import SEED, made, one_of, optional, whole
+from floatplan.arguments import SEED, TRIES, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
@@ -26,11 +26,10 @@ from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
-from floatplan.tables import RELATIVE, Range
+from floatplan.tables import RELATIVE
 
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
-MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
@@ -107,7 +106,7 @@ def launch(
     plan = given_plan(plan)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or JumpRequest()
     end = one_of("takeoff", "landing")(end, "end")
-    seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
+    seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
     margins = replace(request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0)
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
@@ -126,7 +125,7 @@ def launch(
     for start in range(starts):
         drawn = np.random.default_rng((seed, start)).uniform(*DRAWN, len(first.phases) - 1)
         guess = plainest(first, met, v, drawn if start >= len(LASTS) else LASTS[start])
-        solution = solved(first, guess, keen=start > 0)
+        solution = solved(first, guess)
         if solution[1].converged:
             answers.append(corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end)))
             if answers[-1].ok:

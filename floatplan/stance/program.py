@@ -46,7 +46,7 @@ CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at 
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
-SMOOTH, STEADY = (0.1, 0.01), 1e-3  # [-] of squared torques, beside the factor, in turn; of such steps, beside these
+SMOOTH, STEADY = 0.03, 1e-3  # [-] of squared torques, beside the factor; of such steps, beside these
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
@@ -193,7 +193,7 @@ class JumpProgram:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
         ca, unit = casadi(), self.node.unit
         size = sum(rows * columns for rows, columns in self._shapes)
-        raw, smooth = ca.MX.sym("w", size + len(self.separation.start)), ca.MX.sym("smooth")
+        raw = ca.MX.sym("w", size + len(self.separation.start))
         y, v, a, *rest = self.split(raw)
         count = len(self.phases)
         forces, drifts, (durations, momentum, factor) = rest[:count], rest[count:-3], rest[-3:]
@@ -218,9 +218,9 @@ class JumpProgram:
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
         cost = total / unit + (STEADY if self._limits else ROUGHNESS) * rough
-        cost = factor + smooth * cost if self._limits else cost
+        cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
-        return *rows.calls.solver(raw, smooth, apart + cost, ca.vertcat(*rows.values), settings), rows
+        return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
         """Between nodes accelerations are linear."""
@@ -334,19 +334,8 @@ class JumpProgram:
         z, vx, vz = rows.calls(model.function("com", [places[1], *rates]), *state)
         return z + anchor.depth, vx, vz
 
-    def solve(self, guess: Array, keen: bool = False) -> Solution:
-        """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate.
-
-        Where a factor is least, again from there with less weight on torques; ``keen`` on the factor, so at once.
-        """
-        found = self._solved(guess, SMOOTH[keen])
-        if found.converged and self._limits and not keen:
-            again = self._solved(self.resampled(found, self.phases), SMOOTH[1])
-            found = again if again.converged else found
-        return found
-
-    def _solved(self, guess: Array, smooth: float) -> Solution:
-        """Where IPOPT ends with a weight on squared torques."""
+    def solve(self, guess: Array) -> Solution:
+        """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
         solver, evaluate, rows = self.stated
         low, high, box = np.concatenate(rows.low), np.concatenate(rows.high), self.box
 
@@ -354,7 +343,7 @@ class JumpProgram:
             values = np.asarray(evaluate(raw)).ravel()
             return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0))
 
-        answer = solver(x0=np.append(guess, self.separation.start), p=smooth, lbx=box[0], ubx=box[1], lbg=low, ubg=high)
+        answer = solver(x0=np.append(guess, self.separation.start), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
         holds = excess(raw).max() < (CONVERGED if stats["success"] else HELD)

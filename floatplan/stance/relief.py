@@ -18,12 +18,13 @@ from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import FIGURES
 from floatplan.stance.model import casadi
-from floatplan.stance.program import SMOOTH, JumpProgram, Solution
+from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import CLEAR
 
 KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
 NARROW = 0.05  # [-] of its middle is half of a range at least
 LIGHT = 0.05  # [-] of the weight is the friction that gives at least
+SMOOTH = 0.1  # [-] of the program's cost, beside what gives
 FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
 NEARLY = 1e-3  # [-] what is off without counting
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150}
@@ -116,16 +117,16 @@ def _relaxed(program: JumpProgram, take: IntArray, room: Array, oracle: str) -> 
     pick = ca.DM(csc_matrix((np.ones(count), (np.arange(count), take)), (count, m + n)))
     more, both, none = ca.sparsify(ca.DM(room)), ca.MX.sym("x", n + kinds), ca.MX.sym("p", 0)
     factor, weights, raw = ca.MX.sym("f"), ca.MX.sym("w", count), both[:n]
-    values = ca.mtimes(pick, ca.vertcat(rows(raw, SMOOTH[0]), raw)) + ca.mtimes(more, both[n:])
-    slope = ca.horzcat(ca.mtimes(pick, ca.vertcat(slopes(raw, SMOOTH[0])[1], ca.MX.eye(n))), more)
-    bend = ca.diagcat(bends(raw, SMOOTH[0], SMOOTH[0] * factor, ca.mtimes(pick.T, weights)[:m]), ca.MX(kinds, kinds))
+    values = ca.mtimes(pick, ca.vertcat(rows(raw, none), raw)) + ca.mtimes(more, both[n:])
+    slope = ca.horzcat(ca.mtimes(pick, ca.vertcat(slopes(raw, none)[1], ca.MX.eye(n))), more)
+    bend = ca.diagcat(bends(raw, none, SMOOTH * factor, ca.mtimes(pick.T, weights)[:m]), ca.MX(kinds, kinds))
     options = {
         "jac_g": ca.Function("jac_g", [both, none], [values, slope]),
         "hess_lag": ca.Function("hess_lag", [both, none, factor, weights], [bend]),
         "print_time": False,
         "ipopt": IPOPT | {"mu_oracle": oracle},
     }
-    cost = SMOOTH[0] * goal(raw, SMOOTH[0]) + ca.sum1(both[n:])
+    cost = SMOOTH * goal(raw, none) + ca.sum1(both[n:])
     return ca.nlpsol("relief", "ipopt", {"x": both, "f": cost, "g": values}, options)
 
 

@@ -110,34 +110,33 @@ class Calls:
         self._found.append((one, points, symbols))
         return list(ca.vertsplit(symbols, np.cumsum([0, *[each.shape[0] for each in outputs]]).tolist()))
 
-    def solver(self, raw: Any, smooth: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
-        """IPOPT's solver of a program, whose goal has a weight in it, and a function raw -> values."""
+    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
+        """IPOPT's solver of a program, and a function raw -> values."""
         ca = casadi()
         given = [raw, *[symbols for _, _, symbols in self._found]]
         both = ca.vertcat(*[ca.vec(each) for each in given])
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", values.shape[0])
         bends = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
         now = [raw, *[one.map(points.shape[1])(points) for one, points, _ in self._found]]
-        cost = ca.Function("cost", [*given, smooth], [goal])(*now, smooth)
-        found = ca.Function("found", given, [values])(*now)
+        found = ca.Function("found", given, [goal, values])(*now)
         slope = ca.Function("slope", given, [ca.jacobian(values, both)])(*now)
-        bend, weights = ca.Function("bend", [*given, smooth, lam_f, lam_g], bends)(*now, smooth, lam_f, lam_g)
+        bend, weights = ca.Function("bend", [*given, lam_f, lam_g], bends)(*now, lam_f, lam_g)
         sizes = np.cumsum([0, *[each.numel() for each in given]]).tolist()
         curved, chain = 0.0, [ca.MX.eye(raw.shape[0])]
         for called, weight in zip(self._found, ca.vertsplit(weights, sizes)[1:], strict=True):
             first, second = self._derivatives(raw, *called[:2], weight)
             curved += second
             chain.append(first)
-        through = ca.vertcat(*chain)
+        through, none = ca.vertcat(*chain), ca.MX.sym("p", 0)
         full = ca.mtimes(through.T, ca.mtimes(bend, through)) + curved
         options = {
-            "jac_g": ca.Function("jac_g", [raw, smooth], [found, ca.mtimes(slope, through)]),
-            "hess_lag": ca.Function("hess_lag", [raw, smooth, lam_f, lam_g], [ca.triu(full)]),
+            "jac_g": ca.Function("jac_g", [raw, none], [found[1], ca.mtimes(slope, through)]),
+            "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
             "print_time": False,
             "ipopt": settings,
         }
-        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "p": smooth, "f": cost, "g": found}, options)
-        return solver, ca.Function("values", [raw], [found])
+        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": found[0], "g": found[1]}, options)
+        return solver, ca.Function("values", [raw], [found[1]])
 
     def _derivatives(self, raw: Any, one: Any, points: Any, weights: Any) -> tuple[Any, Any]:
         """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""

@@ -108,7 +108,7 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = solved(finer, finer.resampled(found[1], found[0].phases), found[0], keen=True)
+        again = solved(finer, finer.resampled(found[1], found[0].phases), found[0])
         if not again[1].converged:
             break
         found = again
