@@ -221,3 +221,13 @@ EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints,
 EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
+
+// Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
+    return CHOSEN(move_in_space(*tree, *motion));
+}
+
+// How the base of one turns; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
+EXPORT Index floatplan_turn(const Turning *turning, Index asked, Index instructions) {
+    return CHOSEN(turn_in_space(*turning, static_cast<Asked>(asked)));
+}

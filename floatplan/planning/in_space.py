@@ -16,7 +16,7 @@ from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
-from floatplan.planning.search import SearchOptions, SearchResult, expiry
+from floatplan.planning.search import DEFAULT_WORK, SearchOptions, SearchResult, expiry
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.program import FlightProgram, objective
 from floatplan.planning.transcription.variables import decision_variables
@@ -28,9 +28,6 @@ TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists and of robots with few joints
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
-MOST_WORK = 2e8  # [instants of one body of a plane] of a search whose budget is left out: 2 to 7 s
-WORK_WITHIN_LIMITS = 1.3e8  # [-] the same where the SQP follows, of so few joints that its steps cost next to nothing
-CHEAP_JOINTS = 12  # [-] of steps of the SQP: of more, their cost, which is not counted, takes the time
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
@@ -45,7 +42,7 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
     """
     outcomes: list[Outcome] = []
     expired, began = expiry(options.budget), prepared.model.work
-    most_work = _usual_work(prepared) if options.budget is None else np.inf
+    most_work = DEFAULT_WORK if options.budget is None else np.inf
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:
@@ -74,12 +71,6 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
 def _is_followed(prepared: Attempts) -> bool:
     """Whether the SQP follows what lifting finds."""
     return bool(prepared.constraints) or prepared.problem.motion.objective != "coefficients"
-
-
-def _usual_work(prepared: Attempts) -> float:
-    """Work of a search whose budget is left out."""
-    more = len(prepared.problem.robot.joints) / CHEAP_JOINTS
-    return WORK_WITHIN_LIMITS / max(1.0, more) ** 1.5 if _is_followed(prepared) else MOST_WORK
 
 
 def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:

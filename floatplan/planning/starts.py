@@ -13,7 +13,7 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.batch import SECANT_STEPS, SPREADS, Numbers, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import SECANT_STEPS, SPREADS, Numbers, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
@@ -52,7 +52,8 @@ def starts(
 ) -> Iterator[Start]:
     """Yield the plain start, then random ones without end where anything is free; the same for the same seed.
 
-    Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones.
+    Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones: what
+    only those find shows that the plain ones agree on too little.
     """
 
     def on_branches(at_landing: IntArray) -> DecisionVariables:
@@ -73,8 +74,8 @@ def starts(
         coefficients = start.x[: plain.coefficients]
         for axis in np.eye(momentum.free):
             for fraction in MOMENTUM_FRACTIONS:
-                yield next(drawn)
                 yield replace(start, x=np.concatenate((coefficients, fraction * axis)))
+                yield next(drawn)
     yield from drawn
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from floatplan.arguments import FINITE, Check, by_joint, made, number, one_of, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
 from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
@@ -32,9 +33,17 @@ def in_plane_or_space(key: str, in_space: Check, *words: str) -> Check:
     return check
 
 
+def attitude(value: object, element: str) -> object:
+    """An attitude in space."""
+    if isinstance(value, Attitude):
+        return made(Attitude)(value, element)
+    reason = "is neither an angle nor an Attitude: quaternion_xyzw, or angles and axes"
+    raise InputError(f"{value!r} {reason}", element=element)
+
+
 def pair_or_three(key: str) -> Check:
     """Two numbers in the range of a key, or three."""
-    two, three = (pair(number(key), count=count) for count in (2, 3))
+    two, three = (pair(number(key), "numbers, nor three" if count == 2 else "numbers", count) for count in (2, 3))
 
     def check(value: object, element: str) -> object:
         is_three = isinstance(value, list | tuple | np.ndarray) and len(np.atleast_1d(np.asarray(value, object))) == 3
@@ -69,7 +78,7 @@ class Posture(Keyed):
         Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
-    orientation: Annotated[float | Attitude, Key(unit=ANGLE, check=in_plane_or_space("orientation", made(Attitude)))]
+    orientation: Annotated[float | Attitude, Key(unit=ANGLE, check=in_plane_or_space("orientation", attitude))]
     positions: Annotated[JointValues, Key(unit=ANGLE)]
     velocities: Annotated[JointValues | Literal["takeoff", "landing"], Key(unit=RATE)] = 0.0
     accelerations: Annotated[JointValues | Literal["free"], Key(unit=ACCELERATION)] = 0.0
@@ -257,7 +266,7 @@ class Limits(Keyed):
     motor : mapping motor -> Motor
         Motors' curves, by joint; a leader's holds for followers that are not named.
     orientation_rate : float, rad/s, optional
-        Largest rate of the base; in space of each component in the base's own axes.
+        Largest rate of the base; in space the length of its angular velocity.
     acceleration : "none", one number, mapping or (n,) sequence, rad/s^2
         Largest acceleration, written as the largest rates are; a URDF knows none.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, TypedDict, Unpack, get_args
@@ -25,6 +25,7 @@ from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
+from floatplan.robot.shapes.solids import LinkSolid, link_solids
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
@@ -273,13 +274,7 @@ class Robot:
 
     @property
     def layout(self) -> TreeLayout:
-        """How links are gathered into bodies of the plane; refused of a robot in space, as all that follows from it.
-
-        Raises
-        ------
-        InputError
-            The robot flies in space.
-        """
+        """How links are gathered into bodies of the plane; InputError in space, as of all that follows from it."""
         if self.in_plane is None:
             raise self.not_in_plane
         return self.in_plane
@@ -391,11 +386,12 @@ class Robot:
 
         None where none of these has any; errors as of ``shapes``.
         """
-        for joint in self.layout.tree.path(link):
-            if link in self.link_hulls or joint.moves:
+        shaped = self.link_hulls if self.in_plane else {solid.link for solid in self.solids}
+        for joint in self.joint_tree.path(link):
+            if link in shaped or joint.moves:
                 break
             link = joint.parent
-        return link if link in self.link_hulls else None
+        return link if link in shaped else None
 
     def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
         """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
@@ -403,6 +399,10 @@ class Robot:
         Those of the links that stand are all corners of their hulls. What turns with one of them is exact too, and the
         bodies of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
         """
+        return self._hulls(tuple(frames), frozenset(touching))
+
+    @lru_cache(maxsize=16)  # noqa: B019 - of few robots, as many problems of one have the same
+    def _hulls(self, frames: tuple[str, ...], touching: frozenset[str]) -> tuple[LinkCapsule, ...]:
         turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
@@ -414,6 +414,13 @@ class Robot:
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
         with naming(self.path):
             return links.link_shapes(self.layout, self.path.parent, self.meshes)
+
+    @cached_property
+    @one_thread
+    def solids(self) -> tuple[LinkSolid, ...]:
+        """The links' shapes in space, each carried by a joint of ``model``; errors as of ``shapes``."""
+        with naming(self.path):
+            return link_solids(self.model, self.joint_tree, self.path.parent, self.meshes)
 
     @property
     @one_thread

@@ -34,7 +34,7 @@ from floatplan.view.report.report import page
 from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, rendered, styled
 
 STYLES = ("uplot/uPlot.min.css", "report.css", "map.css")
-PLOTTED = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "player.js")
+PLOTTED = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "camera.js", "stage.js", "player.js")
 SCRIPTS = (*PLOTTED, "flight.js", "heatmap.js", "map.js")
 COLOURS = 64  # [-] of the page's scale
 WIDTH, HEIGHT = 4.4, 3.4  # [in]

@@ -13,7 +13,7 @@ from generated_problems import random_problem
 from starts_problems import starts_problems
 
 import floatplan as fp
-from floatplan.kernel.quadratic import step_by_active_rows
+from floatplan.compiled.quadratic import step_by_active_rows
 from floatplan.optimization import programs
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning import repair, search

@@ -23,6 +23,7 @@ ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it an
 STEPS = 12  # [-] of Newton's method
 LONGEST = 0.5  # [-] of |h|, a step of Newton's method
 ENOUGH = 1e-10  # [rad]
+SHORT = math.pi / 2  # [rad] of all angles: there the shortest rotation is the way to the goal
 LEVEL = 2  # of the cells
 
 
@@ -52,12 +53,11 @@ def suggested_momentum(problem: Problem) -> Array:
     Where the goal's angles have turns about the third axis too, those are left to the joints.
     """
     plain, goal = _PlainMotion(problem), attitude_of(problem.final)
-    start = attitude_of(problem.initial)
-    if goal.angles is None:
+    start, change = attitude_of(problem.initial), plain.flight.change
+    if np.abs(change).max() < SHORT:
         turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
         return plain.reaching(plain.mean_inertia(start.matrix) @ turn / problem.flight.duration)
     assert goal.axes is not None
-    change = np.array(goal.angles) - start.angles_about(goal.axes)
     axis = np.eye(3)["xyz".index(goal.axes[0])]
     h = plain.turning(axis, change[0], goal.axes)
     if abs(change[2]) > math.pi / 2:

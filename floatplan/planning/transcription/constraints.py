@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.constraints import Block, DistanceRows, SumRows
+from floatplan.compiled.constraints import Block, DistanceRows, SumRows
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
@@ -190,7 +190,7 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     for pair in problem.self_clearances:
         first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
         blocks.append(link_clearance(first, second, pair.links, pair.margin))
-    return (*blocks, *map(Limit.of, shares_of_limits(problem, flight.tangent)))
+    return (*blocks, *map(Limit.of, shares_of_limits(problem)))
 
 
 def applies(block: Constraint, s: Array) -> BoolArray:

@@ -10,11 +10,11 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel import batch
-from floatplan.kernel.constraints import Look, minima
-from floatplan.kernel.quadratic import step_by_active_rows
+from floatplan.compiled import batch
+from floatplan.compiled.constraints import Look, minima
+from floatplan.compiled.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.optimization.programs import Evaluation, Settings
+from floatplan.optimization.programs import AnyEvaluation, Evaluation, FirstWay, Settings, Step
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.program import (
@@ -155,7 +155,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=step_by_active_rows)
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=_counting(model))
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
@@ -189,6 +189,16 @@ def solve(
             level, program = needed, program_at(needed, extra, x)
             start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
+
+
+def _counting(model: FlightModel) -> FirstWay:
+    """Return what solves a quadratic program if its active rows are nearly known, and counts any as work."""
+
+    def step(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+        model.solved(len(hessian))
+        return step_by_active_rows(current, hessian, active)
+
+    return step
 
 
 def _stages(

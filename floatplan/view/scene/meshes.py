@@ -14,7 +14,6 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import InputError, import_optional
-from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.collisions import LARGEST, check_mesh_file, find_mesh
 
@@ -74,8 +73,9 @@ def _drop_missing_visuals(root: Any, folder: Path) -> bool:
 
 def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
     """Return the position of every joint that moves, by name: planned, coupled and locked; rad or m."""
-    full = robot.reference + robot.selection @ positions
-    return dict(zip(list(robot.model.names)[BASE_COORDINATES + 1 :], full[BASE_COORDINATES:].tolist(), strict=True))
+    names = robot.model_joints
+    full = robot.reference[-len(names) :] + robot.selection[-len(names) :] @ positions
+    return dict(zip(names, full.tolist(), strict=True))
 
 
 def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) -> Mesh:
@@ -89,6 +89,15 @@ def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) 
         mesh.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length))
     mesh.apply_translation((start + end) / 2)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def rounded(points: Array, radius: float) -> Mesh:
+    """Return the convex hull of points (k, 3), grown by a radius, m."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=radius).vertices if radius else np.zeros((1, 3))
+    hull = trimesh.convex.convex_hull((points[:, None] + ball).reshape(-1, 3))
+    return np.asarray(hull.vertices), np.asarray(hull.faces)
 
 
 def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from floatplan.kernel.quadratic import step_by_active_rows
+from floatplan.compiled.quadratic import step_by_active_rows
 from floatplan.optimization.programs import ROW_TOLERANCE, Derivatives, Evaluation
 
 
