@@ -268,6 +268,6 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
     """The motor whose share of a limit is the largest at the stances' instants."""
     shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
-    robot = plan.robot
-    names = {"velocity": robot.joints, "held_torque": robot.locked}.get(limit, robot.motors)
+    held, robot = list(plan.robot.locked), plan.robot
+    names = {"velocity": robot.joints, "held_torque": held}.get(limit, robot.motors)
     return names[int(np.concatenate(shares).max(axis=0).argmax())]
