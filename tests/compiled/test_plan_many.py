@@ -240,6 +240,11 @@ def test_constraints_have_the_whole_search_and_stay_in_their_place(gymnast_probl
     np.testing.assert_allclose(family.objective, expected, rtol=1e-9)
 
 
+def test_what_plans_say_is_not_measured_unless_they_are_proved(root, monkeypatch):
+    monkeypatch.setattr(fp.Plan, "record", property(lambda _: pytest.fail("measured")))
+    assert fp.plan_many([root / "problems" / "torque_limited.toml"]).ok.all()
+
+
 def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monkeypatch):
     high_jump = fp.load_problem(root / "problems" / "high_jump.toml")
     monkeypatch.setattr(many, "PATIENCE", 1e5)
