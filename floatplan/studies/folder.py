@@ -50,13 +50,10 @@ class Shard:
     def asked(cls, words: str, total: int) -> Shard:
         """Read "3/64" about a study of so many rows; each shard has one at least."""
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
-        if not found:
-            raise InputError(f"must be a number and how many there are, such as 3/64, not {words!r}", element="shard")
-        shard = cls(int(found[1]), int(found[2]))
-        if not 1 <= shard.count <= total:
-            raise InputError(f"{shard}: {total} rows make 1 to {total} shards", element="shard")
-        if not 1 <= shard.number <= shard.count:
-            raise InputError(f"{shard}: they are numbered from 1 to {shard.count}", element="shard")
+        shard = cls(int(found[1]), int(found[2])) if found else cls(0, 0)
+        if not 1 <= shard.number <= shard.count <= total:
+            reason = f"must be the number of a shard and how many there are, such as 3/64, not {words!r}"
+            raise InputError(reason, element="shard", advice=f"{total} rows make 1/1 to {total}/{total}")
         return shard
 
 

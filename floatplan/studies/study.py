@@ -57,7 +57,7 @@ class Study:
         self._file = file
         self.folder = folder.path
         self.table = table
-        self.files: list[Path] = []
+        self.files = [folder.results] if folder.results.exists() else []
 
     def __len__(self) -> int:
         return len(self.table)
@@ -272,16 +272,10 @@ def planned_study(
         if gaps:
             with engine as chosen:
                 StudyRun(file, place, chosen, progress).fill(gaps)
-        return Study(file, place, place.table()) if of_shard else finished(file, place)
+        done = Study(file, place, place.table() if of_shard else place.merge())
+        if file.map and not of_shard:
+            from floatplan.studies import maps
 
-
-def finished(file: StudyFile, place: StudyFolder) -> Study:
-    """Write the table and the maps of a study whose rows are all there."""
-    done = Study(file, place, place.merge())
-    done.files.append(place.results)
-    if file.map:
-        from floatplan.studies import maps
-
-        with naming_the_folder(place.path):
-            done.files += maps.write_maps(file, done.table, place.path)
+            with naming_the_folder(place.path):
+                done.files += maps.write_maps(file, done.table, place.path)
     return done

@@ -106,11 +106,11 @@ class TestMergeRefuses:
         return merge
 
     def test_none(self, refused):
-        assert "has no shards" in refused()
+        assert "shards are missing: 1/1" in refused()
 
     def test_missing_ones(self, shard, refused):
         shard("2/4")
-        assert "3 of 4 shards are missing: 1, 3, 4" in refused()
+        assert "shards are missing: 1/4, 3/4, 4/4" in refused()
 
     def test_twice_the_same(self, shard, refused, tmp_path):
         shutil.copytree(shard("1/2"), tmp_path / "copy")
@@ -120,7 +120,7 @@ class TestMergeRefuses:
     def test_those_of_another_cut(self, shard, refused):
         shard("1/2")
         shard("2/3")
-        assert "is shard 2/3, beside others of 2" in refused()
+        assert "shards are missing: 1/3, 3/3" in refused(), "beside 1/2"
 
     def test_those_of_another_version_of_the_file(self, asked, shard, refused):
         shard("1/2")

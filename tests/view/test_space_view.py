@@ -83,10 +83,10 @@ def test_a_solid_reaches_as_far_as_its_surface(seed: int) -> None:
 def test_faces_of_solids_look_outwards_and_close(diver: fp.Plan, arm: fp.Plan) -> None:
     for solid in (*drawn_solids(diver.robot), *drawn_solids(arm.robot)):
         middle, normals = solid.points.mean(axis=0), face_normals(solid.points, solid.faces)
-        assert [len(face) for face in solid.faces] == [4] * 6
+        assert len(solid.faces) == 12
         for face, normal in zip(solid.faces, normals, strict=True):
             assert normal @ (solid.points[face].mean(axis=0) - middle) > 0
-        sides = [pair for face in solid.faces for pair in zip(face, face[1:] + face[:1], strict=True)]
+        sides = [tuple(pair) for face in solid.faces.tolist() for pair in zip(face, face[1:] + face[:1], strict=True)]
         assert sorted(sides) == sorted((second, first) for first, second in sides)  # each edge once either way
 
 
@@ -97,8 +97,8 @@ def test_what_is_behind_is_painted_first(diver: fp.Plan) -> None:
         order = [shape for shape, _ in placed.painted(index)]
         assert sorted(order) == list(range(len(placed.radius)))
         assert (np.diff(placed.depth[index].mean(axis=1)[order]) >= 0).all()
-        for _, faces in placed.painted(index):  # of a box one to three sides are seen
-            assert 1 <= len(faces) <= 3
+        for _, faces in placed.painted(index):  # of a box one to three sides are seen, of two triangles each
+            assert len(faces) in (2, 4, 6)
 
 
 def test_a_camera_sees_at_right_angles() -> None:
