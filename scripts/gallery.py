@@ -7,6 +7,7 @@ Run it from anywhere. ``jumps``, ``space`` or ``flights`` does these alone; with
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +47,7 @@ SPACE_TITLES = {
     "go2_barrel_roll": "Go2, barrel roll",
     "go2_half_twist": "Go2, backflip with half a twist",
     "go2_levels": "Go2, levels out, h = 0",
-    "falling_cat": "cat of Kane and Scher, h = 0",
+    "cat": "cat of Kane and Scher, h = 0",
     "free_arm": "arm like a UR5, h = 0",
     "free_panda": "Panda, h = 0",
 }
@@ -246,7 +247,8 @@ def launch_of(plan: fp.Plan) -> str:
         found = fp.launch(plan)
     except fp.InputError:
         return "does not stand"
-    return f"{found.ratio:.2f}" if found.ok else "not found"
+    least = f" ({found.ratio:.2f})" if 1 < found.ratio < math.inf else ""
+    return f"{found.ratio:.2f}" if found.ok else f"not found{least}"
 
 
 def strips(entries: Sequence[JumpEntry]) -> Image.Image:

@@ -113,11 +113,11 @@ def replay(
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
-    if (flights or 1) > 1:
+    if flights is not None and flights > 1:
         if save:
             raise InputError("keeps a single replay only", element="--save", advice="leave --runs out")
         options = {"engine": checked, "perturb": perturb, "feedback": feedback, "step": step}
-        _fly_often(plan, json_output, flights=flights, seed=seed, budget=budget, **options)
+        _fly_often(plan, json_output, flights, seed=seed, budget=budget, **options)
     kept = motion_file if save else None
     _fly_once(plan, kept, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
 
@@ -141,13 +141,15 @@ def _fly_once(plan: fp.Plan, kept: str | None, json_output: bool, *, step: float
     common.finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
 
 
-def _fly_often(plan: fp.Plan, json_output: bool, **options: Any) -> NoReturn:
+def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -> NoReturn:
     """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
     from floatplan.simulation.replay import replays
 
     with progress("flying"):
-        flown = replays(plan, **{name: value for name, value in options.items() if value is not None})
-    common.finish(flown.to_dict(), json_output, lambda summary: summary.replays_summary(flown), flown.ok)
+        flown = replays(plan, flights, **{name: value for name, value in options.items() if value is not None})
+    facts, ok = [each.to_dict() for each in flown], all(each.landed or each.disturbed for each in flown)
+    told = {"asked": flights, "flights": facts}
+    common.finish(told, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
 
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:

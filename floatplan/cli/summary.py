@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -18,9 +18,6 @@ from floatplan.arguments import percent, short, shortened
 from floatplan.errors import escaped
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Tone
-
-if TYPE_CHECKING:
-    from floatplan.simulation.replay import Replays
 
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
@@ -167,11 +164,14 @@ def replay_summary(flown: fp.Replay) -> RenderableType:
     )
 
 
-def replays_summary(flown: Replays) -> RenderableType:
+def replays_summary(flown: Sequence[fp.Replay], asked: int) -> RenderableType:
     """Return the result of ``floatplan replay --runs``, for reading."""
-    first, landed, many = flown.flown[0], sum(each.landed for each in flown.flown), len(flown.flown)
-    told = f"{landed} of {many} landed" + (f", of {flown.asked} asked for" if many < flown.asked else "")
-    return Group(Text(told, "bold"), _named(first.rows()[:1]), _table(("at landing", "median", "worst"), flown.rows()))
+    from floatplan.simulation.replay import landing_rows
+
+    told = f"{sum(each.landed for each in flown)} of {len(flown)} landed"
+    told += f", of {asked} asked for" if len(flown) < asked else ""
+    table = _table(("at landing", "median", "worst"), landing_rows(flown))
+    return Group(Text(told, "bold"), _named(flown[0].rows()[:1]), table)
 
 
 def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> RenderableType:

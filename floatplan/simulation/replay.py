@@ -7,7 +7,7 @@ alone. The base is free, each joint that moves gets its own torque, and locked j
 
 import math
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -233,40 +233,23 @@ def replay(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Replays:
-    """Replays of a plan, one for each seed; fewer than asked for where the time was over."""
-
-    flown: tuple[Replay, ...]
-    asked: int
-
-    @property
-    def ok(self) -> bool:
-        """Whether all landed, or were disturbed."""
-        return all(each.landed or each.disturbed for each in self.flown)
-
-    def rows(self) -> list[tuple[str, str, str]]:
-        """Return names, medians and the worst of what is off at landing."""
-        off = {
-            "orientation": [math.degrees(each.orientation_error) for each in self.flown],
-            "joints": [math.degrees(each.position_error.max(initial=0.0)) for each in self.flown],
-            "CM": [1e3 * each.com_error for each in self.flown],
-        }
-        units = {"orientation": "deg", "joints": "deg", "CM": "mm"}
-        found = [(name, np.median(values), max(values), units[name]) for name, values in off.items()]
-        return [(name, f"{median:.3g} {unit}", f"{worst:.3g} {unit}") for name, median, worst, unit in found]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``floatplan replay --runs --json`` prints: the facts of each flight."""
-        return {"asked": self.asked, "flights": [each.to_dict() for each in self.flown]}
-
-
-def replays(plan: Recorded, flights: int, seed: int, budget: float, **options: Any) -> Replays:
+def replays(plan: Recorded, flights: int, seed: int, budget: float, **options: Any) -> list[Replay]:
     """Fly a plan so many times, each with the next seed; none begins after ``budget`` seconds; see :func:`replay`."""
     began, flown = clock.perf_counter(), list[Replay]()
     while len(flown) < flights and (not flown or clock.perf_counter() - began < budget):
         flown.append(replay(plan, seed=seed + len(flown), **options))
-    return Replays(tuple(flown), flights)
+    return flown
+
+
+def landing_rows(flown: Sequence[Replay]) -> list[tuple[str, str, str]]:
+    """Return rows of (what is off at landing, its median, the worst) of many replays, for reading."""
+    joints = [each.position_error.max(initial=0.0) for each in flown]
+    off = (
+        ("orientation", np.degrees([each.orientation_error for each in flown]), "deg"),
+        ("joints", np.degrees(joints), "deg"),
+        ("CM", np.array([1e3 * each.com_error for each in flown]), "mm"),
+    )
+    return [(name, f"{np.median(each):.3g} {unit}", f"{each.max():.3g} {unit}") for name, each, unit in off]
 
 
 def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:

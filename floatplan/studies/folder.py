@@ -50,13 +50,10 @@ class Shard:
     def asked(cls, words: str, total: int) -> Shard:
         """Read "3/64" about a study of so many rows; each shard has one at least."""
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
-        if not found:
-            raise InputError(f"must be a number and how many there are, such as 3/64, not {words!r}", element="shard")
-        shard = cls(int(found[1]), int(found[2]))
-        if not 1 <= shard.count <= total:
-            raise InputError(f"{shard}: {total} rows make 1 to {total} shards", element="shard")
-        if not 1 <= shard.number <= shard.count:
-            raise InputError(f"{shard}: they are numbered from 1 to {shard.count}", element="shard")
+        shard = cls(int(found[1]), int(found[2])) if found else cls(0, 0)
+        if not 1 <= shard.number <= shard.count <= total:
+            reason = f"must be the number of a shard and how many there are, such as 3/64, not {words!r}"
+            raise InputError(reason, element="shard", advice=f"{total} rows make 1/1 to {total}/{total}")
         return shard
 
 
@@ -103,9 +100,9 @@ class StudyFolder:
             It holds another study, or results of unknown origin.
         """
         if restart:  # what a study leaves goes, and nothing else
-            self.discard_chunks()
-            for name in (RESULTS, *MAPS, STUDY):
-                (self.path / name).unlink(missing_ok=True)
+            made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
+            for path in [*(path for path, _ in self._chunks()), *made]:
+                path.unlink(missing_ok=True)
         known = self.record()
         if known is None:
             if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
@@ -136,11 +133,6 @@ class StudyFolder:
             if name:
                 found.append((path, (int(name[1]), int(name[2]) + 1)))
         return sorted(found, key=lambda chunk: chunk[1])
-
-    def discard_chunks(self) -> None:
-        """Remove all chunks."""
-        for path, _ in self._chunks():
-            path.unlink(missing_ok=True)
 
     def keep(self, first: int, stop: int, content: bytes) -> None:
         """Write a chunk, whole or not at all."""

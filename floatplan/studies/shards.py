@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from floatplan.errors import InputError
-from floatplan.studies.file import StudyFile
+from floatplan.studies.driver import started
+from floatplan.studies.file import StudyFile, load_study_file
 from floatplan.studies.folder import SHARDS, Shard, StudyFolder, written
 from floatplan.studies.rows import row_check
-from floatplan.studies.study import Study, asked, facts, finished
+from floatplan.studies.study import Study, facts, planned_study
 
-MOST_NAMED = 8  # shards, in a message
 FOREIGN = "holds no shard of this study; file, problem, robot, code and solver have to be the same"
 
 
@@ -24,40 +24,33 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     InputError
         A folder has no shard of this study; shards are missing, there twice, of unlike numbers, or not done.
     """
-    file = asked(path)
+    file = load_study_file(path)
     place = StudyFolder(folder or file.folder, (0, len(file)))
     parts = parts or sorted(each for each in (place.path / SHARDS).glob("*") if each.is_dir())
-    if not parts:
-        raise InputError("has no shards", source=place.path / SHARDS, advice="floatplan study STUDY.toml --shard 1/4")
-    count, found = _shard(file, parts[0]).count, dict[int, Path]()
+    found: dict[Shard, Path] = {}
     for part in parts:
-        shard = _shard(file, part)
-        if shard.count != count:
-            raise InputError(f"is shard {shard}, beside others of {count}", source=part, advice="merge those alike")
-        if shard.number in found:
-            raise InputError(f"is shard {shard}, as {found[shard.number]} is", source=part, advice="give one of them")
-        found[shard.number] = part
-    missing = [str(number) for number in range(1, count + 1) if number not in found]
+        shard = Shard(0, 0)
+        match StudyFolder(part, (0, 0)).record():
+            case {"hash": digest, "shard": [int(number), int(count)]} if digest == file.digest():
+                shard = Shard(number, count)
+        if not 1 <= shard.number <= shard.count <= len(file):
+            raise InputError(FOREIGN, source=part)
+        if shard in found:
+            raise InputError(f"is shard {shard}, as {found[shard]} is", source=part, advice="give one of them")
+        found[shard] = part
+    count = max((shard.count for shard in found), default=1)
+    wanted = [Shard(number, count) for number in range(1, count + 1)]
+    missing = [str(shard) for shard in wanted if shard not in found]
     if missing:
-        named = ", ".join(missing[:MOST_NAMED]) + (", .." if len(missing) > MOST_NAMED else "")
-        advice = f"floatplan study STUDY.toml --shard {missing[0]}/{count}"
-        raise InputError(f"{len(missing)} of {count} shards are missing: {named}", source=place.path, advice=advice)
-    tables = [_rows(file, Shard(number, count), found[number]) for number in sorted(found)]
+        reason, advice = f"shards are missing: {', '.join(missing)}", f"floatplan study STUDY.toml --shard {missing[0]}"
+        raise InputError(reason, source=place.path / SHARDS, advice=advice)
+    tables = [_rows(file, shard, found[shard]) for shard in wanted]
     with place.locked():
         place.open(file.digest(), facts(file), restart=False)
-        place.discard_chunks()
-        for number, table in enumerate(tables, 1):
-            place.keep(*Shard(number, count).rows(len(file)), written(table))
-        return finished(file, place)
-
-
-def _shard(file: StudyFile, part: Path) -> Shard:
-    """Which shard of this study a folder has."""
-    record = StudyFolder(part, (0, 0)).record() or {}
-    match record.get("hash") == file.digest(), record.get("shard"):
-        case True, [int(number), int(count)] if 1 <= number <= count <= len(file):
-            return Shard(number, count)
-    raise InputError(FOREIGN, source=part)
+        place.open(file.digest(), facts(file), restart=True)  # what is there of the same study goes
+        for shard, table in zip(wanted, tables, strict=True):
+            place.keep(*shard.rows(len(file)), written(table))
+    return planned_study(path, folder, False, started("processes", 1, None), None)
 
 
 def _rows(file: StudyFile, shard: Shard, part: Path) -> Any:
@@ -66,7 +59,5 @@ def _rows(file: StudyFile, shard: Shard, part: Path) -> Any:
     with place.locked():
         left = sum(stop - first for first, stop in place.missing(row_check(file)))
         if left:
-            raise InputError(
-                f"{left} rows of shard {shard} are still to be planned", source=part, advice="run it again"
-            )
+            raise InputError(f"lacks {left} rows of shard {shard}", source=part, advice="plan it again, which goes on")
         return place.table()

@@ -17,7 +17,6 @@ from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, l
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
 ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
-AXES = dict(zip("xyz", OKABE_ITO, strict=False))  # of the base
 MOMENTS = ("least", "middle", "largest")
 INTERVAL = "h of monotonic joints"  # what (9) holds
 NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
@@ -256,11 +255,9 @@ def _limited(plan: Shown, row: LimitRow) -> Chart:
     panels = [Panel("joints", joints)]
     if row.base is not None:
         limit = getattr(plan.problem.limits, row.base)
-        colour, most = palette(len(keys) + 1)[0], np.inf if limit is None else float(limit)
-        base = [Curve("orientation", row.base, colour, 0, most)]
-        if plan.robot.in_plane is None:
-            base = [Curve(f"base {axis}", f"{row.base}.{axis}", hue, 0, most) for axis, hue in AXES.items()]
-        panels.append(Panel("orientation", base))
+        colour = palette(len(keys) + 1)[0]
+        base = Curve("orientation", row.base, colour, 0, np.inf if limit is None else float(limit))
+        panels.append(Panel("orientation", [base]))
     return Chart(row.title.lower(), row.title, row.unit, panels)
 
 

@@ -18,7 +18,7 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view.jumps import JumpView, Shown
-from floatplan.view.solids import CAMERA, LINK_RADIUS, drawn_solids, face_normals
+from floatplan.view.solids import CAMERA, drawn_solids, face_normals
 from floatplan.view.style import round_below
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of 
 REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
 MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
 LEAST_RADIUS = 0.4  # [-] of the former
+LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
 STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
 FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] along the path
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
@@ -56,7 +57,7 @@ class Postures:
         Places of the frames that take off and land.
     depth : (K, S, k) m, optional
         Of the corners, towards who looks.
-    faces : for each shape its faces, corners by their numbers; none of what is round
+    faces : for each shape its triangles (f, 3), corners by their numbers
     """
 
     times: Array
@@ -67,22 +68,22 @@ class Postures:
     takeoff: ComplexArray
     landing: ComplexArray
     depth: Array | None = None
-    faces: Sequence[Sequence[Sequence[int]]] = ()
+    faces: Sequence[IntArray] = ()
 
     def painted(self, index: int) -> list[tuple[int, list[tuple[ComplexArray, float]]]]:
         """Shapes at an instant in the order in which they are painted, what is behind first, each with its seen faces.
 
-        Faces are their corners (k,), m, and how much light falls on them, 0 to 1.
+        Faces are their corners (3,), m, and how much light falls on them, 0 to 1.
         """
         if self.depth is None:
             return [(shape, []) for shape in range(len(self.radius))]
-        corners = self.corners[index]
+        corners, found = self.corners[index], []
         places = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
-        found = []
         for shape in np.argsort(self.depth[index].mean(axis=1), kind="stable").tolist():
             normals = face_normals(places[shape], self.faces[shape])
-            lights = zip(self.faces[shape], normals[:, 2] > 0, np.clip(normals @ LIGHT, 0.0, 1.0), strict=True)
-            found.append((shape, [(corners[shape, face], float(light)) for face, seen, light in lights if seen]))
+            seen = normals[:, 2] > 0
+            lights = np.clip(normals[seen] @ LIGHT, 0.0, 1.0).tolist()
+            found.append((shape, list(zip(corners[shape][self.faces[shape][seen]], lights, strict=True))))
         return found
 
     @property
@@ -102,9 +103,9 @@ class Postures:
 
     def outlines(self, index: int) -> list[ComplexArray]:
         """Closed outlines (points,) of the shapes at instant ``index``, m."""
-        shapes = zip(self.corners[index], self.radius.tolist(), strict=True)
         if self.depth is not None:
-            return [grown(corners, radius) for corners, radius in shapes]
+            return [convex_hull(corners) for corners in self.corners[index]]
+        shapes = zip(self.corners[index], self.radius.tolist(), strict=True)
         return [stadium(complex(start), complex(end), radius) for (start, end), radius in shapes]
 
 
@@ -169,7 +170,7 @@ def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArr
         times=times,
         com=com,
         corners=CAMERA(placed),
-        radius=np.array([solid.radius for solid in solids]),
+        radius=np.zeros(len(solids)),
         part=np.array([solid.part for solid in solids]),
         takeoff=takeoff,
         landing=landing,
@@ -270,12 +271,6 @@ def pairs(places: ComplexArray | complex) -> Array:
     """Complex numbers (...) as pairs (..., 2) of their parts."""
     places = np.asarray(places)
     return np.stack((places.real, places.imag), axis=-1)
-
-
-def grown(points: ComplexArray, radius: float) -> ComplexArray:
-    """Outline (points,) of all points within ``radius`` of the convex hull of points, m."""
-    rim = radius * np.exp(2j * np.pi * np.arange(2 * ARC) / (2 * ARC)) if radius else np.zeros(1)
-    return convex_hull((points[:, None] + rim).ravel())
 
 
 def stadium(start: complex, end: complex, radius: float, arc: int = ARC) -> ComplexArray:

@@ -101,13 +101,16 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
     along = h / (np.linalg.norm(h) or 1.0)
     axes, whole = attitude_axes(plan.problem)[0], cast("Any", plan.whole)
     limits, rates = limits_in_use(plan), state.velocities @ plan.robot.motor_ratios.T
-    columns = {"momentum_base": of_base @ along, "momentum": state.angular_momentum @ along}
+    columns = {
+        "orientation_rate": np.linalg.norm(state.orientation_rate, axis=1),
+        "momentum_base": of_base @ along,
+        "momentum": state.angular_momentum @ along,
+    }
     columns["momentum_joints"] = columns["momentum"] - columns["momentum_base"]
     vectors = {
         "com_": state.com_position,
         "base_": state.base_position,
         "angular_momentum_": state.angular_momentum,
-        "orientation_rate.": state.orientation_rate,
     }
     for name, values in vectors.items():
         columns |= {f"{name}{axis}": column for axis, column in zip("xyz", values.T, strict=True)}

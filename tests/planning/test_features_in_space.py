@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 import threading
@@ -141,6 +142,28 @@ def test_joints_that_slide_are_held_and_not_planned(tmp_path):
         fp.Robot.from_urdf(path, base="free-flyer", joints=["to_left", "to_boom"])
 
 
+def test_what_slides_is_locked_in_metres_whatever_the_unit_of_angles(tmp_path, floatplan):
+    path = written(
+        tmp_path / "slide.urdf",
+        body("left", "trunk", "revolute", "0 1 0", "0 0.2 0"),
+        body("boom", "trunk", "prismatic", "0 0 1", "0 0 0.2"),
+        body("neck", "boom", "revolute", "0 1 0", "0 0 0.2"),
+    )
+    wanted = pytest.approx({"to_boom": 0.3, "to_neck": math.radians(20)})
+    for base in ("planar", "free-flyer"):
+        locked = {"to_boom": 0.3, "to_neck": 20}
+        assert dict(fp.Robot.from_urdf(path, base=base, locked=locked, angles="deg").locked) == wanted
+        file = tmp_path / f"{base}.toml"
+        held = "locked = { to_boom = 0.3, to_neck = 20 }"
+        file.write_text(f'angles = "deg"\n[robot]\nurdf = "slide.urdf"\nbase = "{base}"\n{held}\n')
+        run = floatplan("info", file, "--json")
+        assert json.loads(run.stdout)["locked"] == wanted
+    run = floatplan("info", path, "--locked", "to_boom=0.3,to_neck=20", "--degrees", "--json")
+    assert json.loads(run.stdout)["locked"] == wanted
+    with pytest.raises(fp.InputError, match="angles: must be 'rad' or 'deg', not 'turns'"):
+        fp.Robot.from_urdf(path, angles="turns")  # type: ignore[arg-type]
+
+
 def test_robots_from_mjcf_fly_in_space_too(tmp_path):
     robot = fp.Robot.from_mjcf(URDF / "kangaroo.xml", base="free-flyer", locked={"tail": 0.3})
     plan = fp.plan(asked(robot, momentum="free", goal=fp.Attitude(angles=(0.1, 0.3, 0), axes="xyz")))
@@ -153,7 +176,7 @@ def test_degrees_and_radians_are_the_same_problem(tmp_path):
     again = fp.load_problem(save_problem(problem, tmp_path / "radians.toml"))
     assert again.initial.attitude == problem.initial.attitude
     assert np.array_equal(again.initial.positions, problem.initial.positions)
-    cat = fp.load_problem(SPACE / "falling_cat.toml")
+    cat = fp.load_problem(SPACE / "cat.toml")
     same = fp.load_problem(save_problem(cat, tmp_path / "cat.toml"))
     assert same.final.attitude == cat.final.attitude
     assert cat.final.attitude.angles == pytest.approx((2 * math.pi, -math.pi / 6, 0))

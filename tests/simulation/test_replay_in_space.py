@@ -72,8 +72,7 @@ def test_many_flights_are_a_table(diver, floatplan):
     refused = floatplan(*asked, "--runs", "2", "--save")
     assert refused.code == 2
     assert "--save" in refused.stderr
-    few = replays(diver, 5, 0, budget=1e-9)
-    assert (few.asked, len(few.flown), few.ok) == (5, 1, True)
+    assert len(replays(diver, 5, 0, budget=1e-9)) == 1
 
 
 @pytest.mark.parametrize(

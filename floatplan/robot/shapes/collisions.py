@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
@@ -244,12 +245,11 @@ class Geometry:
 
 def hull_corners(points: Array) -> Array:
     """Corners (h, 3) of the convex hull of points (k, 3); the points themselves where they are flat."""
-    from scipy.spatial import ConvexHull, QhullError
+    import trimesh
 
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except QhullError:
-        return points
+    with contextlib.suppress(Exception):  # of the library, of any kind
+        return np.asarray(trimesh.convex.convex_hull(points).vertices)
+    return points
 
 
 def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[str, str]) -> Geometry | None:

@@ -105,7 +105,10 @@ def _robot_in_space(robot: Robot) -> dict[str, Any]:
             "at": rounded(rests.translation),
         }
         bodies.append({**placed, "axis": rounded(axis), "turns": rounded(robot.selection[model.idx_vs[joint]])})
-    links = [{**vars(solid), "body": solid.body - 1, "points": rounded(solid.points)} for solid in drawn_solids(robot)]
+    links = [
+        {**vars(solid), "body": solid.body - 1, "radius": 0.0, "points": rounded(solid.points)}
+        for solid in drawn_solids(robot)
+    ]
     return {"joints": list(robot.joints), "bodies": bodies, "links": links, **_colours(robot)}
 
 

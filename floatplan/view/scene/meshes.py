@@ -19,7 +19,6 @@ from floatplan.robot.shapes.collisions import LARGEST, check_mesh_file, find_mes
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
-SAME = 1e-3  # [-] of a radius: by how much a hidden capsule may stick out
 
 
 def visual_model(robot: Robot) -> Any:
@@ -76,28 +75,6 @@ def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
     names = robot.model_joints
     full = robot.reference[-len(names) :] + robot.selection[-len(names) :] @ positions
     return dict(zip(names, full.tolist(), strict=True))
-
-
-def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) -> Mesh:
-    """Return a capsule between two points (3,), m, of so many sections along and around its axis."""
-    import trimesh
-
-    length = float(np.linalg.norm(end - start))
-    mesh = trimesh.creation.capsule(height=length, radius=radius, count=list(sections))
-    mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    if length > 0:
-        mesh.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length))
-    mesh.apply_translation((start + end) / 2)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
-
-
-def rounded(points: Array, radius: float) -> Mesh:
-    """Return the convex hull of points (k, 3), grown by a radius, m."""
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=1, radius=radius).vertices if radius else np.zeros((1, 3))
-    hull = trimesh.convex.convex_hull((points[:, None] + ball).reshape(-1, 3))
-    return np.asarray(hull.vertices), np.asarray(hull.faces)
 
 
 def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:
@@ -178,26 +155,3 @@ def plain_colour(mesh: Any) -> tuple[int, int, int] | None:
         return None
     red, green, blue = (int(part) for part in colours[0, :3])
     return red, green, blue
-
-
-def seen_capsules(robot: Robot, radius: Array) -> list[int]:
-    """Capsules, by their index, that no other one hides whatever the posture: rotors in a trunk, one leg of a pair.
-
-    Parameters
-    ----------
-    robot : Robot
-    radius : (S,) m
-        As drawn.
-    """
-    start, end = (np.array([getattr(shape, name) for shape in robot.shapes]) for name in ("start", "end"))
-    group = robot.tree.coincident[[shape.body for shape in robot.shapes]]
-    seen: list[int] = []
-    for index in np.argsort(-radius, kind="stable").tolist():
-        larger = [each for each in seen if group[each] == group[index]]
-        along, offset = end[larger] - start[larger], np.array([[start[index]], [end[index]]]) - start[larger]
-        square = np.abs(along) ** 2
-        share = np.clip((offset * along.conj()).real / np.where(square > 0, square, 1.0), 0.0, 1.0)
-        outside = np.abs(offset - share * along) + radius[index] - (1 + SAME) * radius[larger]
-        if not (outside.max(axis=0, initial=-np.inf) <= 0.0).any():
-            seen.append(index)
-    return sorted(seen)

@@ -11,7 +11,8 @@ import html
 import io
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
 Colour = tuple[int, int, int]
 DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
 SHARE, FEW = 0.2, 200  # [-] of their triangles that are drawn, and of a mesh all the same
-SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
-FINE_SECTIONS = (16, 16)  # [-] the same where nobody waits for it
 SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
@@ -85,11 +84,9 @@ def scene(plan: Shown) -> str:
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
         bodies = RobotNodes(server, "/robot", plan.robot)
-        meshed, moved, vector = bodies.add_meshes(), [], None
-        if flies_in_space(plan):
-            vector = _add_space(server, plan, bodies, meshed)
-        else:
-            moved = _add_plane(server, plan, bodies, meshed)
+        if not bodies.add_meshes():
+            bodies.add_solids()
+        moved, vector = ([], _add_space(server, plan)) if flies_in_space(plan) else (_add_plane(server, plan), None)
         forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
         serializer = server.get_scene_serializer()
         for index, time in enumerate(times.tolist()):
@@ -108,12 +105,10 @@ def scene(plan: Shown) -> str:
             server.stop()
 
 
-def _add_plane(server: Any, plan: Shown, bodies: RobotNodes, meshed: bool) -> list[tuple[Any, Plane, Obstacle]]:
-    """Add what is around a flight in a plane, and the robot's capsules where it has no meshes; return obstacles."""
+def _add_plane(server: Any, plan: Shown) -> list[tuple[Any, Plane, Obstacle]]:
+    """Add what is around a flight in a plane; return nodes of obstacles."""
     placed, moved = outlines.postures(plan, outlines.snapshot_times(plan)), []
     low, high = outlines.picture_box(plan, placed)
-    if not meshed:
-        bodies.add_capsules(placed, sections=FINE_SECTIONS)
     for index, obstacle in enumerate(plan.problem.obstacles):
         slab = obstacle_slab(plan, obstacle, low, high)
         moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
@@ -125,13 +120,8 @@ def _add_plane(server: Any, plan: Shown, bodies: RobotNodes, meshed: bool) -> li
     return moved
 
 
-def _add_space(server: Any, plan: Plan, bodies: RobotNodes, meshed: bool) -> Any:
-    """Add what is around a flight in space, and the robot's solids where it has no meshes.
-
-    Returned is the node of the angular momentum, an arrow at the centre of mass.
-    """
-    if not meshed:
-        bodies.add_solids()
+def _add_space(server: Any, plan: Plan) -> Any:
+    """Add what is around a flight in space; return the node of the angular momentum, an arrow at the CM."""
     times = np.linspace(0.0, plan.duration, 121)
     poses, com = outlines.bodies(plan, times), plan.at(times).com_position
     centre, radius = outlines.ball(plan)
@@ -270,35 +260,6 @@ def turned(plane: Plane, angles: Array) -> Array:
     return np.concatenate((np.cos(angles / 2)[..., None], sines), axis=-1)
 
 
-def _resting_in_plane(robot: Robot) -> Callable[[str], tuple[int, Array]]:
-    """Give a link's body, and the transform (4, 4) into its frame from the root link's, all joints at rest."""
-    from trimesh.transformations import rotation_matrix, translation_matrix
-
-    resting = np.zeros((1, len(robot.joints)))
-    poses = outlines.body_poses(robot, np.zeros(1), resting, np.zeros(1, dtype=np.complex128))
-    root = robot.frames[robot.tree.names[0]]
-    origins = in_space(robot.plane, poses.places[0] - poses.points([0], [root.local])[0])
-
-    def of_link(link: str) -> tuple[int, Array]:
-        body = robot.layout.body_of[link]
-        turned_back = rotation_matrix(-float(poses.angles[0, body]), robot.plane.normal)
-        return body, turned_back @ translation_matrix(-origins[body])
-
-    return of_link
-
-
-def _resting_in_space(robot: Robot) -> Callable[[str], tuple[int, Array]]:
-    """Give the same; bodies are joints of the robot's model, less the world."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.reference)
-
-    def of_link(link: str) -> tuple[int, Array]:
-        body, _ = frame_place(robot.model, robot.joint_tree, link)
-        return body - 1, data.oMi[body].inverse().homogeneous
-
-    return of_link
-
-
 class RobotNodes:
     """A robot in a scene, whose bodies can be put anywhere."""
 
@@ -308,30 +269,42 @@ class RobotNodes:
         count = robot.model.njoints - 1 if robot.in_plane is None else len(robot.tree.mass)
         names = [f"{name}/{body}" for body in range(count)]
         self.frames = [server.scene.add_frame(each, show_axes=False) for each in names]
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, robot.reference)
+        self._placements = data.oMi  # of the model's joints at rest
 
-    def add_capsules(
-        self,
-        shapes: outlines.Postures,
-        colour: Colour | None = None,
-        opacity: float | None = None,
-        sections: tuple[int, int] = SECTIONS,
-    ) -> list[tuple[int, Any]]:
-        """Draw the links as capsules, in one colour or in those of all pictures; return parts with their nodes.
-
-        ``shapes`` has the radii and the parts of the capsules.
-
-        What moves together is one mesh; what another capsule hides always is left out.
-        """
+    def _resting(self, link: str) -> tuple[int, Array]:
+        """Return the body that a link is part of, and the transform (4, 4) into its frame from the root link's."""
         robot = self._robot
-        colours = [rgb_bytes(each) for each in palette(len(robot.joints) + 1)]
-        together: dict[tuple[int, int], list[meshes.Mesh]] = {}
-        for index in meshes.seen_capsules(robot, shapes.radius):
-            shape, radius, part = robot.shapes[index], float(shapes.radius[index]), int(shapes.part[index])
-            start, end = (in_space(robot.plane, place) for place in (shape.start, shape.end))
-            together.setdefault((shape.body, part), []).append(meshes.capsule(start, end, radius, sections))
+        if robot.in_plane is None:
+            body, _ = frame_place(robot.model, robot.joint_tree, link)
+            return body - 1, self._placements[body].inverse().homogeneous
+        poses, body = self._resting_poses, robot.layout.body_of[link]
+        root = robot.frames[robot.tree.names[0]]
+        origin = in_space(robot.plane, poses.places[0, body] - poses.points([0], [root.local])[0, 0])
+        back = pin.exp3(-float(poses.angles[0, body]) * robot.plane.normal)
+        return body, pin.SE3(back, -back @ origin).homogeneous
+
+    @cached_property
+    def _resting_poses(self) -> outlines.Poses:
+        resting = np.zeros((1, len(self._robot.joints)))
+        return outlines.body_poses(self._robot, np.zeros(1), resting, np.zeros(1, dtype=np.complex128))
+
+    def add_solids(self, colour: Colour | None = None, opacity: float | None = None) -> list[tuple[int, Any]]:
+        """Draw the links as solids, in one colour or in those of all pictures; return parts with their nodes.
+
+        What moves together is one mesh.
+        """
+        colours, together = palette(len(self._robot.joints) + 1), dict[tuple[int, int], list[meshes.Mesh]]()
+        for solid in drawn_solids(self._robot):
+            body, into_body = self._resting(solid.link)
+            placed = into_body @ self._placements[solid.body].homogeneous
+            points = solid.points @ placed[:3, :3].T + placed[:3, 3]
+            together.setdefault((body, solid.part), []).append((points, solid.faces))
         nodes = []
         for (body, part), drawn in together.items():
-            name, look = f"{self.name}/{body}/capsules{part}", {"color": colour or colours[part], "opacity": opacity}
+            look = {"color": colour or rgb_bytes(colours[part]), "opacity": opacity, "flat_shading": True}
+            name = f"{self.name}/{body}/solids{part}"
             nodes.append((part, self._server.scene.add_mesh_simple(name, *meshes.joined(drawn), **look)))
         return nodes
 
@@ -348,11 +321,10 @@ class RobotNodes:
         resting = np.zeros(len(robot.joints))
         angles = meshes.joint_angles(robot, resting)
         model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
-        bodies = _resting_in_space(robot) if robot.in_plane is None else _resting_in_plane(robot)
         together: dict[tuple[int, Colour], list[meshes.Mesh]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]
-            body, into_body = bodies(link)
+            body, into_body = self._resting(link)
             placed = mesh.copy()
             placed.apply_transform(into_body @ model.get_transform(geometry))
             colour = meshes.plain_colour(placed)
@@ -366,16 +338,6 @@ class RobotNodes:
             name = f"{self.name}/{body}/links{number}"
             scene.add_mesh_simple(name, *meshes.fewer(vertices, faces, count), color=colour)
         return True
-
-    def add_solids(self) -> None:
-        """Draw the links of a robot in space as solids, in the colours of all pictures."""
-        colours, add = [rgb_bytes(each) for each in palette(len(self._robot.joints) + 1)], self._server.scene
-        for number, solid in enumerate(drawn_solids(self._robot)):
-            name, look = (
-                f"{self.name}/{solid.body - 1}/solid{number}",
-                {"color": colours[solid.part], "flat_shading": True},
-            )
-            add.add_mesh_simple(name, *meshes.rounded(solid.points, solid.radius), **look)
 
     def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
         """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""

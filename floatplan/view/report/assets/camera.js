@@ -15,9 +15,7 @@ class Camera {
       this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
     });
     holder.addEventListener("pointermove", (event) => this.drag(event));
-    for (const end of ["pointerup", "pointercancel"]) {
-      holder.addEventListener(end, (event) => this.pointers.delete(event.pointerId));
-    }
+    holder.addEventListener("lostpointercapture", (event) => this.pointers.delete(event.pointerId));
     holder.addEventListener("wheel", (event) => this.nearer(Math.exp(-0.0015 * event.deltaY), event), { passive: false });
     holder.addEventListener("dblclick", () => this.look());
     this.choice.addEventListener("change", () => this.look(this.choice.value));
