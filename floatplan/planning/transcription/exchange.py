@@ -12,7 +12,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel import batch
 from floatplan.kernel.constraints import Look, minima
-from floatplan.kernel.quadratic import step_by_active_rows
+from floatplan.kernel.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
@@ -155,7 +155,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=step_by_active_rows)
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=dual_step)
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
