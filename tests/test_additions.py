@@ -185,7 +185,7 @@ else:
 
 OBSTACLE_WORKS = """
 from floatplan.inflight.prediction import DISTANCE_AIM
-from floatplan.kernel.constraints import DistanceRows, compiled_constraints
+from floatplan.compiled.constraints import DistanceRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import program

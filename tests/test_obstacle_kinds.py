@@ -12,8 +12,8 @@ import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
+from floatplan.compiled.constraints import DistanceRows, SumRows, compiled_constraints
 from floatplan.inflight.prediction import distance_rows
-from floatplan.kernel.constraints import DistanceRows, SumRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.plans.record import OBSTACLES

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.compiled.constraints import QUANTITIES, Block, DistanceRows, can_write
 from floatplan.errors import InputError
-from floatplan.kernel.constraints import QUANTITIES, Block, DistanceRows, can_write
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS

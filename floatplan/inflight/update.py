@@ -15,11 +15,11 @@ import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebval
 
 from floatplan.arrays import Array, IntArray, read_only
+from floatplan.compiled.bodies import Bodies, filled_robot
+from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate, Expected, Measurement
 from floatplan.inflight.prediction import LimitRows, Views
-from floatplan.kernel.bodies import Bodies, filled_robot
-from floatplan.kernel.constraints import CompiledConstraints
 from floatplan.kernel.layout import ENUMERATIONS, Filled, constants, kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid

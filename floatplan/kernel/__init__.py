@@ -1,1 +1,1 @@
-"""Many plans at once: plans without inequalities, compiled. What it does not find, or cannot do, the search does."""
+"""The compiled kernel: C++, how it is built and loaded, and what crosses to it. It knows arrays alone."""

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel import batch
-from floatplan.kernel.batch import Answers, Numbers, Rows, Search, is_plain, is_planar, solver
+from floatplan.compiled import batch
+from floatplan.compiled.batch import Answers, Numbers, Rows, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations

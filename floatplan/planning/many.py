@@ -13,9 +13,9 @@ import numpy as np
 from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
 from floatplan.certificate.certificate import certify
+from floatplan.compiled import batch as plain
+from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, Answers, Search
 from floatplan.errors import InputError
-from floatplan.kernel import batch as plain
-from floatplan.kernel.batch import INFEASIBLE, MOST_STARTS, Answers, Search
 from floatplan.planning.attempt import STATUS
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan

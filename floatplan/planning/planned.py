@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.compiled.batch import MOST_STARTS, Search
 from floatplan.errors import refuse
-from floatplan.kernel.batch import MOST_STARTS, Search
 from floatplan.motion.flight import difficulties, impossibilities, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together

@@ -13,7 +13,7 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.batch import SECANT_STEPS, SPREADS, Numbers, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import SECANT_STEPS, SPREADS, Numbers, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories

@@ -12,8 +12,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from dataclasses import dataclass
 from typing import Any
 
+from floatplan.compiled.batch import is_plain_family
 from floatplan.errors import FloatplanError, InputError, import_optional
-from floatplan.kernel.batch import is_plain_family
 from floatplan.planning.search import MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile

@@ -12,8 +12,8 @@ import numpy as np
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
+from floatplan.compiled.batch import is_plain_family, many_peaks
 from floatplan.errors import FloatplanError, printable
-from floatplan.kernel.batch import is_plain_family, many_peaks
 from floatplan.planning.many import plan_many
 from floatplan.plans.measures import largest_use
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans

@@ -11,8 +11,8 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.compiled.batch import is_plain_family
 from floatplan.errors import printable
-from floatplan.kernel.batch import is_plain_family
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use

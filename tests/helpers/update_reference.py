@@ -10,10 +10,10 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
+from floatplan.compiled.constraints import DistanceRows
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.update import RemainingMotion
-from floatplan.kernel.constraints import DistanceRows
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Ballistics, Dynamics

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import floatplan as fp
+from floatplan.compiled import batch
+from floatplan.compiled.bodies import filled_grid
 from floatplan.inflight import prediction
-from floatplan.kernel import batch, build, layout
-from floatplan.kernel.bodies import filled_grid
+from floatplan.kernel import build, layout
 from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES, Filled
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from floatplan.kernel import quadratic
-from floatplan.kernel.quadratic import dual_step
+from floatplan.compiled import quadratic
+from floatplan.compiled.quadratic import dual_step
 from floatplan.optimization import programs
 from floatplan.optimization.programs import Derivatives, Evaluation, Step, solve_qp, solved
 

@@ -9,7 +9,7 @@ import pytest
 from flight_reference import integrate_orientation
 
 import floatplan as fp
-from floatplan.kernel.batch import QUADRATURE_ERROR
+from floatplan.compiled.batch import QUADRATURE_ERROR
 from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.constraints import Block, DistanceRows, SumRows
+from floatplan.compiled.constraints import Block, DistanceRows, SumRows
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle

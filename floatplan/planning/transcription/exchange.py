@@ -10,9 +10,9 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel import batch
-from floatplan.kernel.constraints import Look, minima
-from floatplan.kernel.quadratic import dual_step
+from floatplan.compiled import batch
+from floatplan.compiled.constraints import Look, minima
+from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.constraints import CompiledConstraints, MotionRows, RowTargets, compiled_constraints
+from floatplan.compiled.constraints import CompiledConstraints, MotionRows, RowTargets, compiled_constraints
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.optimization.programs import Derivatives, Evaluation

@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.constraints import ByX, MotionRows, RowTargets, quantity_rows
+from floatplan.compiled.constraints import ByX, MotionRows, RowTargets, quantity_rows
 from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis, joint_motion

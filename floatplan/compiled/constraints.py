@@ -14,7 +14,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.bodies import unscaled_robot
+from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address, kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight

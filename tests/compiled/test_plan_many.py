@@ -14,7 +14,7 @@ from general_path import take_general_path
 from plain_problems import plain_problems, problem_of, random_robot
 
 import floatplan as fp
-from floatplan.kernel.batch import (
+from floatplan.compiled.batch import (
     FIRST_LEVEL,
     FOLLOWED,
     INFEASIBLE,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from floatplan.kernel.quadratic import dual_step
+from floatplan.compiled.quadratic import dual_step
 from floatplan.optimization.programs import ROW_TOLERANCE, Derivatives, Evaluation
 
 

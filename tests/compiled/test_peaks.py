@@ -9,9 +9,9 @@ import pytest
 from plain_problems import problem_of, random_robot
 
 import floatplan as fp
-from floatplan.kernel import batch
-from floatplan.kernel.batch import many_peaks
-from floatplan.kernel.bodies import Bodies
+from floatplan.compiled import batch
+from floatplan.compiled.batch import many_peaks
+from floatplan.compiled.bodies import Bodies
 from floatplan.kernel.layout import kernel
 from floatplan.plans.plans import Answer
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.bodies import Bodies, filled_grid, filled_robot, unscaled_robot
+from floatplan.compiled.bodies import Bodies, filled_grid, filled_robot, unscaled_robot
 from floatplan.kernel.layout import (
     ENUMERATIONS,
     STRUCTURES,
