@@ -7,7 +7,8 @@ class Constrained {
     Index iterations = 0;
 
     Constrained(Program &program, const Settings &settings, const Exchange &rules, const Attempt &attempt)
-        : program(program), set(settings), rules(rules), attempt(attempt), size(program.size) {}
+        : now(program.two), trial(program.two + 1), program(program), set(settings), rules(rules), attempt(attempt),
+          size(program.size) {}
 
     void lay_out(Arena &arena, Index most_rows) {
         qp.lay_out(arena, size);
@@ -19,7 +20,7 @@ class Constrained {
         arena.take(pull_of, most_rows);
     }
 
-    Evaluated *now = program.two, *trial = program.two + 1;
+    Evaluated *now, *trial;
     double *hessian;
 
     bool is_exhausted() const { return program.work > attempt.most_work; }
@@ -270,16 +271,14 @@ class Constrained {
         while (line.length > set.shortest_step * first) {
             for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + line.length * direction[k];
             program.evaluate(*trial);
+            line.reaches_more = line.length == first && program.watches && reach(first);
+            if (line.reaches_more) break;
             line.accepted = is_better();
             if (line.accepted) break;
             const double rise = trial->objective + penalty * trial->violation - merit;
-            if (line.length == first && program.watches && trial->violation > now->violation) {
-                line.reaches_more = reach();
-                if (line.reaches_more) break;
-                if (correct()) {
-                    line.accepted = is_better();
-                    if (line.accepted) break;
-                }
+            if (line.length == first && program.watches && trial->violation > now->violation && correct()) {
+                line.accepted = is_better();
+                if (line.accepted) break;
             }
             const double lowest = -slope * line.length / (2 * (rise - slope * line.length));
             line.length *= smaller(set.shortening[1], larger(set.shortening[0], lowest));
@@ -287,11 +286,14 @@ class Constrained {
         return line;
     }
 
-    // Differentiates the rows that the trial violates; whether there are new ones.
-    bool reach() {
+    // Differentiates the rows that the whole step would violate, as far as this share of it tells; whether there are
+    // new ones.
+    bool reach(double share) {
         const Index before = now->near;
-        for (Index e = 0; e < program.rows * program.stride; ++e)
-            if (trial->values[e] < 0 && now->place[e] < 0) program.slopes_of(*now, e);
+        for (Index e = 0; e < program.rows * program.stride; ++e) {
+            const double here = now->values[e];
+            if (here + (trial->values[e] - here) / share < 0 && now->place[e] < 0) program.slopes_of(*now, e);
+        }
         return now->near > before;
     }
 

@@ -174,7 +174,7 @@ class Follower {
         if (!is_best) return;
         copy(best, now.x, program.size);
         attempt.violation = violation;
-        attempt.missed = missed;
+        attempt.judged_level = level;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;
     }
 };

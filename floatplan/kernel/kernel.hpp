@@ -221,8 +221,8 @@ struct Attempt {
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): the start, then the end
-    double objective, violation, missed, work;
-    Index status, iterations, evaluations;
+    double violation, work;                   // the largest one of (14) or of a row; 0 where all hold
+    Index status, iterations, evaluations, judged_level;
 };
 
 // What a correction leads to.

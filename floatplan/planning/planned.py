@@ -193,7 +193,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
 
 def _missed_turn(found: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    missed = found.best.solution.evaluation.detail.residual[0]
+    missed = found.best.motion.residual[0]
     return np.where(np.abs(missed) > ORIENTATION, missed, 0.0)
 
 
@@ -238,7 +238,7 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     best, missed, sentences = found.best, _missed_turn(found), []
     if missed.any():
         sentences.append(f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad.")
-    elif wrong := best.solution.evaluation.detail.flown.wrong_way:
+    elif wrong := best.motion.flown.wrong_way:
         sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
     if best.worst.least < 0:
         number, row, value, s = best.worst.lowest

@@ -19,7 +19,6 @@ import numpy as np
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.optimization.programs import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
 from floatplan.pool import in_order, one_thread, processes
@@ -279,18 +278,6 @@ def _attempting(
     @one_thread
     def attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
         start = prepared.numbered(degrees, given, number)
-        return _portable(prepared.attempt(start, expired, most_work)) if start else None
+        return replace(prepared.attempt(start, expired, most_work)) if start else None  # without what it caches
 
     return attempt
-
-
-def _portable(outcome: Outcome) -> Outcome:
-    """Strip an outcome of what cannot go from one process to another: its derivatives, and what its motion caches."""
-    solution = outcome.solution
-    motion = solution.evaluation.detail
-    evaluation = replace(solution.evaluation, differentiate=_no_derivatives, detail=replace(motion))
-    return replace(outcome, solution=replace(solution, evaluation=evaluation))
-
-
-def _no_derivatives() -> Derivatives:
-    raise AssertionError("the derivatives of an outcome stay in the process that computed them")
