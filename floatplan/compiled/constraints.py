@@ -98,8 +98,8 @@ class CompiledConstraints:
         rows = {"kind": kind, "first": first, "second": second, "least": columns[3], "per_scale": columns[4]}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
         self.first_also, all_sums = len(of_sums), [of_sums] if self.also is None else [of_sums, self.also]
-        about = {"obstacles": np.array(obstacles), "sums": np.concatenate(all_sums), "opposite": opposite, "rows": self.rows}
-        self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
+        about = {"obstacles": np.array(obstacles), "sums": np.concatenate(all_sums), "opposite": opposite}
+        self.filled = Filled("Constraints", self, shapes, rows=self.rows, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
     def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> int:

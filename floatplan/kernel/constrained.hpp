@@ -115,6 +115,7 @@ class Constrained {
                 find_damped_step(damping);
                 for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + direction[k];
                 program.evaluate(*trial);
+                if (program.watches && reach(1)) continue;
                 if (squares(*trial) < squared) {
                     swap();
                     squared = squares(*now);

@@ -29,11 +29,12 @@ static inline bool eliminate(double *matrix, double *right, Index n) {
     return true;
 }
 
-// Factor L of H = L L^T (n, n), below and on the diagonal of `factor`; false where H is not positive definite.
-static inline bool cholesky(const double *matrix, Index n, double *factor) {
+// Factor L of H = L L^T (n, n), below and on the diagonal of `factor`, with something added to H's diagonal; false where
+// H is not positive definite.
+static inline bool cholesky(const double *matrix, Index n, double *factor, double added = 0) {
     for (Index i = 0; i < n; ++i)
         for (Index j = 0; j <= i; ++j) {
-            const double left = matrix[i * n + j] - dot(factor + i * n, factor + j * n, j);
+            const double left = matrix[i * n + j] + (i == j) * added - dot(factor + i * n, factor + j * n, j);
             if (i == j && !(left > 0 && std::isfinite(left))) return false;
             factor[i * n + j] = i == j ? std::sqrt(left) : left / factor[j * n + j];
         }
@@ -80,9 +81,14 @@ class DualMethod {
     Index n = 0;
     double *j, *r, *factor, *d, *z, *by;
 
-    // J = L^-T, and the solution without rows.
+    // J = L^-T, and the solution without rows. What rounding has made indefinite becomes definite.
     bool start(const Quadratic &qp) {
-        if (!cholesky(qp.hessian, n, factor)) return false;
+        double most = 0;
+        for (Index k = 0; k < n; ++k) most = larger(most, qp.hessian[k * n + k]);
+        for (double added : {0.0, 1e-15, 1e-13, 1e-11, HUGE_VAL}) {
+            if (added == HUGE_VAL) return false;
+            if (cholesky(qp.hessian, n, factor, added * most)) break;
+        }
         for (Index k = 0; k < n; ++k) {
             if (!std::isfinite(qp.gradient[k])) return false;
             x[k] = -qp.gradient[k];
