@@ -281,12 +281,12 @@ def numbers(value: npt.ArrayLike, element: str) -> npt.NDArray[Any]:
 
 
 def _items(value: Any) -> tuple[Any, ...] | list[Any] | None:
-    """Items of what is a sequence, or can be iterated over once; None where it is neither."""
+    """Items of what is a sequence, or can be iterated over once; None where it is neither, or has no order."""
     if isinstance(value, tuple | list):
         return value
     if isinstance(value, np.ndarray):
         return None if value.ndim == 0 else list(value) if value.ndim > 1 else value.tolist()
-    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+    if isinstance(value, str | bytes | Mapping | set | frozenset) or not isinstance(value, Iterable):
         return None
     return tuple(value)
 

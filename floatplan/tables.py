@@ -115,6 +115,7 @@ MOST_OBSTACLES = 200  # of a problem, and as many pairs of links to keep apart
 RANGES: dict[str, Range] = {
     "duration": Range(1e-3, 1e3, "s"),
     "orientation": _within(1e4, "rad"),
+    "quaternion_xyzw": _within(1e6, ""),
     "positions": _within(1e4, "rad"),
     "velocities": _within(1e8, "rad/s"),
     "accelerations": _within(1e12, "rad/s^2"),

@@ -50,7 +50,7 @@ COLUMNS = (
     "takeoff / limit",
     "landing / limit",
     "launch",
-    "leak",
+    "out of plane, deg",
     "planned in, s",
 )
 JUMP_COLUMNS = (
@@ -85,6 +85,12 @@ class Entry:
         shares = (self.plan.peaks.motor_torque / limits)[np.isfinite(limits)]
         return float(shares.max()) if len(shares) else None
 
+    @property
+    def out_of_plane(self) -> str:
+        """By how much it lands beside the planned attitude in space, degrees."""
+        turned = self.plan.out_of_plane
+        return "" if turned is None else f"{np.degrees(np.linalg.norm(turned)):.2g}"
+
     def rate_share(self, end: End) -> str:
         """Least largest joint rate over its limit with which the frame is at rest at one end."""
         contact = {"takeoff": fp.takeoff, "landing": fp.landing}[end](self.plan.problem, self.plan.angular_momentum)
@@ -105,7 +111,7 @@ class Entry:
             self.rate_share("takeoff"),
             self.rate_share("landing"),
             self.launch,
-            f"{self.plan.out_of_plane_leak:.1g}",
+            self.out_of_plane,
             f"{self.seconds:.1f}",
         ]
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -227,11 +227,14 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
     return high, (fractions - exact).astype(np.float64)
 
 
+Steps: TypeAlias = tuple[tuple[Settings, float], ...]  # and the error of the attitude that their nodes may leave, rad
+
+
 @lru_cache(maxsize=32)
 def _settings(search: Search) -> Structure:
     """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
     fine = replace(FINE, longest_step=search.longest_step)
-    steps = (ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR)
+    steps: Steps = ((ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR))
     if search.only_draws:
         steps = tuple((replace(each, iterations=0), error) for each, error in steps)
     others = {"polishing_steps": 0} if search.only_draws else {}
@@ -245,7 +248,7 @@ def constrained_settings() -> Structure:
     return _numbers(Search(longest_step=CAUTIOUS.longest_step), (coarse, fine, fine))
 
 
-def _numbers(search: Search, steps: tuple[tuple[Settings, float], ...], **others: Any) -> Structure:
+def _numbers(search: Search, steps: Steps, **others: Any) -> Structure:
     stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
     others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages, **others}
     return constants("Settings", vars(sqp), vars(flight), globals(), **others)

@@ -18,3 +18,6 @@
 #include "prediction.hpp"
 #include "correcting.hpp"
 #include "flight.hpp"
+#include "vectors.hpp"
+#include "space.hpp"
+#include "turning.hpp"

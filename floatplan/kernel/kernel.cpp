@@ -228,3 +228,13 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
                                Attempt *attempt, Index instructions) {
     return CHOSEN(follow_attempt(*robot, *constraints, *motions, levels, *settings, *rules, *attempt));
 }
+
+// Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
+    return CHOSEN(move_in_space(*tree, *motion));
+}
+
+// How the base of one turns; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
+EXPORT Index floatplan_turn(const Turning *turning, Index asked, Index instructions) {
+    return CHOSEN(turn_in_space(*turning, static_cast<Asked>(asked)));
+}

@@ -284,6 +284,42 @@ struct Flight {
     double *room;                                    // what floatplan_flight_room() says
 };
 
+// A tree of bodies in space; body 0 is a free base, body j + 1 is moved by joint j, which turns about an axis or slides.
+struct SpatialTree {
+    Index joints;
+    const Index *parent, *slides;             // (joints): the body before it, at most j; whether it slides
+    const double *axis, *turned, *placed;     // (joints, 3), (.., 3, 3), (.., 3): the joint's frame in its parent's
+    const double *mass, *first, *second;      // (joints + 1), (.., 3), (.., 3, 3): sums of m, m x, m x x^T in own axes
+    const double *armature;                   // (joints)
+};
+
+// A motion of it at some instants; null: not given, or not asked. See space.hpp.
+struct SpatialMotion {
+    Index instants;
+    const double *positions, *velocities, *accelerations, *rates;  // (instants, joints), the last one (instants, 3)
+    double *inertia, *joint_map, *slopes;  // (instants, 3, 3), twice (.., 3, joints)
+    double *torques, *base_acceleration;   // (instants, joints), (instants, 6)
+    double *torque_slopes;                 // (instants, joints, 3 joints + 3)
+};
+
+// How its base turns in cells with as many stages each, K stages in all. See turning.hpp.
+struct Turning {
+    Index cells, stages, is_chained, sweeps;
+    double duration, settled, largest;
+    const double *integrals, *weights;      // (stages, stages), (stages)
+    const double *momentum, *inertia, *relative;  // (3), (K, 3, 3), (K, 3): h, I, and A q'
+    double *borders, *ends;                 // (cells, 3, 3)
+    double *inverse, *attitudes, *rates;    // (K, 3, 3), (K, 3, 3), (K, 3)
+    double *still_rates, *carried_rates;    // (K, 4): of the quaternions that make an attitude
+    double *transitions, *turn_weights;     // (cells, 3, 3), (K, 3, 3)
+    Index columns, instants;
+    const Index *cell;                      // (instants)
+    const double *drifts, *reached;         // (K, 3, columns), (instants, stages)
+    double *turns;                          // (instants, 3, columns)
+};
+
+enum class Asked : Index { attitudes, transitions, turns };
+
 enum Step : Index {
     remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion,
     correct_motion

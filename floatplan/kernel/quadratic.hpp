@@ -2,8 +2,8 @@
 // without rows, one violated row after the other is made active; rows that are pulled at on the way leave. With the
 // active normals N and H = L L^T the factors J = L^-T Q and R, J^T N = (R; 0), are kept up to date by rotations.
 
-// Solves M x = b, M (n, n) and b overwritten, by elimination with row exchanges; false where M is singular.
-static inline bool eliminate(double *matrix, double *right, Index n) {
+// Solves M X = B, M (n, n) and B (n, columns) overwritten, by elimination with row exchanges; false where M is singular.
+static inline bool eliminate(double *matrix, double *right, Index n, Index columns = 1) {
     for (Index k = 0; k < n; ++k) {
         Index pivot = k;
         for (Index i = k + 1; i < n; ++i)
@@ -11,20 +11,21 @@ static inline bool eliminate(double *matrix, double *right, Index n) {
         if (!(std::fabs(matrix[pivot * n + k]) > 0)) return false;
         if (pivot != k) {
             for (Index j = k; j < n; ++j) std::swap(matrix[k * n + j], matrix[pivot * n + j]);
-            std::swap(right[k], right[pivot]);
+            for (Index c = 0; c < columns; ++c) std::swap(right[k * columns + c], right[pivot * columns + c]);
         }
         const double *above = matrix + k * n, per_pivot = 1 / above[k];
         for (Index i = k + 1; i < n; ++i) {
             const double factor = matrix[i * n + k] * per_pivot;
             if (factor == 0) continue;
             add(-factor, above + k + 1, n - k - 1, matrix + i * n + k + 1);
-            right[i] -= factor * right[k];
+            add(-factor, right + k * columns, columns, right + i * columns);
         }
     }
     for (Index i = n; i-- > 0;) {
         const double *row = matrix + i * n;
-        for (Index j = i + 1; j < n; ++j) right[i] -= row[j] * right[j];
-        right[i] /= row[i];
+        double *of = right + i * columns;
+        for (Index j = i + 1; j < n; ++j) add(-row[j], right + j * columns, columns, of);
+        for (Index c = 0; c < columns; ++c) of[c] /= row[i];
     }
     return true;
 }

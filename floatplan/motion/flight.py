@@ -38,8 +38,8 @@ __all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FlightCoordinate
 __all__ += ["LinkShapes", "MotionInFile", "PinocchioDynamics", "PlanarFlight", "PlanarMotion", "Reachable", "Segments"]
 __all__ += ["angular_momentum_interval", "ballistics", "difficulties", "end_rates", "flight_dynamics"]
 __all__ += ["frame_from_com", "free_flyer", "gauss_grid", "impossibilities", "inertia_extremes", "landing"]
-__all__ += ["momentum_set", "motion_into_ground", "no_common_momentum", "obstacle_distances", "planar_flight"]
-__all__ += ["reachable_sets", "takeoff", "tree_dynamics", "whole_motion"]
+__all__ += ["missed_in_space", "momentum_set", "motion_into_ground", "no_common_momentum", "obstacle_distances"]
+__all__ += ["planar_flight", "reachable_sets", "takeoff", "tree_dynamics", "whole_motion"]
 
 
 def flight_dynamics(problem: Problem) -> FlightDynamics:
@@ -76,6 +76,13 @@ def whole_motion(problem: Problem, joints: WrittenMotion, angular_momentum: Any,
     from floatplan.motion.spatial.whole import SpatialMotion
 
     return SpatialMotion(problem, joints, np.asarray(angular_momentum), path)
+
+
+def missed_in_space(motion: PlanarMotion) -> Array:
+    """What a plan in a plane leaves out; see :mod:`floatplan.motion.spatial.out_of_plane`."""
+    from floatplan.motion.spatial import out_of_plane
+
+    return out_of_plane.missed_in_space(motion)
 
 
 def angular_momentum_interval(problem: Problem) -> tuple[float, float] | None:

@@ -124,7 +124,8 @@ class Outcome:
 
     ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
     constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
-    took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold. ``coefficients`` are b (n, k+1), where the kernel has written them.
+    took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
+    ``coefficients`` are b (n, k+1), where the kernel has written them.
     """
 
     variables: DecisionVariables

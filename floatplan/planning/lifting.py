@@ -24,7 +24,6 @@ from floatplan.motion.spatial.attitude import (
     moved,
     small_turns,
     turn,
-    turn_from,
 )
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
@@ -99,7 +98,7 @@ class LiftedFlight:
         """Attitude (3, 3) at landing of the motion x, in cells without gaps."""
         _, _, inertia, relative = self.momentum_along(cells, x)
         flight, h = self.flight, self.variables.angular_momentum(x)
-        return np.asarray(turn_from(cells, flight.duration, inertia, relative, h, flight.initial_attitude).ends[-1])
+        return np.asarray(turn(cells, flight.duration, inertia, relative, h, flight.initial_attitude).ends[-1])
 
 
 @dataclass(frozen=True, eq=False)

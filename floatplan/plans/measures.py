@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import Peaks
 from floatplan.motion.flight import FAST, Contact
@@ -22,9 +23,12 @@ from floatplan.robot.wheels import wheels
 from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
-Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns"]
+Kind: TypeAlias = Literal[
+    "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+]
 
 ROUNDING = 1e-9  # [rad] of joint ranges
+OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
 
 
@@ -34,7 +38,7 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing" or "turns"
+    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns" or "leak"
     subject : link, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
@@ -151,6 +155,7 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
         *_ranges_and_rates(problem.robot, plan.peaks),
         *_torques(plan),
         *_turns(problem),
+        *_leak(plan),
     )
 
 
@@ -263,6 +268,32 @@ def _turns(problem: Problem) -> Iterator[PlanWarning]:
                 ' where degrees are meant, fp.Posture.degrees or angles = "deg" says so.'
             )
             yield PlanWarning("turns", name, angle, MOST_TURNS, "rad", None, message)
+
+
+def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
+    """What robots that are not their own mirror image turn out of the plane that theory keeps them in."""
+    turned = plan.out_of_plane
+    if turned is None or np.linalg.norm(turned) <= OUT_OF_PLANE:
+        return
+    root, size = plan.robot.joint_tree.root, float(np.linalg.norm(turned))
+    if math.isnan(size):
+        message = f"How {root} turns out of the plane could not be integrated: the motion is too wild."
+    else:
+        words = turns_out_of_plane(plan.robot, turned)
+        message = (
+            f"In space this motion leaves its plane: {root} lands {math.degrees(size):.3g} degrees from its planned"
+            f' attitude, {words}; [robot] base = "free-flyer" plans with that.'
+        )
+    value = None if math.isnan(size) else size
+    yield PlanWarning("leak", root, value, OUT_OF_PLANE, "rad", plan.duration, message)
+
+
+def turns_out_of_plane(robot: Robot, turned: Array) -> str:
+    """Say in degrees how a base turns about its own axes, the plane's, by a vector of rotation (3,), rad."""
+    plane = robot.plane.name
+    axes = (*plane, *(set("xyz") - set(plane)))
+    angles = np.degrees(turned).round(2) + 0.0
+    return ", ".join(f"{angle:g}° about {axis}" for angle, axis in zip(angles.tolist(), axes, strict=True))
 
 
 def _coupling(robot: Robot, joint: str) -> tuple[int, float, float]:

@@ -23,6 +23,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
 PEAK_NODES = (33, 65, 129, 257)
+NO_LEAK = 1e-12  # [-] is rounding
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
@@ -237,6 +238,20 @@ class PlannedMotion(flight.MotionInFile):
             return None
         state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
+
+    @cached_property
+    @one_thread
+    def out_of_plane(self) -> Array | None:
+        """By how much (3,) the robot turns away from its planned attitude until landing, as it leaves the plane, rad.
+
+        A vector of rotation about its own axes: the plane's horizontal, its vertical and its normal. It is the joints'
+        motion as planned, integrated in space: 0 for a robot that is its own mirror image in the plane, NaN where the
+        motion cannot be integrated, None for a flight in space.
+        """
+        leak = self.out_of_plane_leak
+        if leak is None:
+            return None
+        return read_only(np.zeros(3) if leak < NO_LEAK else flight.missed_in_space(self.in_plane))
 
     @property
     def _size(self) -> float:

@@ -5,14 +5,16 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from floatplan.arguments import in_line, percent, short
-from floatplan.plans.measures import Utilisation, limits_shown
+from floatplan.plans.measures import Utilisation, limits_shown, turns_out_of_plane
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
-from floatplan.robot.leak import WORTH_A_WARNING
 from floatplan.tables import OBJECTIVE_TABLE
 
 LONGEST_LIST = 200  # [-] characters of names in a row
+LEAST_TURN = 1e-4  # [rad] out of the plane, that is told
 CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 EXPONENTS = {"2": "²", "3": "³"}
 
@@ -58,10 +60,9 @@ def result_rows(plan: Plan) -> list[Row]:
     ]
     if held:
         rows.append(Row("held", f"{_cut(', '.join(held))}, as joints that slide are not planned", "open"))
-    leak = record.out_of_plane_leak
-    if leak is not None and leak > WORTH_A_WARNING:
-        times = f"the motion makes {leak:.2g} times as much angular momentum out of the plane as in it"
-        rows.append(Row("leak", f"{times}; see floatplan info", "open"))
+    turned = plan.out_of_plane
+    if turned is not None and np.linalg.norm(turned) > LEAST_TURN:
+        rows.append(Row("leak", f"turns {turns_out_of_plane(plan.robot, turned)} in space, as its plane is left"))
     return rows + [Row(contact.end, contact.brief, "good" if contact.ok else "open") for contact in plan.contacts]
 
 

@@ -18,6 +18,7 @@ from floatplan.keys import ANGLE, Key, Keyed, json_schema, read_tables, table_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import NOT_IN_SPACE
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Base, Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
@@ -149,8 +150,17 @@ def load_problem(path: str | Path) -> Problem:
     content = parsed_toml(text, path)
     with naming(path):
         wrong: list[InputError] = []
+        refuse(_not_in_space(content))
         tables = read_tables(ProblemFile, content, wrong)
         return _problem(tables, wrong, _robot(tables.robot, path), path.stem, text)
+
+
+def _not_in_space(content: Mapping[str, Any]) -> list[InputError]:
+    """What a file asks of a flight in space that flights in a plane alone know, whatever its keys are called there."""
+    robot = content.get("robot")
+    in_space = isinstance(robot, Mapping) and robot.get("base") == "free-flyer"
+    asked = [key for key in ("obstacles", "self_clearance") if in_space and content.get(key)]
+    return [InputError(NOT_IN_SPACE, element=key, advice="leave it out") for key in asked]
 
 
 def given_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:

@@ -12,6 +12,7 @@ import numpy as np
 
 from floatplan.arguments import FINITE, Check, by_joint, made, number, one_of, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
 from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
@@ -32,9 +33,17 @@ def in_plane_or_space(key: str, in_space: Check, *words: str) -> Check:
     return check
 
 
+def attitude(value: object, element: str) -> object:
+    """An attitude in space."""
+    if isinstance(value, Attitude):
+        return made(Attitude)(value, element)
+    reason = "is neither an angle nor an Attitude: quaternion_xyzw, or angles and axes"
+    raise InputError(f"{value!r} {reason}", element=element)
+
+
 def pair_or_three(key: str) -> Check:
     """Two numbers in the range of a key, or three."""
-    two, three = (pair(number(key), count=count) for count in (2, 3))
+    two, three = (pair(number(key), "numbers, nor three" if count == 2 else "numbers", count) for count in (2, 3))
 
     def check(value: object, element: str) -> object:
         is_three = isinstance(value, list | tuple | np.ndarray) and len(np.atleast_1d(np.asarray(value, object))) == 3
@@ -69,7 +78,7 @@ class Posture(Keyed):
         Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
-    orientation: Annotated[float | Attitude, Key(unit=ANGLE, check=in_plane_or_space("orientation", made(Attitude)))]
+    orientation: Annotated[float | Attitude, Key(unit=ANGLE, check=in_plane_or_space("orientation", attitude))]
     positions: Annotated[JointValues, Key(unit=ANGLE)]
     velocities: Annotated[JointValues | Literal["takeoff", "landing"], Key(unit=RATE)] = 0.0
     accelerations: Annotated[JointValues | Literal["free"], Key(unit=ACCELERATION)] = 0.0

@@ -114,7 +114,7 @@ class Problem(Checked):
             found = faults((*self._resolutions(), partial(check_name, self.name, "name")))
             found += resolution.flight_errors(self.robot, self.flight)
             found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
-            errors += [error for error in found if error.element not in fields]
+            errors += [error for error in found if not any(field.startswith(error.element or "?") for field in fields)]
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already

@@ -125,7 +125,7 @@ def takeoff_of(robot: Robot, flight: parts.Flight) -> parts.Takeoff:
     takeoff = flight.takeoff or parts.Takeoff(robot.joint_tree.root)
     _check_frame(robot, takeoff.frame, "flight.takeoff.frame")
     if robot.in_plane is None and len(takeoff.position) == 2:
-        return parts.Takeoff(takeoff.frame, (*takeoff.position, 0.0))
+        return parts.Takeoff.unchecked(frame=takeoff.frame, position=(*takeoff.position, 0.0))
     return takeoff
 
 
@@ -133,14 +133,16 @@ def landing_of(
     robot: Robot, flight: parts.Flight, start: parts.Posture, goal: parts.Posture, ground: bool
 ) -> parts.Landing:
     """Return the landing with its defaults filled in: on the ground where there is one."""
-    takeoff = takeoff_of(robot, flight)
-    landing = flight.landing or parts.Landing(takeoff.frame, None if ground else takeoff.position[-1])
+    takeoff, ground = takeoff_of(robot, flight), ground and robot.in_plane is not None
+    landing = flight.landing or parts.Landing.unchecked(
+        frame=takeoff.frame, height=None if ground else takeoff.position[-1]
+    )
     _check_frame(robot, landing.frame, "flight.landing.frame")
     if landing.height is None and ground:
         line = ground_height(robot, takeoff.frame, takeoff.place_in_plane, joint_state(robot, start, "start"))
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
         return parts.Landing(landing.frame, height)
-    return parts.Landing(landing.frame, 0.0 if landing.height is None else landing.height)
+    return parts.Landing.unchecked(frame=landing.frame, height=landing.height or 0.0)
 
 
 def check_joint_names(robot: Robot, values: Mapping[str, object], element: str) -> None:

@@ -29,7 +29,8 @@ def out_of_plane_leak(robot: Robot) -> float:
     own mirror image in the plane, 1e-4 to 1e-2 for quadrupeds with left and right legs coupled, and of order 1 with
     legs that move apart.
     """
-    momenta = _angular_maps(robot, sample_postures(robot.position_limits, POSTURES, Random(0))) @ robot.selection
+    _, maps = centroidal_maps(robot, sample_postures(robot.position_limits, POSTURES, Random(0)))
+    momenta = _axes(robot) @ maps @ robot.selection
     out_of_plane, in_plane = (momenta[:, :2] ** 2).sum(), (momenta[:, 2] ** 2).sum()
     return math.sqrt(out_of_plane / in_plane)
 
@@ -82,19 +83,28 @@ def leak_along(robot: Robot, positions: Array, velocities: Array, orientation_ra
     momentum : float
         h, kg m^2/s.
     """
-    maps = _angular_maps(robot, positions)
+    maps = _axes(robot) @ centroidal_maps(robot, positions)[1]
     of_joints = np.einsum("tij,tj->ti", maps @ robot.selection, velocities)
     whole = of_joints + maps[:, :, BASE_COORDINATES - 1] * orientation_rates[:, None]
     largest = max(abs(momentum), float(np.abs(of_joints[:, 2]).max()))
     return float(np.linalg.norm(whole[:, :2], axis=1).max() / largest) if largest else 0.0
 
 
-def _angular_maps(robot: Robot, positions: Array) -> Array:
-    """Angular momentum about the centre of mass per velocity (times, 3, nv), at planned positions (times, n).
+def _axes(robot: Robot) -> Array:
+    """The plane's horizontal, vertical and normal (3, 3), as rows."""
+    return np.stack([robot.plane.horizontal, robot.plane.vertical, robot.plane.normal])
 
-    Components are along the plane's horizontal and vertical axes as they turn with the base, and along its normal.
+
+def centroidal_maps(robot: Robot, positions: Array) -> tuple[Array, Array]:
+    """Inertia (K, 3, 3), kg m^2, and maps (K, 3, nv) to angular momentum, both about the centre of mass.
+
+    They are those at planned positions (K, n): of the whole robot with its joints held, and by the velocities of its
+    model; in the base's axes.
     """
-    axes = np.stack([robot.plane.horizontal, robot.plane.vertical, robot.plane.normal])
-    data = robot.model.createData()
-    full = robot.reference + positions @ robot.selection.T
-    return np.array([axes @ pin.computeCentroidalMap(robot.model, data, each)[3:] for each in full])
+    model, data = robot.model, robot.model.createData()
+    none, full = np.zeros(model.nv), robot.reference + positions @ robot.selection.T
+    inertia, maps = np.empty((len(full), 3, 3)), np.empty((len(full), 3, model.nv))
+    for k, q in enumerate(full):
+        maps[k] = pin.ccrba(model, data, q, none)[3:]
+        inertia[k] = data.Ig.inertia
+    return inertia, maps

@@ -15,7 +15,7 @@ import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import whole_motion
 from floatplan.motion.sine_polynomial import SinePolynomials, WrittenMotion, boundary_arguments
-from floatplan.motion.spatial.attitude import IntegrationError, cells, moved, turn, turn_from
+from floatplan.motion.spatial.attitude import IntegrationError, cells, moved, turn
 from floatplan.motion.spatial.flight import SpatialFlight, left_jacobian_inverse, spatial_dynamics
 from floatplan.motion.spatial.momentum import suggested_momentum
 from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm, of_angles, unwrapped_angles
@@ -72,7 +72,7 @@ def test_the_attitude_is_that_of_another_integrator_at_every_instant(swinging):
     expected = integrated(swinging, instants * DURATION)
     for (count, stages), error in {(16, 5): 1e-5, (16, 8): 1e-7, (32, 10): 1e-11}.items():
         grid = cells(count, stages)
-        turning = turn_from(grid, DURATION, *momenta(dynamics, joints, grid), h, start)
+        turning = turn(grid, DURATION, *momenta(dynamics, joints, grid), h, start)
         assert np.abs(turning.at(instants) - expected).max() < error
         assert np.abs(turning.at(grid.s) - turning.attitudes).max() < 1e-13
         gaps = logarithm(turning.borders[1:] @ np.swapaxes(turning.ends[:-1], 1, 2))
@@ -82,7 +82,7 @@ def test_the_attitude_is_that_of_another_integrator_at_every_instant(swinging):
 def test_without_momentum_the_attitude_is_a_quadrature_of_its_own(swinging):
     dynamics, _, start, joints = swinging
     grid = cells(32, 10)
-    turning = turn_from(grid, DURATION, *momenta(dynamics, joints, grid), np.zeros(3), start)
+    turning = turn(grid, DURATION, *momenta(dynamics, joints, grid), np.zeros(3), start)
     expected = integrated((dynamics, np.zeros(3), start, joints), np.array([DURATION]))
     assert np.abs(turning.ends[-1] - expected[0]).max() < 1e-11
 
@@ -91,7 +91,7 @@ def test_small_turns_go_on_as_differences_say(swinging):
     dynamics, h, start, joints = swinging
     grid = cells(16, 8)
     inertia, relative = momenta(dynamics, joints, grid)
-    turning = turn_from(grid, DURATION, inertia, relative, h, start)
+    turning = turn(grid, DURATION, inertia, relative, h, start)
     nudge = 1e-6 * np.array([0.3, -0.5, 0.8])
 
     def ends(sign):
@@ -106,7 +106,7 @@ def test_a_motion_that_is_too_wild_is_an_error_of_its_own(swinging):
     grid = cells(8, 5)
     inertia, relative = momenta(dynamics, joints, grid)
     with pytest.raises(IntegrationError):
-        turn_from(grid, DURATION, inertia, relative, 1e5 * h, start)
+        turn(grid, DURATION, inertia, relative, 1e5 * h, start)
 
 
 def drawn_motion(diver, seed):

@@ -1,4 +1,4 @@
-"""Momentum and torques of a robot with a free base in space, by Pinocchio, at many instants.
+"""Momentum and torques of a robot with a free base in space, by the kernel, at many instants.
 
 Nothing here depends on gravity, on where the robot is, or on its attitude: the base is at the identity, its origin at
 rest for an instant, and velocities and accelerations are in its own axes.
@@ -7,16 +7,19 @@ rest for an instant, and velocities and accelerations are in its own axes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.kernel.layout import STRUCTURES, Filled, kernel
 from floatplan.motion.planar.full_model import Workspace
 
 BASE = 6  # velocities of the free flyer; its configuration has one number more
-ANGULAR = slice(3, 6)  # rows of a spatial momentum, and velocities of the free flyer, that turn
+ANGULAR = slice(3, 6)  # velocities of the free flyer that turn
+NOTHING: dict[str, Array | None] = dict.fromkeys(STRUCTURES["SpatialMotion"].arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,30 @@ class SpatialDynamics:
     def __reduce__(self) -> tuple[type[SpatialDynamics], tuple[Any, Array, Array]]:
         return SpatialDynamics, (self.model, self.reference, self.selection)
 
+    @cached_property
+    def _tree(self) -> Filled:
+        """The bodies as the kernel sees them."""
+        model, data = self.model, self.model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        moved = range(2, model.njoints)
+        motions = [np.ravel(data.joints[joint].S) for joint in moved]
+        slides = [bool(motion[:3].any()) for motion in motions]
+        bodies = [model.inertias[joint] for joint in range(1, model.njoints)]
+        placed = [model.jointPlacements[joint] for joint in moved]
+        return Filled(
+            "SpatialTree",
+            joints=len(slides),
+            parent=[model.parents[joint] - 1 for joint in moved],
+            slides=slides,
+            axis=[motion[:3] if slide else motion[3:] for slide, motion in zip(slides, motions, strict=True)],
+            turned=[each.rotation for each in placed],
+            placed=[each.translation for each in placed],
+            mass=[body.mass for body in bodies],
+            first=[body.mass * body.lever for body in bodies],
+            second=[_second_moment(body) for body in bodies],
+            armature=model.armature[BASE:],
+        )
+
     def configurations(self, positions: Array) -> Array:
         """Configurations (K, 7 + J) of the model with its base at the identity, from planned positions (K, n)."""
         full = np.zeros((len(positions), self.model.nq))
@@ -56,42 +83,45 @@ class SpatialDynamics:
         full[:, ANGULAR], full[:, BASE:] = rates, velocities @ self.selection.T
         return full
 
+    def _computed(self, *state: Array, **shapes: tuple[int, ...]) -> dict[str, Array]:
+        """What the kernel writes, by names and shapes of one instant.
+
+        The state is planned positions, velocities and accelerations, (K, n) each, and the base's rates (K, 3).
+        """
+        count = len(state[0])
+        found = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
+        names = ("positions", "velocities", "accelerations")
+        motions = dict(zip(names, (each @ self.selection.T for each in state[:3]), strict=False))
+        motions["positions"] = motions["positions"] + self.reference
+        given = {**motions, "rates": state[3]} if len(state) > 3 else motions
+        moved, compiled = Filled("SpatialMotion", instants=count, **(NOTHING | given | found)), kernel()
+        if compiled.space(self._tree.structure, moved.structure, compiled.instructions):
+            raise MemoryError
+        return found
+
     def momentum_maps(self, positions: Array) -> tuple[Array, Array]:
         """I (K, 3, 3) and A (K, 3, n), kg m^2: angular momentum by the base's and by the joints' rates."""
-        model, data = self.model, self._workspace.data
-        maps = np.empty((len(positions), 3, model.nv))
-        for k, q in enumerate(self.configurations(positions)):
-            maps[k] = pin.computeCentroidalMap(model, data, q)[ANGULAR]
-        return maps[..., ANGULAR], maps[..., BASE:] @ self.selection
+        still, joints = np.zeros_like(positions), len(self.selection)
+        found = self._computed(positions, still, inertia=(3, 3), joint_map=(3, joints))
+        return found["inertia"], found["joint_map"] @ self.selection
 
     def momentum_slopes(self, positions: Array, velocities: Array, rates: Array) -> Array:
         """L (K, 3, n): derivatives of ``I omega + A q'`` by the planned positions, at rates omega (K, 3)."""
-        model, data = self.model, self._workspace.data
-        none, slopes = np.zeros(model.nv), np.empty((len(positions), 3, model.nv - BASE))
-        full = self.full_velocities(velocities, rates)
-        for k, q in enumerate(self.configurations(positions)):
-            slopes[k] = pin.computeCentroidalDynamicsDerivatives(model, data, q, full[k], none)[0][ANGULAR, BASE:]
-        return slopes @ self.selection
+        joints = len(self.selection)
+        shapes = {"inertia": (3, 3), "joint_map": (3, joints), "slopes": (3, joints)}
+        still = np.zeros_like(velocities)
+        return np.asarray(self._computed(positions, velocities, still, rates, **shapes)["slopes"] @ self.selection)
 
-    def full_accelerations(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
-        """Accelerations (K, 6 + J) in free flight but for gravity: the base's are those of no wrench on it."""
-        model, data = self.model, self._workspace.data
-        full = np.zeros((len(positions), model.nv))
-        full[:, BASE:] = accelerations @ self.selection.T
-        moving = self.full_velocities(velocities, rates)
-        for k, q in enumerate(self.configurations(positions)):
-            wrench = pin.rnea(model, data, q, moving[k], full[k])[:BASE]
-            full[k, :BASE] = np.linalg.solve(pin.crba(model, data, q)[:BASE, :BASE], -wrench)
-        return full
+    def _free(self, *state: Array) -> dict[str, Array]:
+        return self._computed(*state, torques=(len(self.selection),), base_acceleration=(BASE,))
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
         """Each joint's own torque (K, J), N m (force, N, where it slides), in free flight."""
-        model, data = self.model, self._workspace.data
-        full = self.full_accelerations(positions, velocities, accelerations, rates)
-        moving, forces = self.full_velocities(velocities, rates), np.empty((len(positions), model.nv - BASE))
-        for k, q in enumerate(self.configurations(positions)):
-            forces[k] = pin.rnea(model, data, q, moving[k], full[k])[BASE:]
-        return forces
+        return self._free(positions, velocities, accelerations, rates)["torques"]
+
+    def base_accelerations(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
+        """Spatial accelerations (K, 6) of the base in free flight but for gravity: those of no wrench on it."""
+        return self._free(positions, velocities, accelerations, rates)["base_acceleration"]
 
     def torque_slopes(
         self, positions: Array, velocities: Array, accelerations: Array, rates: Array
@@ -100,15 +130,14 @@ class SpatialDynamics:
 
         (K, J, n) three times, and (K, J, 3).
         """
-        model, data = self.model, self._workspace.data
-        full = self.full_accelerations(positions, velocities, accelerations, rates)
-        moving, joints = self.full_velocities(velocities, rates), model.nv - BASE
-        by_all = np.empty((len(positions), joints, 3 * joints + 3))
-        for k, q in enumerate(self.configurations(positions)):
-            by_q, by_v, by_a = pin.computeRNEADerivatives(model, data, q, moving[k], full[k])
-            by_a = np.triu(by_a) + np.triu(by_a, 1).T
-            columns = np.concatenate((by_q[:, BASE:], by_v[:, BASE:], by_a[:, BASE:], by_v[:, ANGULAR]), axis=1)
-            followed = np.linalg.solve(by_a[:BASE, :BASE], columns[:BASE])
-            by_all[k] = columns[BASE:] - by_a[BASE:, :BASE] @ followed
+        joints = len(self.selection)
+        shapes = {"torques": (joints,), "base_acceleration": (BASE,), "torque_slopes": (joints, 3 * joints + 3)}
+        by_all = self._computed(positions, velocities, accelerations, rates, **shapes)["torque_slopes"]
         by_q, by_v, by_a = (by_all[..., d * joints : (d + 1) * joints] @ self.selection for d in range(3))
         return by_q, by_v, by_a, by_all[..., 3 * joints :]
+
+
+def _second_moment(body: Any) -> Array:
+    """Sum (3, 3) of ``m x x^T`` over a body's masses, from its ``pinocchio.Inertia``, kg m^2."""
+    about_center = np.eye(3) * np.trace(body.inertia) / 2 - body.inertia
+    return np.asarray(about_center + body.mass * np.outer(body.lever, body.lever))

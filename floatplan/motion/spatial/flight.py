@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightGrid, Partials
 from floatplan.motion.sine_polynomial import JointMotion
-from floatplan.motion.spatial.attitude import Cells, IntegrationError, Turning, cells, turn_from
+from floatplan.motion.spatial.attitude import Cells, IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
 from floatplan.motion.spatial.rotations import cross_matrix, logarithm, unwrapped_angles
 from floatplan.problem.attitude import STEEPEST, Attitude, tilt
@@ -151,7 +151,7 @@ class SpatialBaseMotion:
             flight = self.flight
             try:
                 found.append(
-                    turn_from(self.grid.cells, flight.duration, inertia[own], relative[own], h, flight.initial_attitude)
+                    turn(self.grid.cells, flight.duration, inertia[own], relative[own], h, flight.initial_attitude)
                 )
             except IntegrationError:
                 found.append(None)

@@ -9,9 +9,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
+
+
+def _rotation() -> Any:
+    from scipy.spatial.transform import Rotation  # here, since plans in a plane do without
+
+    return Rotation
 
 
 def cross_matrix(vectors: Array) -> Array:
@@ -24,17 +29,22 @@ def cross_matrix(vectors: Array) -> Array:
 
 def exponential(turns: Array) -> Array:
     """Rotations (K, 3, 3) by vectors of rotation (K, 3), rad."""
-    return np.asarray(Rotation.from_rotvec(turns).as_matrix())
+    return np.asarray(_rotation().from_rotvec(turns).as_matrix())
+
+
+def of_quaternions(quaternions: Array) -> Array:
+    """Rotations (K, 3, 3) of quaternions (K, 4), x, y, z, w, of any length."""
+    return np.asarray(_rotation().from_quat(quaternions).as_matrix())
 
 
 def logarithm(rotations: Array) -> Array:
     """The shortest vectors of rotation (K, 3), rad, of rotations (K, 3, 3)."""
-    return np.asarray(Rotation.from_matrix(rotations).as_rotvec())
+    return np.asarray(_rotation().from_matrix(rotations).as_rotvec())
 
 
 def of_angles(axes: str, angles: Array) -> Array:
     """Rotations (K, 3, 3) ``R_a(first) R_b(second) R_c(third)`` about axes such as "yxz", of angles (K, 3), rad."""
-    return np.asarray(Rotation.from_euler(axes.upper(), angles).as_matrix())
+    return np.asarray(_rotation().from_euler(axes.upper(), angles).as_matrix())
 
 
 def unwrapped_angles(axes: str, rotations: Array) -> Array:
@@ -44,6 +54,6 @@ def unwrapped_angles(axes: str, rotations: Array) -> Array:
     0 and 180 where the third is the first again.
     """
     sequence: Any = axes.upper()
-    angles: Array = Rotation.from_matrix(rotations).as_euler(sequence, suppress_warnings=True)
+    angles: Array = _rotation().from_matrix(rotations).as_euler(sequence, suppress_warnings=True)
     angles[:, [0, 2]] = np.unwrap(angles[:, [0, 2]], axis=0)
     return angles

@@ -19,7 +19,7 @@ from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn_from
+from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics, spatial_flight
 from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
@@ -76,7 +76,7 @@ class SpatialMotion:
             relative = np.einsum("kan,kn->ka", joint_map, velocities)
             start = attitude_of(self.problem.initial).matrix
             try:
-                turning = turn_from(fine, duration, inertia, relative, self.angular_momentum, start)
+                turning = turn(fine, duration, inertia, relative, self.angular_momentum, start)
             except IntegrationError:
                 continue
             if before is not None and np.linalg.norm(logarithm(turning.ends[-1:] @ before.T)) < RESOLVED:
@@ -251,9 +251,9 @@ class SpatialFullMotion(FullMotion):
     def base_twist_rate(self) -> Array:
         """Derivative (N, 6) of :attr:`base_twist`, m/s^2 and rad/s^2: Pinocchio's acceleration of a free flyer."""
         state = self.state
-        full = self.motion.dynamics.full_accelerations(
+        full = self.motion.dynamics.base_accelerations(
             state.positions, state.velocities, state.accelerations, state.orientation_rate
-        )[:, :BASE].copy()
+        )
         down = np.einsum("kba,b->ka", self._attitudes, -self.motion.path.gravity * UP)
         carried = np.cross(state.orientation_rate, self.base_twist[:, :3])
         full[:, :3] += down - carried

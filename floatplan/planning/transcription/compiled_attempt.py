@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, distinct
+from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
 from floatplan.compiled.batch import FINE, STATUS, constrained_settings
 from floatplan.compiled.constraints import CompiledConstraints
-from floatplan.kernel.layout import Filled, Structure, constants, structure_array
+from floatplan.kernel.layout import Filled, Structure, constants
+from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.end_rates import EndRates
-from floatplan.motion.planar.flight import PlanarFlight, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import EDGE, Form, basis, powers_map
+from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
 from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
@@ -74,12 +74,11 @@ class CompiledAttempts:
         self._block, self._row, self._look = where_to_look(constraints)
         self._tolerance = np.array([block.tolerance for block in constraints])[self._block]
         self._level = level
-        assert isinstance(model.flight, PlanarFlight), "the kernel's flights are in a plane"
-        self._flight = model.flight
         most = len(self._look.grid) * watch.rows
-        self._found = {"row": np.empty(most, np.int64), "s": np.empty(most), "least": np.empty(most)}
+        self._found_row, self._found_s, self._found_least = np.empty(most, np.int64), np.empty(most), np.empty(most)
+        found = {"row": self._found_row, "s": self._found_s, "least": self._found_least}
         numbers = {"instants": len(self._look.grid), "near": self._look.near, "span": self._look.span}
-        self._minima = Filled("Minima", self._look, **numbers, **self._found)
+        self._minima = Filled("Minima", self._look, **numbers, **found)
 
     def follow(self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float) -> Ended:
         """Follow a start to its end, ``at_once`` straight to the objective; it ends when it has done the most work."""
@@ -92,15 +91,16 @@ class CompiledAttempts:
         arrays = {"at_ends": at_ends, "instants": instants, "x": found, "tolerance": self._tolerance}
         numbers = {**self._aim(variables), **levels, **work, **counts}
         attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
-        motions = _motions(self._flight, variables, watch.also is None)
-        grids, ended = _grids(variables.polynomials.form), attempt.structure
+        motions = _motions(self._model.flight, variables, watch.also is None)
+        grids, ended = nodes_of_levels(variables.polynomials.form), attempt.structure
         settings = constrained_settings(), _rules(self._model.flight.bodies)
         given = *watch.references, motions.structure, grids, *settings, ended
         if watch.kernel.attempt(*given, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
         self._model.work += ended.work
-        row, s, least = (values[: ended.minima.found].copy() for values in self._found.values())
-        worst = Worst(self._block[row], self._row[row], s, least)
+        kept = slice(0, ended.minima.found)
+        row = self._found_row[kept]
+        worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
         counted = ended.judged_level, ended.iterations, ended.evaluations
         return Ended(found, STATUS[ended.status], ended.violation, worst, *counted)
 
@@ -130,20 +130,6 @@ def compiled_attempts(
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-@lru_cache(maxsize=32)
-def _grids(form: Form) -> Any:
-    """Nodes of all levels, for motions of a form."""
-    filled = []
-    for count in NODE_COUNTS:
-        grid = gauss_grid(count)
-        value, first, second = (values.T for values in basis(form).values(grid.s))
-        of_form = {"value": value, "first": first, "second": second}
-        quadrature = grid.quadrature
-        integrals = {"antiderivative": quadrature.antiderivative, "tail": quadrature.transform[-3:]}
-        filled.append(Filled("Nodes", grid, nodes=count, **of_form, **integrals))
-    return structure_array("Nodes", filled)
-
-
 @lru_cache(maxsize=8)
 def _rules(bodies: int) -> Structure:
     """Every number of the search with constraints: the constant of its name."""
@@ -153,7 +139,7 @@ def _rules(bodies: int) -> Structure:
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
@@ -171,8 +157,7 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
         given=len(form.given),
         terms=series.shape[1],
         duration=polynomials.duration,
-        orientation=flight.initial_orientation,
-        change=flight.change,
+        **orientations(flight),
         momentum=float(momentum.centre[0]),
         axis=momentum.axes.ravel(),
         first=np.cumsum([0, *polynomials.free]),
@@ -187,13 +172,13 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
 
 def _end(following: Boundary | None, end: int, middle: Array) -> Filled:
     """How the conditions (13) at one end follow h."""
-    curve = following.rates.curves.get(end) if following and isinstance(following.rates, EndRates) else None
-    if following is None or curve is None:
+    momenta = knots(following.rates, end) if following else np.empty(0)
+    if following is None or not len(momenta):
         return Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
     p, _, curvature = following(middle)[:, 3 * end : 3 * end + 3].T
-    rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in curve.momenta.tolist()])
+    rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in momenta.tolist()])
     at_middle = following(middle)[:, 3 * end + 1]
     movable = (np.abs(np.cos(p)) > EDGE) & ~following.free[end]
     bend = np.where(movable, np.tan(p), 0.0)
     curvature = curvature - bend * at_middle**2
-    return Filled("End", knots=len(rates), momenta=curve.momenta, rates=rates, curvature=curvature, bend=bend)
+    return Filled("End", knots=len(rates), momenta=momenta, rates=rates, curvature=curvature, bend=bend)

@@ -1,0 +1,238 @@
+// A tree of bodies on a free base in space: its momentum about the centre of mass and the joints' torques in free flight,
+// with their derivatives. All of it in the base's axes, the base's origin being at rest for an instant.
+//
+// S_j is how joint j moves what it carries, I^C the inertia of that, and f^C the force on it. Derivatives as by Singh,
+// Russell and Wensing (IEEE Robotics and Automation Letters 7 (2022) 1776): with P_j = v x S_j and Q_j = a x S_j + v x P_j of
+// the body before j, dS_j/dt = v_j x S_j, and D^C what I^C does to a velocity by its own one,
+//
+//     d f^C / dq_j  = D^C P_j + I^C Q_j + S_j x* f^C,    d f^C / dq'_j = D^C S_j + I^C (P_j + dS_j/dt).
+
+using Threes = Triple<Vector>;  // at several instants at once
+using Nines = Square<Vector>;
+using Moving = Spatial<Vector>;
+
+static inline Threes nothing() { return {all(0), all(0), all(0)}; }
+
+// Instants that are computed at once, the last one again where there are no more.
+struct Instants {
+    Index at[LANES], count;
+
+    Instants(Index first, Index all_of_them) : count(all_of_them - first) {
+        for (Index lane = 0; lane < LANES; ++lane) at[lane] = first + (lane < count ? lane : count - 1);
+    }
+    Vector load(const double *from, Index stride) const {
+        Vector value;
+        for (Index lane = 0; lane < LANES; ++lane) value[lane] = from[at[lane] * stride];
+        return value;
+    }
+    Threes load3(const double *from) const { return {load(from, 3), load(from + 1, 3), load(from + 2, 3)}; }
+    void store(double *to, Index stride, Vector value) const {
+        for (Index lane = 0; lane < LANES && lane < count; ++lane) to[at[lane] * stride] = value[lane];
+    }
+    void store3(double *to, Index stride, Index apart, Threes value) const {
+        store(to, stride, value.x), store(to + apart, stride, value.y), store(to + 2 * apart, stride, value.z);
+    }
+};
+
+// What is carried, by sums over its masses m at x that move with u: m, m x, m x x^T, m u, m x x u, m u x^T; and its force.
+struct Carried {
+    Vector mass;
+    Threes first;
+    Nines second;
+    Threes momentum, angular_momentum;
+    Nines flux;
+    Moving force;
+
+    void take(const Carried &more) {
+        mass += more.mass;
+        first = first + more.first;
+        second = second + more.second;
+        momentum = momentum + more.momentum;
+        angular_momentum = angular_momentum + more.angular_momentum;
+        flux = flux + more.flux;
+        force = force + more.force;
+    }
+    Moving of_acceleration(Moving a) const {  // I^C a
+        return {mass * a.linear + cross(a.angular, first), cross(first, a.linear) + less_than_trace(second) * a.angular};
+    }
+    Moving of_velocity(Moving v) const {  // D^C v
+        return {all(2) * cross(v.angular, momentum), all(2) * (less_than_trace(flux) * v.angular)};
+    }
+    Moving back(Moving v) const {  // D^C transposed
+        return {nothing(), all(2) * (cross(momentum, v.linear) + v.angular * less_than_trace(flux))};
+    }
+};
+
+struct SpatialBodies {
+    Nines *turned;                     // (joints + 1)
+    Threes *place;                     // (joints + 1)
+    Moving *velocity, *acceleration;   // (joints + 1)
+    Carried *carried;                  // (joints + 1)
+    Moving *axis, *before, *twice_before, *own;  // (joints): S, P, Q, P + dS/dt
+    Moving *by;  // (3 joints + 3): forces on all bodies by positions, velocities, accelerations, the base's rates
+    Vector *slopes;  // (joints, 3 joints + 3)
+
+    void lay_out(Arena &arena, Index joints) {
+        arena.take(turned, joints + 1), arena.take(place, joints + 1);
+        arena.take(velocity, joints + 1), arena.take(acceleration, joints + 1), arena.take(carried, joints + 1);
+        for (Moving **each : {&axis, &before, &twice_before, &own}) arena.take(*each, joints);
+        arena.take(by, 3 * joints + 3), arena.take(slopes, joints * (3 * joints + 3));
+    }
+};
+
+// All of one body, but what it carries.
+static inline Carried own_body(const SpatialTree &tree, const SpatialBodies &at, Index body) {
+    const Nines turned = at.turned[body];
+    const Threes place = at.place[body], own = turned * triple<Vector>(tree.first + 3 * body);
+    const Moving v = at.velocity[body];
+    Carried it;
+    it.mass = all(tree.mass[body]);
+    it.first = it.mass * place + own;
+    it.second = turned * square<Vector>(tree.second + 9 * body) * transposed(turned) + outer(own, place) +
+                outer(place, it.first);
+    it.momentum = it.mass * v.linear + cross(v.angular, it.first);
+    it.angular_momentum = cross(it.first, v.linear) + less_than_trace(it.second) * v.angular;
+    it.flux = outer(v.linear, it.first) + cross_matrix(v.angular) * it.second;
+    const Moving of_rates = {cross(v.angular, it.momentum), less_than_trace(it.flux) * v.angular};
+    it.force = it.of_acceleration(at.acceleration[body]) + of_rates;
+    return it;
+}
+
+// Where the bodies are and how they move, the base without acceleration, and what each carries.
+static inline void move_bodies(const SpatialTree &tree, const SpatialMotion &m, const Instants &k, SpatialBodies &at) {
+    const Index n = tree.joints;
+    at.turned[0] = multiple(all(1)), at.place[0] = nothing();
+    at.velocity[0] = {nothing(), m.rates ? k.load3(m.rates) : nothing()};
+    at.acceleration[0] = {nothing(), nothing()};
+    for (Index j = 0; j < n; ++j) {
+        const Index from = tree.parent[j], to = j + 1;
+        const Threes axis = triple<Vector>(tree.axis + 3 * j);
+        const Vector q = k.load(m.positions + j, n), speed = k.load(m.velocities + j, n);
+        Nines turned = at.turned[from] * square<Vector>(tree.turned + 9 * j);
+        Threes place = at.place[from] + at.turned[from] * triple<Vector>(tree.placed + 3 * j);
+        const Threes along = turned * axis;
+        if (tree.slides[j]) {
+            place = place + q * along;
+        } else {
+            Vector s, c;
+            sine_cosine(q, s, c);
+            turned = turned * (multiple(c) + s * cross_matrix(axis) + (all(1) - c) * outer(axis, axis));
+        }
+        const Moving of = tree.slides[j] ? Moving{along, nothing()} : Moving{cross(place, along), along};
+        const Moving v = at.velocity[from] + speed * of, turning = cross(v, of);
+        at.axis[j] = of;
+        at.before[j] = cross(at.velocity[from], of);
+        at.twice_before[j] = cross(at.acceleration[from], of) + cross(at.velocity[from], at.before[j]);
+        at.own[j] = at.before[j] + turning;
+        at.turned[to] = turned, at.place[to] = place, at.velocity[to] = v;
+        at.acceleration[to] = at.acceleration[from] + speed * turning;
+        if (m.accelerations) at.acceleration[to] = at.acceleration[to] + k.load(m.accelerations + j, n) * of;
+    }
+    for (Index body = 0; body <= n; ++body) at.carried[body] = own_body(tree, at, body);
+    for (Index j = n; j-- > 0;) at.carried[tree.parent[j]].take(at.carried[j + 1]);
+}
+
+// I, A and L: angular momentum about the centre of mass.
+static inline void momentum_maps(const SpatialTree &tree, const SpatialMotion &m, const Instants &k,
+                                 const SpatialBodies &at) {
+    const Index n = tree.joints;
+    const Carried &whole = at.carried[0];
+    const Vector per_mass = all(1) / whole.mass;
+    const Threes center = per_mass * whole.first;
+    const Nines inertia = less_than_trace(whole.second - outer(center, whole.first));
+    for (Index row = 0; row < 3; ++row) k.store3(m.inertia + 3 * row, 9, 1, inertia.row[row]);
+    for (Index j = 0; j < n; ++j) {
+        const Carried &of = at.carried[j + 1];
+        const Moving s = at.axis[j], moved = of.of_acceleration(s);
+        k.store3(m.joint_map + j, 3 * n, n, moved.angular - cross(center, moved.linear));
+        if (!m.slopes) continue;
+        const Moving by = cross_force(s, {of.momentum, of.angular_momentum}) +
+                          of.of_acceleration(cross(at.velocity[j + 1], s));
+        const Threes shifted = cross(per_mass * moved.linear, whole.momentum) + cross(center, by.linear);
+        k.store3(m.slopes + j, 3 * n, n, by.angular - shifted);
+    }
+}
+
+// The base's acceleration that takes a force on all bodies away.
+struct Free {
+    Vector per_mass;
+    Threes center;
+    Nines per_inertia;
+
+    explicit Free(const Carried &whole) : per_mass(all(1) / whole.mass), center(per_mass * whole.first) {
+        per_inertia = inverse(less_than_trace(whole.second - outer(center, whole.first)));
+    }
+    Moving yields(Moving force) const {
+        const Threes turns = per_inertia * (cross(center, force.linear) - force.angular);
+        return {cross(center, turns) - per_mass * force.linear, turns};
+    }
+};
+
+// Torques; after it, forces are those of free flight.
+static inline void free_torques(const SpatialTree &tree, const SpatialMotion &m, const Instants &k, SpatialBodies &at) {
+    const Index n = tree.joints;
+    const Moving base = Free(at.carried[0]).yields(at.carried[0].force);
+    for (Index j = 0; j < n; ++j) {
+        Carried &of = at.carried[j + 1];
+        of.force = of.force + of.of_acceleration(base);
+        at.twice_before[j] = at.twice_before[j] + cross(base, at.axis[j]);
+        const Vector rotor = all(tree.armature[j]) * k.load(m.accelerations + j, n);
+        k.store(m.torques + j, n, dot(at.axis[j], of.force) + rotor);
+    }
+    k.store3(m.base_acceleration, 6, 1, base.linear), k.store3(m.base_acceleration + 3, 6, 1, base.angular);
+}
+
+// Derivatives (joints, 3 joints + 3) of the torques by positions, velocities, accelerations and the base's rates.
+static inline void torque_slopes(const SpatialTree &tree, const SpatialMotion &m, const Instants &k, SpatialBodies &at) {
+    const Index n = tree.joints, columns = 3 * n + 3, all_of_it = n * columns;
+    Moving *by = at.by, base[3], moved[3];
+    for (Index e = 0; e < 3; ++e) {
+        const double unit[] = {double(e == 0), double(e == 1), double(e == 2)};
+        base[e] = {nothing(), triple<Vector>(unit)}, moved[e] = cross(at.velocity[0], base[e]);
+        by[3 * n + e] = at.carried[0].of_velocity(base[e]) + at.carried[0].of_acceleration(moved[e]);
+    }
+    for (Index i = 0; i < n; ++i) {
+        const Carried &of = at.carried[i + 1];
+        const Moving s = at.axis[i];
+        by[i] = of.of_velocity(at.before[i]) + of.of_acceleration(at.twice_before[i]) + cross_force(s, of.force);
+        by[n + i] = of.of_velocity(s) + of.of_acceleration(at.own[i]);
+        by[2 * n + i] = of.of_acceleration(s);
+    }
+    Vector *slopes = at.slopes;
+    zero((double *)slopes, all_of_it * LANES);
+    for (Index i = 0; i < n; ++i) {
+        const Moving heavy = by[2 * n + i], back = at.carried[i + 1].back(at.axis[i]);
+        Vector *row = slopes + i * columns;
+        for (Index body = i + 1; body > 0; body = tree.parent[body - 1]) {  // it, and what carries it
+            const Index j = body - 1;
+            row[j] = dot(back, at.before[j]) + dot(heavy, at.twice_before[j]);
+            row[n + j] = dot(back, at.axis[j]) + dot(heavy, at.own[j]);
+            row[2 * n + j] = dot(heavy, at.axis[j]);
+            if (j == i) continue;
+            for (Index d = 0; d < 3; ++d) slopes[j * columns + d * n + i] = dot(at.axis[j], by[d * n + i]);
+        }
+        for (Index e = 0; e < 3; ++e) row[3 * n + e] = dot(back, base[e]) + dot(heavy, moved[e]);
+        row[2 * n + i] += all(tree.armature[i]);
+    }
+    const Free free(at.carried[0]);
+    for (Index c = 0; c < columns; ++c) {
+        const Moving yields = free.yields(by[c]);
+        for (Index i = 0; i < n; ++i)
+            k.store(m.torque_slopes + i * columns + c, all_of_it, slopes[i * columns + c] + dot(by[2 * n + i], yields));
+    }
+}
+
+// What is asked at all instants; 1 where there was no memory.
+static inline Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion) {
+    SpatialBodies at;
+    Room room;
+    if (!room.make([&](Arena &arena) { at.lay_out(arena, tree.joints); })) return 1;
+    for (Index k = 0; k < motion.instants; k += LANES) {
+        const Instants instants(k, motion.instants);
+        move_bodies(tree, motion, instants, at);
+        if (motion.inertia) momentum_maps(tree, motion, instants, at);
+        if (motion.torques) free_torques(tree, motion, instants, at);
+        if (motion.torque_slopes) torque_slopes(tree, motion, instants, at);
+    }
+    return 0;
+}

@@ -1,0 +1,68 @@
+"""Problem files of flights in space: what their comments say, and that they fly."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.robot.urdf.tree import PREFIX, robots_folder
+
+FOLDER = Path(__file__).resolve().parents[2] / "problems" / "space"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
+DAILY = ("falling_cat", "go2_barrel_roll")
+
+
+@pytest.fixture
+def plans(planned):
+    return lambda name: planned(f"space/{name}")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in DAILY else pytest.param(name, marks=pytest.mark.long) for name in NAMES]
+)
+def test_they_are_planned_within_limits_and_land(plans, name):
+    if PREFIX in (FOLDER / f"{name}.toml").read_text() and robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    plan = plans(name)
+    assert plan.ok, plan.explanation
+    assert plan.whole.missed < 1e-8
+    for peak, limit in (
+        (plan.peaks.velocity, plan.problem.velocity_limits),
+        (plan.peaks.motor_torque, plan.problem.motor_torque_limits),
+    ):
+        assert (peak <= limit * (1 + 1e-9)).all()
+    flown = fp.replay(plan)
+    assert flown.landed
+    assert flown.orientation_error < 1e-7
+    assert flown.momentum_drift < 1e-9
+
+
+def test_the_cat_rolls_by_bending_round_in_circles(plans):
+    plan = plans("falling_cat")
+    assert plan.angular_momentum == pytest.approx([0, 0, 0])
+    angles = plan.whole.angles("xyz")
+    assert angles[-1] - angles[0] == pytest.approx([math.pi, 0, 0], abs=1e-8)
+    forwards, aside = plan.at(np.linspace(0, plan.duration, 400)).positions.T
+    bent = np.unwrap(np.arctan2(aside, forwards))
+    circles = abs(bent[-1] - bent[0]) / (2 * math.pi)
+    assert circles == pytest.approx(round(circles), abs=1e-6)
+    assert circles > 0.5
+    low, high = plan.robot.position_limits.T
+    assert (low < [forwards.min(), aside.min()]).all()
+    assert ([forwards.max(), aside.max()] < high).all()
+
+
+@pytest.mark.parametrize(("name", "momentum"), [("free_panda", 0), ("go2_levels", 0), ("free_arm", 0)])
+def test_those_that_nothing_turns_are_asked_so(name, momentum):
+    if PREFIX in (FOLDER / f"{name}.toml").read_text() and robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    problem = fp.load_problem(FOLDER / f"{name}.toml")
+    assert problem.flight.angular_momentum == momentum
+    assert problem.initial.positions == pytest.approx(problem.final.positions)
+    turned = problem.final.attitude.matrix.T @ problem.initial.attitude.matrix
+    angle = math.degrees(math.acos((np.trace(turned) - 1) / 2))
+    assert angle == pytest.approx({"go2_levels": 35.9}.get(name, 60.0), abs=0.1)

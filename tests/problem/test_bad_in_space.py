@@ -1,0 +1,178 @@
+"""Every bad input of a flight in space is refused with file, key and reason, in Python and on the command line."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+import floatplan as fp
+from floatplan.problem.attitude import Attitude
+
+ROOT = Path(__file__).resolve().parents[2]
+NOT_YET = "is for flights in a plane, and not yet for those in space"
+HALF_A_TURN = "is half a turn from the start, and which way round is left open"
+AXES = "is not three of the letters x, y, z with neighbours that differ"
+EITHER = "give either quaternion_xyzw, or angles and axes"
+NEITHER = "is neither an angle nor an Attitude"
+MOMENTUM = "must be 0, three numbers, 'suggested' or 'free'"
+NAN, INF = math.nan, math.inf
+
+
+def q(*numbers):
+    return {"quaternion_xyzw": list(numbers)}
+
+
+def angles(*numbers, axes="yxz"):
+    return {"angles": list(numbers), "axes": axes}
+
+
+GOAL, H, SPEED, LEAVES, LANDS = (
+    "goal.orientation",
+    "flight.angular_momentum",
+    "flight.horizontal_velocity",
+    "flight.takeoff",
+    "flight.landing",
+)
+BAD = [  # what is written under a key, the key that is named, and what is said of it
+    (GOAL, 30, GOAL, "must be an Attitude"),
+    (GOAL, "up", GOAL, "'up' is not a number"),
+    (GOAL, True, GOAL, "True is not a number"),
+    (GOAL, [0, 0, 0, 1], GOAL, NEITHER),
+    (GOAL, {}, f"{GOAL}.quaternion_xyzw", EITHER),
+    (GOAL, {"quaternion": [0, 0, 0, 1]}, f"{GOAL}.quaternion", "did you mean 'quaternion_xyzw'"),
+    (GOAL, q(0, 0, 0, 0), f"{GOAL}.quaternion_xyzw", "length zero"),
+    (GOAL, q(1e-8, 0, 0, 0), f"{GOAL}.quaternion_xyzw", "length zero"),
+    (GOAL, q(0, 0, 1), f"{GOAL}.quaternion_xyzw", "is not four numbers"),
+    (GOAL, q(0, 0, 0, 0, 1), f"{GOAL}.quaternion_xyzw", "is not four numbers"),
+    (GOAL, q(0, 0, 0, NAN), f"{GOAL}.quaternion_xyzw[3]", "nan is not a finite number"),
+    (GOAL, q(INF, 0, 0, 1), f"{GOAL}.quaternion_xyzw[0]", "inf is not a finite number"),
+    (GOAL, q(0, 0, 1e300, 1e300), f"{GOAL}.quaternion_xyzw[2]", "1e+300 is outside -1e+06 to 1e+06\n"),
+    (GOAL, q("a", 0, 0, 1), f"{GOAL}.quaternion_xyzw[0]", "'a' is not a number"),
+    (GOAL, {**q(0, 0, 0, 1), "axes": "xyz"}, f"{GOAL}.axes", "a quaternion has no axes"),
+    (GOAL, {**q(0, 0, 0, 1), **angles(0, 0, 0)}, f"{GOAL}.quaternion_xyzw", EITHER),
+    (GOAL, q(1, 0, 0, 0), GOAL, HALF_A_TURN),
+    (GOAL, q(0, -2, 2, 1e-4), GOAL, HALF_A_TURN),
+    (GOAL, angles(0, 0, 0, axes="xyy"), f"{GOAL}.axes", AXES),
+    (GOAL, angles(0, 0, 0, axes="xyzx"), f"{GOAL}.axes", AXES),
+    (GOAL, angles(0, 0, 0, axes="XYZ"), f"{GOAL}.axes", AXES),
+    (GOAL, angles(0, 0, 0, axes=""), f"{GOAL}.axes", AXES),
+    (GOAL, angles(0, 0, 0, axes=["x", "y", "z"]), f"{GOAL}.axes", "is not a text"),
+    (GOAL, {"angles": [0, 0, 0]}, f"{GOAL}.axes", "is missing"),
+    (GOAL, {"axes": "xyz"}, f"{GOAL}.quaternion_xyzw", EITHER),
+    (GOAL, angles(0, 0), f"{GOAL}.angles", "is not three numbers"),
+    (GOAL, angles(0, NAN, 0), f"{GOAL}.angles[1]", "nan is not a finite number"),
+    (GOAL, angles(1e300, 0, 0), f"{GOAL}.angles[0]", "is outside -10000 to 10000 rad"),
+    (GOAL, angles(0, 71, 0), GOAL, "its second angle about 'yxz' is 71 degrees; it must be within -70 to 70"),
+    (GOAL, angles(0, -110, 0), GOAL, "its second angle about 'yxz' is -110 degrees"),
+    (GOAL, angles(0, 90, 0, axes="zxz"), "start.orientation", "must be within 20 to 160"),
+    (GOAL, None, GOAL, "is missing"),
+    (H, 3.0, H, MOMENTUM),
+    (H, "fast", H, "'suggested', not 'fast'"),
+    (H, True, H, "True is not a number"),
+    (H, [], H, "[] is not three numbers"),
+    (H, [1, 2], H, "[1, 2] is not three numbers"),
+    (H, [1, 2, 3, 4], H, "[1, 2, 3, 4] is not three numbers"),
+    (H, [[1, 2, 3]], H, "is not three numbers"),
+    (H, {"x": 1}, H, "is not three numbers"),
+    (H, [1, 2, NAN], f"{H}[2]", "nan is not a finite number"),
+    (H, [0, -INF, 0], f"{H}[1]", "-inf is not a finite number"),
+    (H, [1e30, 0, 0], f"{H}[0]", "is outside -1e+09 to 1e+09 kg m^2/s"),
+    (SPEED, 2.0, SPEED, "must be two numbers, along x and y"),
+    (SPEED, [1, 2, 3], SPEED, "is not two numbers"),
+    (SPEED, [0, NAN], f"{SPEED}[1]", "nan is not a finite number"),
+    (SPEED, [1e9, 0], f"{SPEED}[0]", "is outside -10000 to 10000 m/s"),
+    (LEAVES, {"frame": "nose"}, f"{LEAVES}.frame", "the robot has no frame 'nose'"),
+    (LEAVES, {"position": [0, 0, 0]}, f"{LEAVES}.frame", "is missing"),
+    (LEAVES, {"frame": "base", "position": [1, 2]}, f"{LEAVES}.position", "must be three numbers"),
+    (LEAVES, {"frame": "base", "position": [1, 2, 3, 4]}, f"{LEAVES}.position", "is not two numbers, nor three"),
+    (LEAVES, {"frame": "base", "position": [0, 0, INF]}, f"{LEAVES}.position[2]", "inf is not a finite number"),
+    (LANDS, {"frame": "nose"}, f"{LANDS}.frame", "the robot has no frame 'nose'"),
+    (LANDS, {"frame": "base", "height": NAN}, f"{LANDS}.height", "nan is not a finite number"),
+    (LANDS, {"frame": "base", "height": [0, 0, 1]}, f"{LANDS}.height", "is not a number"),
+    ("flight.gravity", [0, 0, -9.81], "flight.gravity", "is not a number"),
+    ("start.velocities", "takeoff", "start.velocities", NOT_YET),
+    ("goal.velocities", "landing", "goal.velocities", NOT_YET),
+    ("ground", True, "ground", NOT_YET),
+    ("jump", {}, "jump", NOT_YET),
+    ("obstacles", [{"kind": "circle", "center": [0, 0], "radius": 1}], "obstacles", NOT_YET),
+    ("obstacles", [{"kind": "sphere", "center": [0, 0, 0], "radius": 1}], "obstacles", NOT_YET),
+    ("obstacles", [{"kind": "capsule", "start": [0, 0, 0], "end": [0, 0, 1], "radius": 1}], "obstacles", NOT_YET),
+    ("obstacles", [{"kind": "half-space", "normal": [0, 0, 1]}], "obstacles", NOT_YET),
+    ("self_clearance", [{"links": ["base", "forearm"]}], "self_clearance", NOT_YET),
+    ("limits.orientation_rate", [1, 1, 1], "limits.orientation_rate", "is not a number"),
+    ("robot.base", "free", "robot.base", "must be 'planar' or 'free-flyer', not 'free'"),
+    ("robot.base", 6, "robot.base", "must be 'planar' or 'free-flyer', not 6"),
+    ("robot.base", "planar", "start.orientation", "must be an angle, where the robot flies in a plane"),
+    ("robot.plane", "xz", "robot.plane", "a flight in space has none"),
+    ("robot.coupled", "mirror", 'robot.coupled "mirror"', "name the pairs"),
+    ("robot.joints", [], "robot.joints", "no joint is left to plan"),
+]
+
+
+@pytest.fixture(scope="module")
+def written():
+    content = (ROOT / "problems" / "space" / "free_arm.toml").read_text()
+    return content.replace("../../urdf", str(ROOT / "urdf"))
+
+
+@pytest.mark.parametrize(("key", "value", "named", "reason"), BAD)
+def test_it_is_refused_with_file_key_and_reason(written, key, value, named, reason, tmp_path, floatplan):
+    content = tomllib.loads(written)
+    *tables, last = key.split(".")
+    table = content
+    for name in tables:
+        table = table[name]
+    table.pop(last, None)
+    if value is not None:
+        table[last] = value
+    path = tmp_path / "bad.toml"
+    path.write_text(tomli_w.dumps(content))
+    with pytest.raises(fp.InputError) as refused:
+        fp.load_problem(path)
+    told = f"{refused.value}\n"
+    (line, *_) = (each for each in told.splitlines() if named in each)
+    assert line.startswith(f"{path}: {named}: "), told
+    assert reason in told
+    run = floatplan("plan", path)
+    assert (run.code, run.stdout) == (2, "")
+    assert "".join(line.split()) in "".join(run.stderr.split())
+    assert not Path("runs").exists()
+
+
+def test_one_thing_that_is_wrong_is_told_once(written, tmp_path):
+    for key, value in (
+        ("angular_momentum = 0", "angular_momentum = [1, 2, nan]"),
+        ("gravity = 0", "gravity = 0\ntakeoff = { frame = 'base', position = [0, 0, inf] }"),
+        ("quaternion_xyzw = [0.25, 0.25, 0.35355, 0.8660254]", "quaternion_xyzw = [0, 0, 0, 1e-9]"),
+        ("gravity = 0", "gravity = 0\nhorizontal_velocity = [nan, 0]"),
+    ):
+        path = tmp_path / "bad.toml"
+        assert key in written
+        path.write_text(written.replace(key, value))
+        with pytest.raises(fp.InputError) as refused:
+            fp.load_problem(path)
+        assert len(str(refused.value).splitlines()) == 1, str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"quaternion_xyzw": "0001"}, "is not four numbers"),
+        ({"quaternion_xyzw": [[0, 0, 0, 1]]}, "is not four numbers"),
+        ({"quaternion_xyzw": (0, 0, 0, 10**400)}, "is not a finite number|is outside"),
+        ({"quaternion_xyzw": (0, 0, 0, 1j)}, "is not a number"),
+        ({"angles": (0, 0, 0), "axes": "xyz\x00"}, "with neighbours that differ"),
+        ({"angles": (0, 0, 0), "axes": "x" * 10**6}, "with neighbours that differ"),
+        ({"angles": {0, 1, 2}, "axes": "xyz"}, "is not three numbers"),
+    ],
+)
+def test_hostile_attitudes_are_refused_in_one_line(arguments, reason):
+    with pytest.raises(fp.InputError, match=reason) as refused:
+        Attitude(**arguments)
+    assert len(str(refused.value)) < 1500
+    assert "\n" not in str(refused.value)
+    assert "\x00" not in str(refused.value)
