@@ -4,7 +4,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.layout import Filled, kernel
-from floatplan.optimization.programs import QP_CHANGES, ROW_TOLERANCE, AnyEvaluation, Multipliers, Step
+from floatplan.optimization.programs import QP_CHANGES, QP_TOLERANCE, AnyEvaluation, Multipliers, Step
 
 
 def dual_step(current: AnyEvaluation, hessian: Array) -> Step | None:
@@ -12,7 +12,7 @@ def dual_step(current: AnyEvaluation, hessian: Array) -> Step | None:
     size, equalities, found = len(hessian), len(current.equality), kernel()
     active, solution = np.empty(size, dtype=np.int64), np.empty(2 * size + equalities)
     counts = {"size": size, "equalities": equalities, "rows": len(current.inequality)}
-    bounds = {"changes": QP_CHANGES, "tolerance": ROW_TOLERANCE}
+    bounds = {"changes": QP_CHANGES, "tolerance": QP_TOLERANCE}
     slopes = {"equality_rows": current.equality_jacobian, "inequality_rows": current.inequality_jacobian}
     given = {"hessian": hessian, "active": active, "solution": solution}
     filled = Filled("Quadratic", current, **counts, **bounds, **slopes, **given)

@@ -45,27 +45,17 @@ class Constrained {
             ++iteration, ++iterations;
             program.differentiate(*now);
             find_step();
-            double slope, first;
-            bool stationary;
-            Line line{};
-            for (;;) {
-                slope = dot(now->gradient, direction, size);
-                stationary = is_stationary(slope, stage);
-                is_optimal = stationary && now->worst <= stage.feasibility;
-                if (is_optimal) break;
-                const double required = set.penalty_factor * largest_pull();
-                penalty = larger(required, required + set.penalty_kept * (penalty - required));
-                const double squared = dot(direction, direction, size);
-                if (!(squared > 0) || !(required <= set.largest_multiplier * slack_penalty)) {
-                    line.failed = true;
-                    break;
-                }
-                first = smaller(1.0, longest_step / larger(program.metric(direction), 1e-300));
-                line = search_line(slope, first, penalty);
-                if (!line.reaches_more) break;
-                find_step();  // again, with the rows that were out of its reach
-            }
-            if (is_optimal || line.failed) break;
+            do find_step();
+            while (reaches_more());
+            const double slope = dot(now->gradient, direction, size), squared = dot(direction, direction, size);
+            const bool stationary = is_stationary(slope, stage);
+            is_optimal = stationary && now->worst <= stage.feasibility;
+            if (is_optimal) break;
+            const double required = set.penalty_factor * largest_pull();
+            penalty = larger(required, required + set.penalty_kept * (penalty - required));
+            if (!(squared > 0) || !(required <= set.largest_multiplier * slack_penalty)) break;
+            const double first = smaller(1.0, longest_step / larger(program.metric(direction), 1e-300));
+            const Line line = search_line(slope, first, penalty);
             slow_steps = line.used > set.slow_evaluations ? slow_steps + 1 : 0;
             if (!line.accepted || slow_steps == set.slow_steps) {
                 if (was_reset) break;
@@ -131,7 +121,7 @@ class Constrained {
 
   private:
     struct Line {
-        bool accepted, failed, reaches_more;
+        bool accepted;
         double length;
         Index used;
     };
@@ -162,7 +152,7 @@ class Constrained {
     }
 
     Quadratic quadratic(const double *by, const double *slope, const double *equality) {
-        return {size, 1, now->near, rules.qp_changes, rules.row_tolerance, by, slope, equality, now->row, gathered,
+        return {size, 1, now->near, rules.qp_changes, rules.qp_tolerance, by, slope, equality, now->row, gathered,
                 now->slopes, 0, nullptr, nullptr};
     }
 
@@ -258,13 +248,12 @@ class Constrained {
         return !elastic && std::fabs(predicted) <= stage.optimality * (1 + std::fabs(now->objective));
     }
 
-    // Backtracks for the l1 merit function; at first with a correction of the second order, and with a new step where
-    // that reaches rows that had no derivatives.
+    // Backtracks for the l1 merit function; at first with a correction of the second order.
     Line search_line(double slope, double first, double penalty) {
         const double merit = now->objective + penalty * now->violation;
         slope = smaller(slope - penalty * (now->violation - violation_left), 0.0);
         const double rounding = 1e-13 * (1 + std::fabs(merit));
-        Line line{false, false, false, first, 0};
+        Line line{false, first, 0};
         auto is_better = [&] {
             ++line.used;
             return trial->objective + penalty * trial->violation - merit <= set.armijo * line.length * slope + rounding;
@@ -272,8 +261,6 @@ class Constrained {
         while (line.length > set.shortest_step * first) {
             for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + line.length * direction[k];
             program.evaluate(*trial);
-            line.reaches_more = line.length == first && program.watches && reach(first);
-            if (line.reaches_more) break;
             line.accepted = is_better();
             if (line.accepted) break;
             const double rise = trial->objective + penalty * trial->violation - merit;
@@ -287,19 +274,29 @@ class Constrained {
         return line;
     }
 
-    // Differentiates the rows that the whole step would violate, as far as this share of it tells; whether there are
-    // new ones.
+    // Whether the step, were all linear, would violate rows without derivatives, which a look along it tells: they are
+    // differentiated.
+    bool reaches_more() {
+        if (!program.watches || !program.rows) return false;
+        const double share = 1e-6 / larger(1.0, std::sqrt(dot(direction, direction, size)));
+        for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + share * direction[k];
+        program.evaluate(*trial);
+        return reach(share);
+    }
+
+    // Differentiates the rows that a step would violate of which the trial is a share; whether there are new ones.
     bool reach(double share) {
         const Index before = now->near;
         for (Index e = 0; e < program.rows * program.stride; ++e) {
             const double here = now->values[e];
-            if (here + (trial->values[e] - here) / share < 0 && now->place[e] < 0) program.slopes_of(*now, e);
+            if (now->place[e] < 0 && here + (trial->values[e] - here) / share < 0) program.slopes_of(*now, e);
         }
         return now->near > before;
     }
 
-    // Moves the trial by the shortest step back on to the constraints, to first order, with the derivatives at hand.
+    // Moves the trial by the shortest step back on to the constraints, to first order, with the derivatives before it.
     bool correct() {
+        reach(1);
         gather(*trial);
         zero(matrix, size * size);
         for (Index k = 0; k < size; ++k) matrix[k * size + k] = 1;

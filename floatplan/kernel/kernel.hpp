@@ -206,7 +206,7 @@ struct Motions {
 struct Exchange {
     double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
     double longest_free_step;
-    double feasible, stalled, initial_damping, smallest_damping, largest_damping, regularisation, row_tolerance;
+    double feasible, stalled, initial_damping, smallest_damping, largest_damping, regularisation, qp_tolerance;
     double evaluation, differentiation, entry;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
 };

@@ -29,7 +29,8 @@ REGULARISATION = 1e-12  # [-] of the elastic system, relative to the slack penal
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 ACTIVE_PER_VARIABLE = 4  # [-] inequalities of the last QP that the next begins with; at a vertex there is 1
 GENERATIONS = 12  # times that rows are added before the QP counts as infeasible
-QP_CHANGES = 400  # of active rows
+QP_CHANGES = 400  # of active rows, by the dual method
+QP_TOLERANCE = 1e-10  # in its own unit, by which a row may be violated by what the dual method finds
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row left out of a QP may be violated by its solution
 
 
