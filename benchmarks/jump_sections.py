@@ -55,13 +55,13 @@ def hops(counts: Counts) -> None:
         f"hops: {len(problems)} jumps drawn with seeds 0 to {seeds - 1}; limits 5 % above what they need with margins"
     )
     found, seconds = 0, []
-    for problem in problems:
+    for index, problem in enumerate(problems):
         began = time.process_time()
         answer = fp.jump(problem)
         seconds.append(time.process_time() - began)
         found += answer.ok
         if not answer.ok:
-            print(f"  not found: {problem.name}, {problem.robot.name}: {answer.explanation}")
+            print(f"  not found: {index}, {problem.robot.name}: {answer.explanation}")
     table(
         ["found", "of", "s of the processor", "at most"],
         [[found, len(problems), statistics.median(seconds), max(seconds)]],

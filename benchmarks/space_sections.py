@@ -11,6 +11,7 @@ import numpy as np
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
+from floatplan.arrays import Array
 from floatplan.motion.flight import ballistics, momentum_set, whole_motion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.planning.transcription.variables import decision_variables
@@ -27,7 +28,14 @@ STUNTS = {  # axes, then the angles of the first and the third
     "spin": ("zxy", (2 * math.pi, 0.0)),
 }
 ANY_DEGREE, WITHIN = fp.Motion(degree="auto"), fp.Limits(velocity="urdf", torque="urdf")
+LEVEL = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
 DRAWN_LIMIT = 1.3  # [-] of the peaks of a drawn motion, the limits of every third
+
+
+def turned(axis: Array, angle: float) -> fp.Attitude:
+    """The attitude by an angle, rad, about an axis (3,) of any length."""
+    vector = math.sin(angle / 2) * axis / np.linalg.norm(axis)
+    return fp.Attitude(quaternion_xyzw=(*vector.tolist(), math.cos(angle / 2)))
 
 
 def stunts(count: int) -> Iterator[fp.Problem]:
@@ -43,16 +51,27 @@ def stunts(count: int) -> Iterator[fp.Problem]:
 
 
 def arms(count: int) -> Iterator[fp.Problem]:
-    """Of an arm on a free base of 50 kg: 45 to 90 degrees about any axis, h = 0."""
-    robot = fp.Robot.from_urdf(URDF / "free_arm.urdf", base="free-flyer")
+    """Of a Panda and an arm as a UR5, in turns, on a free base of 50 kg: 45 to 90 degrees about any axis, h = 0."""
+    robots = [fp.Robot.from_urdf(URDF / name, base="free-flyer") for name in ("free_arm.urdf", "free_panda.urdf")]
     for seed in range(count):
-        rng = np.random.default_rng(seed)
+        rng, robot = np.random.default_rng(seed), robots[seed % 2]
         axis, angle = rng.normal(size=3), rng.uniform(math.pi / 4, math.pi / 2)
-        turn = np.append(math.sin(angle / 2) * axis / np.linalg.norm(axis), math.cos(angle / 2))
-        start, goal = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=tuple(turn))
-        ends = rng.uniform(-1.5, 1.5, (2, 6))
+        start, goal = LEVEL, turned(axis, angle)
+        low, high = robot.position_limits.T
+        ends = low + (high - low) * rng.uniform(0.26, 0.74, (2, len(robot.joints)))
         flight = fp.Flight(float(rng.uniform(15, 30)), 0.0, gravity=0.0)
         yield fp.Problem(robot, fp.Posture(start, ends[0]), fp.Posture(goal, ends[1]), flight, ANY_DEGREE, WITHIN)
+
+
+def levellings(count: int) -> Iterator[fp.Problem]:
+    """Of the Go2 in 0.7 s, h = 0: from 20 to 60 degrees off, about any level axis."""
+    robot = fp.Robot.from_urdf(GO2, base="free-flyer")
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        way, angle = rng.uniform(0, 2 * math.pi), rng.uniform(math.pi / 9, math.pi / 3)
+        start = turned(np.array([math.cos(way), math.sin(way), 0.0]), angle)
+        flight = fp.Flight(0.7, 0.0)
+        yield fp.Problem(robot, fp.Posture(start, STANDING), fp.Posture(LEVEL, STANDING), flight, ANY_DEGREE)
 
 
 def twists(count: int) -> Iterator[fp.Problem]:
@@ -75,13 +94,12 @@ def twists(count: int) -> Iterator[fp.Problem]:
 def drawn_goals(count: int) -> Iterator[fp.Problem]:
     """The attitudes to which drawn motions of the Go2 lead, a third within limits of 1.3 times their peaks."""
     robot = fp.Robot.from_urdf(GO2, base="free-flyer")
-    level = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
     for seed in range(count):
         rng = np.random.default_rng(seed)
         ends = STANDING + rng.uniform(-0.3, 0.3, (2, 12))
         h = rng.normal(size=3) * [0.3, 1.0, 0.3]
         flight, degrees = fp.Flight(0.6, tuple(h)), (7,) * 12
-        asked = fp.Problem(robot, fp.Posture(level, ends[0]), fp.Posture(level, ends[1]), flight)
+        asked = fp.Problem(robot, fp.Posture(LEVEL, ends[0]), fp.Posture(LEVEL, ends[1]), flight)
         variables = decision_variables(asked, degrees, np.zeros((2, 12), int), momentum_set(asked))
         z = variables.free_coefficients(0.25 * rng.normal(size=variables.size))
         low, high = asked.position_limits.T
@@ -100,9 +118,10 @@ def drawn_goals(count: int) -> Iterator[fp.Problem]:
 
 CLASSES: dict[str, Callable[[int], Iterator[fp.Problem]]] = {
     "Go2: rolls, flips, spins; h free, limits": stunts,
-    "arm on 50 kg: 45 to 90 degrees; limits": arms,
+    "Panda and UR5 on 50 kg: 45 to 90 degrees; limits": arms,
     "diver: 1 or 2 somersaults, 1/2 to 2 twists": twists,
     "Go2: where drawn motions lead": drawn_goals,
+    "Go2 levels out, h = 0": levellings,
 }
 
 
@@ -122,3 +141,22 @@ def space(counts: Counts) -> None:
         print(f"  {name}: not found, seeds {missed}" if missed else f"  {name}: all found")
         rows.append([name, solved, len(seconds), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist()])
     table(["class", "found", "of", "s of the processor, median", "p90", "at most"], rows)
+    if counts.peers_in_space:
+        _beside_ipopt(counts.peers_in_space)
+
+
+def _beside_ipopt(count: int) -> None:
+    """The same task, without limits, by CasADi and IPOPT."""
+    import peers_space  # here, since CasADi is an extra
+
+    rows = []
+    for name, draw in (("diver", twists), ("Go2 levels out", levellings)):
+        for seed, problem in enumerate(draw(count)):
+            began = time.process_time()
+            plan = fp.plan(problem)
+            seconds = time.process_time() - began
+            given = replace(problem, flight=replace(problem.flight, angular_momentum=tuple(plan.angular_momentum)))
+            solved, of_ipopt = peers_space.solve(given)
+            ended = "solved" if solved else f"not in {peers_space.MOST_SECONDS:.0f} s"
+            rows.append([f"{name}, seed {seed}", seconds, of_ipopt, ended, of_ipopt / seconds])
+    table(["", "s of the processor", "IPOPT", "", "times"], rows)

@@ -120,6 +120,7 @@ def whole(allowed: Range, advice: str | None = None) -> Check:
 
 FINITE = number(Range(-math.inf, math.inf, ""))
 SEED = whole(Range(0, LARGEST_SEED, ""))
+TRIES = whole(Range(1, 1000, ""))
 
 
 def optional(check: Check) -> Check:

@@ -20,6 +20,8 @@ RANGE = 1e-12  # [rad] of joint ranges
 
 REST = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
 
+Base: TypeAlias = Literal["planar", "free-flyer"]  # how a robot's base moves
+Unit: TypeAlias = Literal["rad", "deg"]  # of angles
 RobotKind: TypeAlias = Literal["urdf", "mjcf"]  # what a robot's file is
 ROBOT_KINDS: tuple[RobotKind, ...] = get_args(RobotKind)
 

@@ -1,12 +1,13 @@
-"""Plans the problems of problems/jumps/ and problems/gallery/: prints docs/gallery.md's tables, draws its pictures.
+"""Plans the problems of problems/jumps/, space/ and gallery/: prints docs/gallery.md's tables, draws its pictures.
 
-Run it from anywhere. ``jumps`` or ``flights`` does these alone; with names only some of them; with ``--no-picture`` the
-tables alone. Without ``--launch`` the column of that name is left empty: it takes minutes.
+Run it from anywhere. ``jumps``, ``space`` or ``flights`` does these alone; with names only some of them; with
+``--no-picture`` the tables alone. Without ``--launch`` the column of that name is left empty: it takes minutes.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,8 +27,8 @@ from floatplan.view.style import new_figure, styled
 
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH = 7.6  # [in]
-PROBLEMS, JUMPS = ROOT / "problems" / "gallery", ROOT / "problems" / "jumps"
-PICTURE, STRIPS = (ROOT / "docs" / "images" / f"{name}.png" for name in ("gallery", "jumps"))
+PROBLEMS, JUMPS, SPACE = (ROOT / "problems" / name for name in ("gallery", "jumps", "space"))
+PICTURE, STRIPS, IN_SPACE = (ROOT / "docs" / "images" / f"{name}.png" for name in ("gallery", "jumps", "space"))
 TITLES = {
     "double_pendulum": "double pendulum",
     "solo": "Solo, somersault",
@@ -39,6 +40,16 @@ TITLES = {
     "g1": "G1, backflip",
     "talos": "Talos, onto a step",
     "human": "human, somersault",
+}
+SPACE_TITLES = {
+    "diver_half_twist": "diver, half a twist",
+    "diver_full_twist": "diver, full twist",
+    "go2_barrel_roll": "Go2, barrel roll",
+    "go2_half_twist": "Go2, backflip with half a twist",
+    "go2_levels": "Go2, levels out, h = 0",
+    "cat": "cat of Kane and Scher, h = 0",
+    "free_arm": "arm like a UR5, h = 0",
+    "free_panda": "Panda, h = 0",
 }
 NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "talos_hop": "Talos", "high_jumper": "high jumper"}
 COLUMNS = (
@@ -65,6 +76,17 @@ JUMP_COLUMNS = (
     "stances",
     "found in, s",
 )
+SPACE_COLUMNS = (
+    "robot",
+    "joints planned",
+    "kg",
+    "duration, s",
+    "largest rate of the base, rad/s",
+    "torque / limit",
+    "rate / limit",
+    "replay off by, rad",
+    "planned in, s",
+)
 PER_ROW = 5
 SNAPSHOTS = 5
 
@@ -81,9 +103,7 @@ class Entry:
     @property
     def torque_share(self) -> float | None:
         """Largest peak torque over its limit; None where the URDF gives none."""
-        limits = self.plan.problem.motor_torque_limits
-        shares = (self.plan.peaks.motor_torque / limits)[np.isfinite(limits)]
-        return float(shares.max()) if len(shares) else None
+        return largest_share(self.plan.peaks.motor_torque, self.plan.problem.motor_torque_limits)
 
     @property
     def out_of_plane(self) -> str:
@@ -114,6 +134,28 @@ class Entry:
             self.out_of_plane,
             f"{self.seconds:.1f}",
         ]
+
+    def row_in_space(self) -> list[str]:
+        """Cells of the table, under ``SPACE_COLUMNS``."""
+        plan = self.plan
+        rates = plan.at(np.linspace(0.0, plan.duration, 1000)).orientation_rate
+        shares = (self.torque_share, largest_share(plan.peaks.velocity, plan.problem.velocity_limits))
+        return [
+            SPACE_TITLES[self.name],
+            str(len(plan.robot.joints)),
+            f"{plan.robot.mass:.3g}",
+            f"{plan.duration:g}",
+            f"{np.linalg.norm(rates, axis=1).max():.3g}",
+            *("not asked" if share is None else f"{share:.2f}" for share in shares),
+            f"{fp.replay(plan).orientation_error:.0e}",
+            f"{self.seconds:.1f}",
+        ]
+
+
+def largest_share(peaks: Array, limits: Array) -> float | None:
+    """Largest peak over its limit; None where there is none."""
+    shares = (peaks / limits)[np.isfinite(limits)]
+    return float(shares.max()) if len(shares) else None
 
 
 @dataclass(frozen=True)
@@ -149,7 +191,7 @@ class JumpEntry:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kind", nargs="?", choices=("all", "jumps", "flights"), default="all")
+    parser.add_argument("kind", nargs="?", choices=("all", "jumps", "space", "flights"), default="all")
     parser.add_argument("names", nargs="*")
     parser.add_argument("--no-picture", action="store_true")
     parser.add_argument("--launch", action="store_true")
@@ -160,12 +202,18 @@ def main() -> None:
         if not arguments.no_picture:
             with styled():
                 save(strips([jump for jump in jumps if jump.turn]), STRIPS)
+    if arguments.kind in ("all", "space"):
+        entries = [planned(SPACE / f"{name}.toml") for name in arguments.names or SPACE_TITLES]
+        print(table(SPACE_COLUMNS, [entry.row_in_space() for entry in entries]))
+        if not arguments.no_picture:
+            with styled():
+                save(rendered(picture(entries, 4)), IN_SPACE)
     if arguments.kind in ("all", "flights"):
-        entries = [planned(name, arguments.launch) for name in arguments.names or TITLES]
+        entries = [planned(PROBLEMS / f"{name}.toml", arguments.launch) for name in arguments.names or TITLES]
         print(table(COLUMNS, [entry.row() for entry in entries]))
         if not arguments.no_picture:
             with styled():
-                save(rendered(picture(entries)), PICTURE)
+                save(rendered(picture(entries, PER_ROW)), PICTURE)
 
 
 def title_of(name: str) -> str:
@@ -182,9 +230,9 @@ def jumped(name: str) -> JumpEntry:
     return JumpEntry(name, jump, time.process_time() - began)
 
 
-def planned(name: str, launching: bool) -> Entry:
-    began = time.process_time()
-    plan = fp.plan(fp.load_problem(PROBLEMS / f"{name}.toml"))
+def planned(path: Path, launching: bool = False) -> Entry:
+    began, name = time.process_time(), path.stem
+    plan = fp.plan(fp.load_problem(path))
     seconds = time.process_time() - began
     if not plan.ok:
         raise SystemExit(f"{name}: {plan.explanation}")
@@ -199,7 +247,8 @@ def launch_of(plan: fp.Plan) -> str:
         found = fp.launch(plan)
     except fp.InputError:
         return "does not stand"
-    return f"{found.ratio:.2f}" if found.ok else "not found"
+    least = f" ({found.ratio:.2f})" if 1 < found.ratio < math.inf else ""
+    return f"{found.ratio:.2f}" if found.ok else f"not found{least}"
 
 
 def strips(entries: Sequence[JumpEntry]) -> Image.Image:
@@ -214,13 +263,13 @@ def table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def picture(entries: Sequence[Entry]) -> Figure:
+def picture(entries: Sequence[Entry], per_row: int) -> Figure:
     """Flights in rows, each at its own scale, all of a row equally high."""
     shapes = []
     for entry in entries:
         low, high = picture_box(entry.plan, postures(entry.plan, times(entry.plan)))
         shapes.append((high - low).real / (high - low).imag)
-    rows = [range(first, min(first + PER_ROW, len(entries))) for first in range(0, len(entries), PER_ROW)]
+    rows = [range(first, min(first + per_row, len(entries))) for first in range(0, len(entries), per_row)]
     heights = [(WIDTH - 0.3) / sum(shapes[index] for index in row) for row in rows]
     figure = new_figure(WIDTH, sum(heights) + 0.25 * len(rows))
     bands = figure.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -229,7 +278,7 @@ def picture(entries: Sequence[Entry]) -> Figure:
         for column, index in enumerate(row):
             axes = band.add_subplot(grid[0, column])
             draw_scene(axes, entries[index].plan, times(entries[index].plan))
-            axes.set_title(TITLES[entries[index].name], fontsize=6.5)
+            axes.set_title((TITLES | SPACE_TITLES)[entries[index].name], fontsize=6.5)
     return figure
 
 

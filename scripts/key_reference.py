@@ -1,4 +1,4 @@
-"""Writes docs/keys.md, the reference of problem files, from the JSON Schema that floatplan checks them against."""
+"""Writes docs/keys.md, the reference of problem and study files, from the JSON Schemas of them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from floatplan.keys import KIND, in_files
+from floatplan.keys import KIND, Keyed, in_files, tables
 from floatplan.problem.file import TABLES, problem_schema
+from floatplan.studies.schema import StudyTables, study_schema
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
 OPENING = """# Keys of a problem file
@@ -21,11 +22,20 @@ This page is made by `scripts/key_reference.py`.
 """
 
 
+STUDIES = """# Keys of a study file
+
+What [studies](studies.md) are asked; `floatplan schema study` prints it as JSON Schema.
+"""
+
+
 def page() -> str:
     """Return the page's text."""
-    schema = problem_schema()
-    sections = [OPENING]
-    for place, (table, about) in TABLES.items():
+    of_studies = {"": (StudyTables, "The whole file"), **tables(StudyTables)}
+    return "\n".join([OPENING, *_sections(problem_schema(), TABLES), STUDIES, *_sections(study_schema(), of_studies)])
+
+
+def _sections(schema: Mapping[str, Any], described_tables: Mapping[str, tuple[type[Keyed], str]]) -> Iterator[str]:
+    for place, (table, about) in described_tables.items():
         described = schema["$defs"][f"{table.__name__}Table"] if place else schema
         keys = {in_files(name): key for name, key in table.keys.items()}
         keys = {"kind": KIND, **keys} if hasattr(table, "kind") else keys
@@ -36,8 +46,7 @@ def page() -> str:
             for form in [described["properties"][name]]
         ]
         head = "| key | value | default | meaning | unit |\n| --- | --- | --- | --- | --- |"
-        sections.append("\n".join([f"## {_heading(place)}", "", f"{about}.", "", head, *rows, ""]))
-    return "\n".join(sections)
+        yield "\n".join([f"## {_heading(place)}", "", f"{about}.", "", head, *rows, ""])
 
 
 def _heading(place: str) -> str:
@@ -47,7 +56,7 @@ def _heading(place: str) -> str:
         return f'`[[obstacles]]` with `kind = "{place.removeprefix("obstacles[").removesuffix("]")}"`'
     if place.endswith("[]"):
         return f"`[[{place.removesuffix('[]')}]]`"
-    return f"`[{place.replace('*', 'JOINT')}]`"
+    return f"`[{place.replace('vary.*', 'vary.PATH').replace('*', 'JOINT')}]`"
 
 
 def _form(schema: Mapping[str, Any], form: Mapping[str, Any]) -> str:

@@ -210,6 +210,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
                 "source": problem.robot.path,
                 **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference", "armature", "damping")),
                 "base": "planar",
+                "angles": "rad",
             },
         ),
     }

@@ -8,7 +8,7 @@ import pytest
 
 from floatplan import errors, files, tables
 from floatplan.export import table
-from floatplan.planning import search
+from floatplan.planning import attempt, search
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.mjcf import text as mjcf_text
@@ -32,6 +32,7 @@ SIZES = {
     "motions that a study writes": study.MOST_MOTIONS,
     "keys that a study varies": study_file.MOST_VARIED,
     "solved starts of a search, and of a study's row": search.MOST_SOLVED,
+    "unsolved starts of a row, at each degree": attempt.ATTEMPTS,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": forward.MOST_STEPS,

@@ -30,7 +30,8 @@ def robot_choices(choices: RobotOptions, degrees: bool) -> dict[str, Any]:
         said["coupled"] = {name: _leader(name, leader) for name, leader in pairs}
     if "locked" in said:
         pairs = _pairs("--locked", said["locked"], "JOINT=ANGLE")
-        said["locked"] = {joint: _angle("--locked", value, degrees) for joint, value in pairs}
+        said["locked"] = {joint: _number("--locked", value) for joint, value in pairs}
+        said["angles"] = "deg" if degrees else "rad"
     return said
 
 

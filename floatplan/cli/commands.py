@@ -6,6 +6,7 @@ import atexit
 import gc
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated
 
@@ -15,7 +16,7 @@ import floatplan as fp
 from floatplan.cli import common, motions, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
-from floatplan.cli.study import studio, study
+from floatplan.cli.study import merge, studio, study
 from floatplan.errors import InputError, naming
 from floatplan.files import runs_folder
 
@@ -222,9 +223,10 @@ def needs_casadi(option: str) -> None:
 
 COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
-    *(motions.export, study, studio, jump, launch, takeoff, robots.init),
+    *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
 )
+TWO_WORDS: Mapping[object, str] = {merge: "study merge"}
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:
     typed = common.reporting_errors(common.with_options(command))
-    app.command(cls=OF_THEIR_OWN.get(command, common.Command))(typed)
+    app.command(TWO_WORDS.get(command), cls=OF_THEIR_OWN.get(command, common.Command))(typed)

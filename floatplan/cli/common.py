@@ -213,6 +213,11 @@ class Command(AsTyped, TyperCommand):
 class Commands(AsTyped, TyperGroup):
     """The commands; what is wrong with the words of a command line is said on one short line, as all else is."""
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command; some have two words."""
+        both = " ".join(args[:2])
+        return super().resolve_command(ctx, [both, *args[2:]] if both in self.commands else args)
+
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the words before the command."""
         with _shortly():

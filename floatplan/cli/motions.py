@@ -62,7 +62,14 @@ def replay(
         float | None, option("HZ", "Correct in flight, so often a second: many flights, with and without.")
     ] = None,
     flights: Annotated[
-        int | None, option("N", "Number of flights: 20 with --replan, 1 of a jump.", "--flights", "--runs", min=1)
+        int | None,
+        option(
+            "N",
+            "Number of flights, each with errors of its own: 20 with --replan, else 1.",
+            "--flights",
+            "--runs",
+            min=1,
+        ),
     ] = None,
     budget: Annotated[float, option("S", "Time after which no more is flown, with --replan or of a jump, s.")] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
@@ -106,6 +113,11 @@ def replay(
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
+    if flights is not None and flights > 1:
+        if save:
+            raise InputError("keeps a single replay only", element="--save", advice="leave --runs out")
+        options = {"engine": checked, "perturb": perturb, "feedback": feedback, "step": step}
+        _fly_often(plan, json_output, flights, seed=seed, budget=budget, **options)
     kept = motion_file if save else None
     _fly_once(plan, kept, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
 
@@ -127,6 +139,17 @@ def _fly_once(plan: fp.Plan, kept: str | None, json_output: bool, *, step: float
     if kept is not None:
         plan.record.with_checks(replay=facts).save(kept)
     common.finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
+
+
+def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -> NoReturn:
+    """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
+    from floatplan.simulation.replay import replays
+
+    with progress("flying"):
+        flown = replays(plan, flights, **{name: value for name, value in options.items() if value is not None})
+    facts, ok = [each.to_dict() for each in flown], all(each.landed or each.disturbed for each in flown)
+    told = {"asked": flights, "flights": facts}
+    common.finish(told, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
 
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:

@@ -7,7 +7,7 @@ import webbrowser
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 PORT = 8080  # of the studio
 EVERY = 2.0  # [s] words about the progress
+SHARD = "Plan the K-th of N shares of the rows alone, into a folder of its own: see study merge."
 EXPORT = "Write the motion of each row too, in a format of floatplan export, with an index. Jumps are planned again."
 
 
@@ -35,6 +36,7 @@ def study(
     ] = None,
     jobs: Annotated[int | None, option("N", "Processes; as many as processors if left out.", min=1)] = None,
     output: Annotated[Path | None, option("DIR", "Where results go; else as the file says.", "--output", "-o")] = None,
+    shard: Annotated[str | None, option("K/N", SHARD)] = None,
     export: Annotated[str | None, option("NAME", EXPORT)] = None,
     rate: Annotated[float | None, option("HZ", "Of these files; left out, what suits the format.")] = None,
     model: Annotated[str | None, option("FILE", MODEL)] = None,
@@ -46,9 +48,13 @@ def study(
     Exit code 0 once every row has a status, whatever it is.
     """
     from floatplan.pool import get_ready
+    from floatplan.studies.driver import started
     from floatplan.studies.file import load_study_file
+    from floatplan.studies.study import planned_study
 
     began = time.perf_counter()
+    if export is not None and shard is not None:
+        raise InputError("is for the whole study", element="export", advice="merge the shards first")
     if export is not None:  # before hours of work
         common.check_model(export, model, load_study_file(study_file).base.robot, quiet)
     elif rate is not None or model is not None:
@@ -57,21 +63,40 @@ def study(
         if engine == "processes" and jobs != 1:
             get_ready("floatplan.studies.study")
         with progress("study", quiet, tell=True) as bar:
-            done = fp.study(
-                study_file,
-                folder=output,
-                restart=restart,
-                engine=engine,
-                scheduler=scheduler,
-                jobs=jobs,
-                progress=_teller(bar),
-            )
+            chosen = started(engine, jobs, scheduler)
+            done = planned_study(Path(study_file), output, restart, chosen, _teller(bar), shard)
         if export is not None:
             with progress("exporting", quiet) as bar:
                 done.files.append(done.export(export, rate, model=model, jobs=jobs, progress=bar.reach))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(common.FAILED) from None
+    _tell(done, began, json_output, quiet)
+
+
+def merge(
+    study_file: Annotated[str, common.argument("STUDY.toml", "A study file.")],
+    shards: Annotated[
+        list[Path] | None, typer.Argument(metavar="DIR", help="Of shards; those in the study's if left out.")
+    ] = None,
+    output: Annotated[Path | None, option("DIR", "The study's; else as the file says.", "--output", "-o")] = None,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
+) -> None:
+    """Put the rows of all shards of a study into its table, and map what was found.
+
+    Exit code 2 where a shard is missing, not done, of another study, or there twice.
+    """
+    from floatplan.studies.shards import merged
+
+    began = time.perf_counter()
+    with progress("study", quiet):
+        done = merged(Path(study_file), output, shards or [])
+    _tell(done, began, json_output, quiet)
+
+
+def _tell(done: fp.Study, began: float, json_output: bool, quiet: bool) -> NoReturn:
+    """Print what a study has found and where it is, and end."""
     if not quiet:
         for status, count in done.statuses.items():
             typer.echo(f"{count:>9} {status.replace('_', ' ')}", err=json_output)

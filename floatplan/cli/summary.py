@@ -164,6 +164,16 @@ def replay_summary(flown: fp.Replay) -> RenderableType:
     )
 
 
+def replays_summary(flown: Sequence[fp.Replay], asked: int) -> RenderableType:
+    """Return the result of ``floatplan replay --runs``, for reading."""
+    from floatplan.simulation.replay import landing_rows
+
+    told = f"{sum(each.landed for each in flown)} of {len(flown)} landed"
+    told += f", of {asked} asked for" if len(flown) < asked else ""
+    table = _table(("at landing", "median", "worst"), landing_rows(flown))
+    return Group(Text(told, "bold"), _named(flown[0].rows()[:1]), table)
+
+
 def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> RenderableType:
     """Return the result of ``floatplan takeoff``, for reading; ``disagreement`` of the ends about a free h."""
     parts: list[RenderableType] = []

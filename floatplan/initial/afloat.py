@@ -14,6 +14,7 @@ from floatplan.motion.flight import tree_dynamics
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import proved_plan
 from floatplan.planning.search import SearchOptions
+from floatplan.plans.measures import PlanWarning
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, Limits, Motion, Posture
 from floatplan.problem.problem import Problem
@@ -118,7 +119,7 @@ def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float
         proved = proved_plan(found)
         if found.gave_up or not proved.ok or proved.certificate is None or not proved.certificate.proved:
             break
-        if not proved.warnings:
+        if not warnings_in_plane(proved):
             return (problem, proved), work
         calmer = _calmer(problem, proved)
         if calmer is None:
@@ -127,10 +128,16 @@ def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float
     return None, work
 
 
+def warnings_in_plane(plan: Plan) -> list[PlanWarning]:
+    """Warnings of a plan but for that of the plane that the robot leaves, which another flight in it does not cure."""
+    return [warning for warning in plan.warnings if warning.kind != "leak"]
+
+
 def _calmer(problem: Problem, plan: Plan) -> Problem | None:
     """The problem with accelerations low enough for locked joints to hold; None where other warnings remain."""
-    shares = [w.limit / w.value for w in plan.warnings if w.kind == "holding_torque" and w.value and w.limit]
-    if len(shares) < len(plan.warnings):
+    warnings = warnings_in_plane(plan)
+    shares = [w.limit / w.value for w in warnings if w.kind == "holding_torque" and w.value and w.limit]
+    if len(shares) < len(warnings):
         return None
     acceleration = CALMER * min(shares) * float(plan.peaks.joints["acceleration"].max())
     rounded = math.radians(float(f"{math.degrees(acceleration):.2g}"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
-from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat
+from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat, warnings_in_plane
 from floatplan.initial.asked import GRAVITY, Asked, wrong
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
@@ -261,6 +261,6 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int) -> FirstFlig
         return f"{error}."
     if not flight.ok or flight.certificate is None or not flight.certificate.proved:
         return f"Its flight is not proved: {flight.explanation}"
-    if flight.warnings:
-        return flight.warnings[0].message
+    if warnings := warnings_in_plane(flight):
+        return warnings[0].message
     return FirstFlight(problem, flight, (), found)

@@ -80,7 +80,9 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     if "reference" in choices:
         lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
     if choices.get("locked"):
-        lines.append(f"locked = {_value({name: _degrees(each) for name, each in choices['locked'].items()})}")
+        places = {name: robot.locked[name] for name in choices["locked"]}
+        told = {name: _degrees(at) if robot.layout.tree.joint[name].turns else at for name, at in places.items()}
+        lines.append(f"locked = {_value(told)}")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     turning = [name for name in robot.locked if name not in sliding]
     for words, names in (("Locked", turning), ("Held, because joints that slide are not planned", sliding)):

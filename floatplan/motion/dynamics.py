@@ -267,6 +267,9 @@ class WholeMotion(Protocol):
     def forces(self, state: FlightState) -> Array:
         """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state."""
 
+    def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
+        """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Peaks(Outlined):

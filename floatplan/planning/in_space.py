@@ -15,7 +15,7 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.attempt import Attempts, Outcome, Reached
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
-from floatplan.planning.search import SearchOptions, SearchResult, expiry
+from floatplan.planning.search import DEFAULT_WORK, SearchOptions, SearchResult, expiry
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
@@ -27,24 +27,39 @@ TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists and of robots with few joints
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
-MOST_WORK = 2e8  # [instants of one body of a plane] of a search whose budget is left out: 2 to 7 s
-WORK_WITHIN_LIMITS = 1.3e8  # [-] the same where the SQP follows, of so few joints that its steps cost next to nothing
-CHEAP_JOINTS = 12  # [-] of steps of the SQP: of more, their cost, which is not counted, takes the time
+WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
-    """Try starts until so many of them are solved, or the budget, or the usual work, is used up.
+    """Search for a motion; where the given h leads to none, with h free too, to say with which there is one.
 
     Raises
     ------
     InputError
         The robot turns too fast for any motion of it to be integrated.
     """
+    if prepared.momentum.free:
+        return _tried(prepared, options, 1.0)
+    result = _tried(prepared, options, WITH_GIVEN)
+    if result.holding or result.interrupted:
+        return result
+    flight = replace(prepared.problem.flight, angular_momentum="free")
+    freed = Attempts(replace(prepared.problem, flight=flight), prepared.seed)
+    try:
+        other = _tried(freed, replace(options, starts=1), 1 - WITH_GIVEN)
+    except (InputError, KeyboardInterrupt):
+        return result
+    x = other.best.solution.x
+    return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
+
+
+def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchResult:
+    """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
     outcomes: list[Outcome] = []
-    expired, began = expiry(options.budget), prepared.model.work
-    most_work = _usual_work(prepared) if options.budget is None else np.inf
+    expired, began = expiry(options.budget and share * options.budget), prepared.model.work
+    most_work = share * DEFAULT_WORK if options.budget is None else np.inf
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:
@@ -73,12 +88,6 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
 def _is_followed(prepared: Attempts) -> bool:
     """Whether the SQP follows what lifting finds."""
     return bool(prepared.constraints) or prepared.problem.motion.objective != "coefficients"
-
-
-def _usual_work(prepared: Attempts) -> float:
-    """Work of a search whose budget is left out."""
-    more = len(prepared.problem.robot.joints) / CHEAP_JOINTS
-    return WORK_WITHIN_LIMITS / max(1.0, more) ** 1.5 if _is_followed(prepared) else MOST_WORK
 
 
 def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:

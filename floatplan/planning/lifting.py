@@ -50,6 +50,7 @@ TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first 
 CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
 LEAST_GAIN = 1e-3  # [-] of the size of the motion
 STEEPEST_START = 0.9  # [-] sine of the tilt of a path
+A_SOMERSAULT = np.pi / 2  # [rad] about the first axis: a twist beside less is made without tilt
 FINENESS = 401  # [-] instants by which a bump is integrated
 
 
@@ -94,11 +95,11 @@ class LiftedFlight:
         gaps = logarithm(targets @ np.swapaxes(turning.ends, 1, 2))
         return LiftedMotion(self, x, borders, motion, joint_map, turning, gaps)
 
-    def landing(self, cells: Cells, x: Array) -> Array:
-        """Attitude (3, 3) at landing of the motion x, in cells without gaps."""
+    def flown(self, cells: Cells, x: Array) -> Turning:
+        """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
         _, _, inertia, relative = self.momentum_along(cells, x)
         flight, h = self.flight, self.variables.angular_momentum(x)
-        return np.asarray(turn(cells, flight.duration, inertia, relative, h, flight.initial_attitude).ends[-1])
+        return turn(cells, flight.duration, inertia, relative, h, flight.initial_attitude)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +250,7 @@ def refined(motion: LiftedMotion) -> LiftedMotion | None:
             motion = close(motion.lifted.fly(fine, motion.x, borders), CLOSED_FINELY)
             if not motion.is_closed(CLOSED_FINELY):
                 return None
-            finer = motion.lifted.landing(cells(2 * count, FINE_STAGES), motion.x)
+            finer = motion.lifted.flown(cells(2 * count, FINE_STAGES), motion.x).ends[-1]
         except IntegrationError:
             return None
         if np.linalg.norm(logarithm((finer @ motion.turning.ends[-1].T)[None])) < EXACT:
@@ -281,19 +282,24 @@ def _smoothstep(x: Array) -> Array:
     return np.asarray(x**3 * (10 - 15 * x + 6 * x * x))
 
 
-def path(lifted: LiftedFlight, angular_momentum: Array, s: Array, bump: Bump) -> Array:
+def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     """Attitudes (K, 3, 3) at instants (K,) of [0, 1] of a path to the goal.
 
-    A goal that is a rotation is reached by the shortest one, evenly, or from rest to rest where there is no h. For
-    angles the body of the start posture is taken for a symmetric top: with the momentum h along the first axis, a tilt
-    by beta makes it twist at ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
+    A goal that is a rotation is reached by the shortest one, from rest to rest, where there is no h; else from the way
+    that the motion x turns the base, whose error at landing is taken away evenly. For angles the body of the start
+    posture is taken for a symmetric top: with the momentum h along the first axis, a tilt by beta makes it twist at
+    ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
     """
-    flight, even = lifted.flight, bool(angular_momentum.any())
-    steady = s if even else _smoothstep(s)
+    flight, angular_momentum = lifted.flight, lifted.variables.angular_momentum(x)
+    steady = s if angular_momentum.any() else _smoothstep(s)
     goal = flight.goal
     if goal.axes is None:
-        turn = logarithm((flight.final_attitude @ flight.initial_attitude.T)[None])[0]
-        return np.asarray(exponential(steady[:, None] * turn) @ flight.initial_attitude)
+        before, last = flight.initial_attitude[None], flight.initial_attitude
+        if angular_momentum.any():
+            flown = lifted.flown(cells(CELLS, STAGES), x)
+            before, last = flown.at(s), flown.ends[-1]
+        missed = logarithm((flight.final_attitude @ last.T)[None])
+        return np.asarray(exponential(steady[:, None] * missed) @ before)
     first, second, third = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
     start = lifted.polynomials.motion(
         lifted.polynomials.no_free_part, basis(lifted.polynomials.form).values(np.zeros(1))
@@ -306,7 +312,8 @@ def path(lifted: LiftedFlight, angular_momentum: Array, s: Array, bump: Bump) ->
     twisting = float(angular_momentum @ first) * flight.duration * (1 / along - 1 / across) * area[-1]
     handed = float(first @ np.cross(second, third))
     change = flight.change
-    sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if twisting else 0.0
+    tilts = twisting and abs(change[0]) > A_SOMERSAULT
+    sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if tilts else 0.0
     angles = np.empty((len(s), 3))
     angles[:, 0] = change[0] * steady
     angles[:, 1] = change[1] * steady + np.arcsin(sine * np.interp(s, fine, height))
@@ -314,26 +321,23 @@ def path(lifted: LiftedFlight, angular_momentum: Array, s: Array, bump: Bump) ->
     return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
 
 
-def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[LiftedMotion | None]:
-    """Yield motions to close: the one with no free part, unless it was tried already, then random ones without end.
+def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
+    """Yield motions to close: the one with no free part, then random ones without end.
 
     None for one that cannot be integrated; where nothing is free, there is but one.
     """
     rng, grid, width = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.polynomials.width
     momentum, joints = lifted.momentum, len(lifted.polynomials.free)
     borders = np.arange(CELLS) / CELLS
+    bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
     while True:
-        bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
-        if not plain:
-            bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
-            z[:, 2:] *= 0.15
-            y = rng.uniform(-0.5, 0.5, momentum.free)
-        plain = False
-        h = momentum.centre + momentum.axes @ y
         x = np.concatenate((z.ravel()[lifted.polynomials.free_indices], y))
         try:
-            yield lifted.fly(grid, x, path(lifted, h, borders, bump))
+            yield lifted.fly(grid, x, path(lifted, x, borders, bump))
         except IntegrationError:
             yield None
         if not x.size:
             return
+        bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
+        z[:, 2:] *= 0.15
+        y = rng.uniform(-0.5, 0.5, momentum.free)

@@ -31,6 +31,7 @@ LONGER = "search=True searches longer"
 # Plain problems of one robot, joint ranges and degrees: their indices (M,) among all, one of them, the numbers of some.
 _Batch: TypeAlias = tuple[IntArray, Problem, Callable[[IntArray], plain.Numbers]]
 PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.4 s
+UNSOLVED = 16  # [-] starts at a degree: no row of the studies pole and weak_motors that is solved takes more
 
 
 @one_thread
@@ -42,14 +43,16 @@ def plan_many(
     search: bool = False,
     prove: bool = False,
     seed: int = 0,
+    attempts: int = UNSOLVED,
 ) -> Plans:
     """Plan many flights.
 
     Problems without inequalities, at a given angular momentum and with the objective "coefficients", are planned in
     batches by the compiled kernel: from the plain motion, and from up to 64 random starts where that
     fails or converges slowly; fewer where several end equally far from the goal. All others have the search of
-    :func:`floatplan.plan`, each on its own, given up after a twentieth of its work where no start is solved by then.
-    The answer to a problem depends on that problem, ``starts``, ``search``, ``prove`` and ``seed`` alone.
+    :func:`floatplan.plan`, each on its own, given up after ``attempts`` starts or a twentieth of its work where none is
+    solved by then; what is proved impossible is not searched for. The answer to a problem depends on that problem,
+    ``starts``, ``search``, ``prove``, ``seed`` and ``attempts`` alone.
 
     Parameters
     ----------
@@ -66,6 +69,8 @@ def plan_many(
         Whether to prove each plan found, and to correct it where little is missing.
     seed : int
         Of the random starts.
+    attempts : int
+        Unsolved starts at a degree, after which a search tries no more there, at most 300; with ``search`` it does.
 
     Returns
     -------
@@ -77,15 +82,16 @@ def plan_many(
     InputError
         What is to be planned is no sequence of problems, or a number is none, or out of its range.
     """
-    options = SearchOptions(seed=seed, starts=starts, jobs=jobs)
+    options = SearchOptions(seed=seed, starts=starts, jobs=jobs, attempts=attempts, near_miss=False)
     search, prove = flag(search, "search"), flag(prove, "prove")
     problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
     plans = Plans.of(problems, *_shape(problems), seed)
-    whole = replace(options, jobs=1)
+    whole = replace(options, jobs=1, attempts=None)
+    brief = whole if search else replace(options, jobs=1, patience=PATIENCE)
     batches, alone = _sorted_out(problems)
     for batch in batches:
         alone += _plan_batch(plans, batch, options)
-    _finish(plans, [(index, None) for index in alone], whole if search else replace(whole, patience=PATIENCE), jobs)
+    _finish(plans, [(index, None) for index in alone], brief, jobs)
     if search:
         missed = set(np.flatnonzero(plans.status == "not_found").tolist()) - set(alone)
         _finish(plans, [(index, None) for index in sorted(missed)], whole, jobs)

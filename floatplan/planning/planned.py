@@ -101,7 +101,8 @@ def _searched(
         reasons = [*_impossible_ends(prepared), *impossibilities(prepared.problem)] if prepared.constraints else []
         for reason in reasons:
             LOG.info("impossible: %s", reason)
-        result = search(prepared, options, ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None, followed)
+        for_impossible = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 0
+        result = search(prepared, options, for_impossible if reasons else None, followed)
     return _answered(prepared, result, reasons, began)
 
 
@@ -167,7 +168,10 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
         return " ".join(sentences)
     if found.ran_out_of_time and not found.ran_out_of_patience:
         sentences.append("The search ran out of time; a larger budget may help.")
-    if not reasons and found.best.variables.coefficients:
+    if found.momentum_found is not None:
+        h = _numbers(found.momentum_found, ".6g")
+        sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
+    elif not reasons and found.best.variables.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
     return " ".join(sentences)
 
@@ -194,7 +198,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
 def _missed_turn(found: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
     missed = found.best.motion.residual[0]
-    return np.where(np.abs(missed) > ORIENTATION, missed, 0.0)
+    return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
 
 
 def _numbers(values: Array, form: str) -> str:
@@ -234,11 +238,16 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
 
 
 def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
-    """What is least violated in the nearest motion, and what to try."""
+    """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
     best, missed, sentences = found.best, _missed_turn(found), []
+    tried = found.counts["starts"]
+    if not tried:
+        return []
+    wrong = best.motion.flown.wrong_way if np.isfinite(missed).all() else ""
     if missed.any():
-        sentences.append(f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad.")
-    elif wrong := best.motion.flown.wrong_way:
+        off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
+        sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")
+    elif wrong:
         sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
     if best.worst.least < 0:
         number, row, value, s = best.worst.lowest
@@ -248,6 +257,5 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
     if not best.variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
-    tried = found.counts["starts"]
     counted = "1 start was" if tried == 1 else f"{tried} starts were"
     return [*sentences, f"{counted} tried, up to degree {max(best.variables.degrees)}."]

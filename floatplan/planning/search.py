@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
+from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
@@ -37,7 +38,8 @@ DEGREE_STEP = 2  # [-]
 HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
 SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
-AGREEING = 3  # [-] best solutions that are the same motion, where h is free: then it is taken for the best there is
+AGREEING = 2  # [-] solutions that are the same motion, where h is free: with no other it is taken for the best there is
+AGREEING_BEST = 3  # [-] of the best among others
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
 ANNOUNCED_EVERY = 1.0  # [s] words about the progress
 STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
@@ -45,12 +47,16 @@ STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solv
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Where the attempts of a search ended, in their order, and why there are no more of them."""
+    """Where the attempts of a search ended, in their order, and why there are no more of them.
+
+    Where the given h led to no plan, ``momentum_found`` (e,), kg m^2/s, is one that did.
+    """
 
     outcomes: Sequence[Outcome]
     ran_out_of_time: bool = False
     ran_out_of_patience: bool = False
     interrupted: bool = False
+    momentum_found: Array | None = None
 
     @cached_property
     def best(self) -> Outcome:
@@ -88,6 +94,9 @@ class SearchOptions(Checked):
     progress : told in a few words what the search is doing
     patience : instants of one body, how much of the usual work may be done before a start is solved; None: all of it
         Only with one process. A search that ends sooner is otherwise the same.
+    attempts : unsolved starts at a degree, after which no more are tried there; None: as many as the work allows
+        With one process too.
+    near_miss : whether a motion is searched that nearly meets a problem which is proved impossible
 
     Raises
     ------
@@ -101,6 +110,8 @@ class SearchOptions(Checked):
     jobs: int = 1
     progress: Callable[[str], None] | None = None
     patience: float | None = None
+    attempts: int | None = None
+    near_miss: bool = True
 
     checks: ClassVar[Mapping[str, Check]] = {
         "seed": SEED,
@@ -108,17 +119,18 @@ class SearchOptions(Checked):
         "budget": optional(positive(unit="s")),
         "jobs": JOBS,
         "progress": optional(function),
+        "attempts": optional(whole(Range(1, ATTEMPTS, ""))),
     }
 
 
 def search(
-    prepared: Attempts, options: SearchOptions, attempts: int | None = None, followed: Followed | None = None
+    prepared: Attempts, options: SearchOptions, most: int | None = None, followed: Followed | None = None
 ) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
-    The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
-    is known to have no solution and only a near miss is wanted. The first starts may have been followed together: of
-    these the best alone is kept. Ctrl-C ends the search with the best motion so far.
+    The budget is of seconds, or of the default work where it is None. ``most`` limits the starts, where the problem is
+    known to have no solution and at most a near miss is wanted. The first starts may have been followed together: of
+    these the best alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where there is none.
     """
     expired = expiry(options.budget)
     work = DEFAULT_WORK if options.budget is None else np.inf
@@ -128,7 +140,7 @@ def search(
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), attempts):
+        for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), most):
             outcomes.append(outcome)
             if LOG.isEnabledFor(logging.INFO):
                 LOG.info("%s", _said(prepared, outcomes))
@@ -140,9 +152,10 @@ def search(
                 break
     except KeyboardInterrupt:
         interrupted = True
-        if not outcomes:
-            outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
-    out_of_patience = allowance.is_used_up and allowance.held_back > 0
+    if not outcomes:
+        outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
+        outcomes[0].starts = int(interrupted)
+    out_of_patience = allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0)
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
 
@@ -164,11 +177,15 @@ def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
 
 @dataclass
 class Allowance:
-    """Work that the attempts of a search may do together, counted in their order; some of it once one is solved."""
+    """Work that the attempts of a search may do together, counted in their order; some of it once one is solved.
+
+    ``gave_up`` says that at the last degree as many starts as are wanted were not solved.
+    """
 
     left: float
     held_back: float = 0.0
     is_used_up: bool = False
+    gave_up: bool = False
 
     def grants(self, outcome: Outcome, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
@@ -188,9 +205,10 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         return False
     constrained = bool(prepared.constraints)
     if constrained and prepared.plain_start.variables.momentum.free:
-        values = sorted(outcomes[index].objective_value for index in solved)[:AGREEING]
-        agree = len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
-        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agree
+        values = np.sort([outcomes[index].objective_value for index in solved])
+        agreeing = int((values - values[0] <= AGREEMENT * values).sum())
+        enough = AGREEING if agreeing == len(values) else AGREEING_BEST
+        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
     quickly = outcomes[0].is_optimal and outcomes[0].solution.iterations <= EASY_ITERATIONS  # others promise little
     if quickly or len(solved) >= WANTED_AFTER_FAILURE:
         return True
@@ -247,6 +265,9 @@ def _outcomes(
                 is_first = False
                 yield outcome
                 tried.append(outcome)
+                allowance.gave_up = len(tried) == options.attempts and not any(each.holds for each in tried)
+                if allowance.gave_up:
+                    break
             nearest = _nearest(tried)
 
 

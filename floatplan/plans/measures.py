@@ -160,13 +160,10 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
 
 
 def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
-    """Links below the horizontal line on which the robot took off; without gravity there is no such line.
-
-    In space heights are not measured yet.
-    """
-    if plan.ballistics.gravity == 0 or plan.robot.in_plane is None:
+    """Links below the horizontal line on which the robot took off; without gravity there is no such line."""
+    if plan.ballistics.gravity == 0:
         return
-    takeoff = plan.problem.takeoff_frame.link
+    takeoff = plan.problem.takeoff.frame if plan.robot.in_plane is None else plan.problem.takeoff_frame.link
     try:
         plan.robot.check_shapes()
         height, instant, link = plan.least_height()
@@ -176,15 +173,17 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
         return
     jump = plan.problem.jump is not None
     if not height >= -(POINT_FEET if jump else CLEARANCE):
-        at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
+        at_takeoff = float(plan.whole.heights(np.zeros(1))[0].min())
         if at_takeoff < -CLEARANCE:
             message = (
                 f"{link} gets {-height:.3g} m below the place that {takeoff} left, at {instant:.3g} s, and something is"
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
             )
         else:
+            in_space = "; in space that is not kept yet: a higher landing, or another posture at an end, may."
+            advice = in_space if plan.robot.in_plane is None else "; ground = true keeps it above."
             message = f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s" + (
-                f": feet of jumps may be {POINT_FEET:g} m." if jump else "; ground = true keeps it above."
+                f": feet of jumps may be {POINT_FEET:g} m." if jump else advice
             )
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
 

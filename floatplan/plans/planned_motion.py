@@ -163,19 +163,12 @@ class PlannedMotion(flight.MotionInFile):
         """
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
         chosen = self.problem.obstacles if obstacles is None else obstacles
-        segments = self.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
+        if not chosen:
+            return np.full(len(instants), np.inf)
+        segments = self.in_plane.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
         return reduce(
             np.minimum, (least_distances(segments, each, instants) for each in chosen), np.full(len(instants), np.inf)
         )
-
-    @one_thread
-    def segments(self, instants: Array, hulls: bool = False) -> flight.Segments:
-        """The links' shapes at instants (N,); with the hulls for distances to the ground where asked for."""
-        positions, _, _ = self.joint_motion(instants)
-        angles = self.robot.tree.absolute_angles(self.orientation(instants), positions)
-        com = self.ballistics.positions(instants)
-        shapes = flight.LinkShapes(self.robot.tree, self.robot.shapes, self.problem.ground_shapes if hulls else ())
-        return shapes.place(com[:, 0] + 1j * com[:, 1], angles)
 
     @cached_property
     def _resolved(self) -> FlightState:
@@ -224,11 +217,9 @@ class PlannedMotion(flight.MotionInFile):
     @one_thread
     def least_height(self) -> tuple[float, float, str]:
         """Least height, m, of a link's surface over the ground's line; when, s; and which link's it is."""
-        ground = self.problem.ground_plane
-        height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
-        segments, shapes = self.segments(np.array([instant]), hulls=True), self.problem.ground_shapes
-        distances = flight.obstacle_distances(segments, ground, np.array([instant]))[0]
-        return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
+        height, instant = least_by_grids(lambda times: self.whole.heights(times)[0].min(axis=1), self.duration, ())
+        heights, links = self.whole.heights(np.array([instant]))
+        return height, instant, links[int(np.argmin(heights[0]))]
 
     @cached_property
     @one_thread

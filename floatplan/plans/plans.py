@@ -53,7 +53,7 @@ class Answer:
             **{name: plan.solver[name] for name in COUNTS},
             verdict="" if certificate is None else certificate.verdict,
             message=plan.explanation,
-            certificate=plan.record.certificate,
+            certificate=None if certificate is None else plan.record.certificate,  # a record is measured
         )
 
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:

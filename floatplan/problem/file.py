@@ -14,17 +14,17 @@ from floatplan.arguments import FINITE, by_name, in_short, made
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
-from floatplan.keys import ANGLE, Key, Keyed, json_schema, read_tables, table_of, tables
+from floatplan.keys import Key, Keyed, json_schema, read_tables, table_of, tables
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import NOT_IN_SPACE
 from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Base, Coupling, Robot
+from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
-from floatplan.tables import REST, ROBOT_KINDS, RobotKind
+from floatplan.tables import REST, ROBOT_KINDS, Base, RobotKind, Unit
 
-Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]
+Angles: TypeAlias = Annotated[Unit, Key("Unit of all angles and rates in this file")]
 Name: TypeAlias = Annotated[
     str | None, Key("Of the problem, and of the folder of its results; the file's name where left out")
 ]
@@ -58,7 +58,7 @@ class RobotRequest(Keyed):
     ] = field(default_factory=dict)
     locked: Annotated[
         Mapping[str, float],
-        Key("Joints that stay where they are, by name", f"{ANGLE}, m of those that slide", check=by_name(FINITE)),
+        Key("Joints that stay where they are, by name", "as `angles`; m of those that slide", check=by_name(FINITE)),
     ] = field(default_factory=dict)
     reference: Annotated[
         str | None,
@@ -92,7 +92,7 @@ class ProblemTables(Keyed):
     """A problem file less its ``[robot]``."""
 
     name: Name = None
-    angles: Unit = "rad"
+    angles: Angles = "rad"
     ground: Annotated[bool, Key("Whether the robot stays above the line that it takes off from")] = False
     start: Annotated[Posture, Key("Takeoff")]
     goal: Annotated[Posture, Key("Landing")]
@@ -116,7 +116,7 @@ class RobotFile(Keyed):
     """A file that names a robot, and asks nothing of it yet."""
 
     name: Name = None
-    angles: Unit = "rad"
+    angles: Angles = "rad"
     robot: Annotated[RobotRequest, Key("The robot")]
 
 
@@ -152,7 +152,7 @@ def load_problem(path: str | Path) -> Problem:
         wrong: list[InputError] = []
         refuse(_not_in_space(content))
         tables = read_tables(ProblemFile, content, wrong)
-        return _problem(tables, wrong, _robot(tables.robot, path), path.stem, text)
+        return _problem(tables, wrong, _robot(tables.robot, path, tables.angles), path.stem, text)
 
 
 def _not_in_space(content: Mapping[str, Any]) -> list[InputError]:
@@ -179,7 +179,8 @@ def load_robot(path: str | Path) -> Robot:
     if not set(content) <= set(RobotFile.keys):
         return load_problem(path).robot
     with naming(path):
-        return _robot(read_tables(RobotFile, content).robot, path)
+        tables = read_tables(RobotFile, content)
+        return _robot(tables.robot, path, tables.angles)
 
 
 def problem_from_dict(
@@ -315,12 +316,12 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
     return parsed_toml(read_text(path, LARGEST_PROBLEM, kind), path)
 
 
-def _robot(asked: RobotRequest, path: Path) -> Robot:
+def _robot(asked: RobotRequest, path: Path, angles: Unit) -> Robot:
     asked.check("robot")
     kind: RobotKind = "urdf" if asked.mjcf is None else "mjcf"
     file = asked.urdf or asked.mjcf or ""
     source = file if is_address(file) else path.parent / file
-    return robot_as_asked(source, asked.choices(), path, "robot.", kind)
+    return robot_as_asked(source, asked.choices() | {"angles": angles}, path, "robot.", kind)
 
 
 def _problem(

@@ -266,7 +266,7 @@ class Limits(Keyed):
     motor : mapping motor -> Motor
         Motors' curves, by joint; a leader's holds for followers that are not named.
     orientation_rate : float, rad/s, optional
-        Largest rate of the base; in space of each component in the base's own axes.
+        Largest rate of the base; in space the length of its angular velocity.
     acceleration : "none", one number, mapping or (n,) sequence, rad/s^2
         Largest acceleration, written as the largest rates are; a URDF knows none.
     """

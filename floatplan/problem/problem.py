@@ -114,7 +114,9 @@ class Problem(Checked):
             found = faults((*self._resolutions(), partial(check_name, self.name, "name")))
             found += resolution.flight_errors(self.robot, self.flight)
             found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
-            errors += [error for error in found if not any(field.startswith(error.element or "?") for field in fields)]
+            errors += [
+                error for error in found if not any(str(field).startswith(error.element or "?") for field in fields)
+            ]
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
@@ -306,8 +308,8 @@ class Shares:
     also: Mapping[str, Array] = field(default_factory=dict)
 
 
-def shares_of_limits(problem: Problem, tangent: int = 1) -> Iterator[Shares]:
-    """Yield what a problem's limits bound of motions whose base turns in so many directions.
+def shares_of_limits(problem: Problem) -> Iterator[Shares]:
+    """Yield what a problem's limits bound.
 
     They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates
     and accelerations, of motors that are weaker when they turn, and of the base's rate.
@@ -332,6 +334,5 @@ def shares_of_limits(problem: Problem, tangent: int = 1) -> Iterator[Shares]:
             )
             yield Shares(key, names, limit, row.unit, {row.quantity: rows[limited] / limit[:, None]}, also)
     if problem.limits.orientation_rate is not None:
-        row, limit = LIMIT_TABLE["orientation_rate"], np.full(tangent, problem.limits.orientation_rate)
-        used = {row.quantity: np.eye(tangent) / limit[:, None]}
-        yield Shares(row.key, ("orientation rate",) * tangent, limit, row.unit, used)
+        row, limit = LIMIT_TABLE["orientation_rate"], np.array([problem.limits.orientation_rate])
+        yield Shares(row.key, ("orientation rate",), limit, row.unit, {row.quantity: 1 / limit[:, None]})

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias, TypedDict, Unpack, get_args
+from typing import Any, Literal, TypedDict, Unpack, get_args
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
@@ -19,18 +19,17 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, with_motors
+from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, in_radians, with_motors
 from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
+from floatplan.robot.shapes.solids import LinkSolid, link_solids
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
-from floatplan.tables import RobotKind
-
-Base: TypeAlias = Literal["planar", "free-flyer"]
+from floatplan.tables import Base, RobotKind, Unit
 
 
 def _coupled(value: Any, element: str) -> Any:
@@ -51,6 +50,7 @@ class Choices(TypedDict, total=False):
     armature: float | Mapping[str, float] | None
     damping: float | Mapping[str, float] | None
     base: Base
+    angles: Unit
 
 
 CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arguments of whatever reads one
@@ -62,7 +62,9 @@ CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arg
     "locked": optional(by_name(FINITE)),
     "coupled": optional(_coupled),
     "base": one_of(*get_args(Base)),
+    "angles": one_of(*get_args(Unit)),
 }
+UNLESS_SAID: Mapping[str, Any] = {"base": "planar", "angles": "rad"}
 __all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
 
 
@@ -156,8 +158,9 @@ class Robot:
             Joints that the file has ``<mimic>`` a planned joint are coupled by themselves. ``"mirror"``
             couples the pairs of joints that are each other's mirror image left and right of the plane.
         locked : mapping, optional
-            Names of joints that do not move to their positions, rad (or m). All other joints that are neither planned
-            nor coupled are locked at the position within their limits that is nearest to the reference posture's.
+            Names of joints that do not move to their positions: rad, or deg if ``angles="deg"``; m of what slides. All
+            others that are neither planned nor coupled are locked at the position within their limits that is nearest
+            to the reference posture's.
         reference : str, optional
             The reference posture: the name of a state in an SRDF file beside the URDF, such as "standing". Left out:
             all zero.
@@ -210,17 +213,14 @@ class Robot:
         source = source if isinstance(source, str) else as_path(source, "source")
         path = urdf_path(source, kind)
         with naming(path):
-            choices = {
-                name: check(choices.get(name, "planar" if name == "base" else None), name)
-                for name, check in CHOICES.items()
-            }
-            plane, joints, coupled = (choices[name] for name in ("plane", "joints", "coupled"))
+            choices = {name: check(choices.get(name, UNLESS_SAID.get(name)), name) for name, check in CHOICES.items()}
+            plane, joints, coupled, reference = (choices[n] for n in ("plane", "joints", "coupled", "reference"))
             text = read_source(path, kind)
             tree = check_urdf(text.root)
             tree = replace(tree, warnings=(*text.warnings, *tree.warnings))
-            reference = choices["reference"]
             posture = None if reference is None else reference_posture(reference, tree, text)
-            choose = partial(choose_joints, tree, base=choices["base"], locked=choices["locked"], posture=posture)
+            locked = in_radians(tree, choices["locked"] or {}, choices["angles"])
+            choose = partial(choose_joints, tree, base=choices["base"], locked=locked, posture=posture)
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
                 plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
@@ -273,13 +273,7 @@ class Robot:
 
     @property
     def layout(self) -> TreeLayout:
-        """How links are gathered into bodies of the plane; refused of a robot in space, as all that follows from it.
-
-        Raises
-        ------
-        InputError
-            The robot flies in space.
-        """
+        """How links are gathered into bodies of the plane; InputError in space, as of all that follows from it."""
         if self.in_plane is None:
             raise self.not_in_plane
         return self.in_plane
@@ -391,11 +385,12 @@ class Robot:
 
         None where none of these has any; errors as of ``shapes``.
         """
-        for joint in self.layout.tree.path(link):
-            if link in self.link_hulls or joint.moves:
+        shaped = self.link_hulls if self.in_plane else {solid.link for solid in self.solids}
+        for joint in self.joint_tree.path(link):
+            if link in shaped or joint.moves:
                 break
             link = joint.parent
-        return link if link in self.link_hulls else None
+        return link if link in shaped else None
 
     def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
         """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
@@ -403,6 +398,10 @@ class Robot:
         Those of the links that stand are all corners of their hulls. What turns with one of them is exact too, and the
         bodies of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
         """
+        return self._hulls(tuple(frames), frozenset(touching))
+
+    @lru_cache(maxsize=16)  # noqa: B019 - of few robots, as many problems of one have the same
+    def _hulls(self, frames: tuple[str, ...], touching: frozenset[str]) -> tuple[LinkCapsule, ...]:
         turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
@@ -414,6 +413,13 @@ class Robot:
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
         with naming(self.path):
             return links.link_shapes(self.layout, self.path.parent, self.meshes)
+
+    @cached_property
+    @one_thread
+    def solids(self) -> tuple[LinkSolid, ...]:
+        """The links' shapes in space, each carried by a joint of ``model``; errors as of ``shapes``."""
+        with naming(self.path):
+            return link_solids(self.model, self.joint_tree, self.path.parent, self.meshes)
 
     @property
     @one_thread

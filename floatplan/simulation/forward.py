@@ -19,7 +19,7 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.model import BASE_COORDINATES, FREE_FLYER
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import planar_model
+from floatplan.simulation.mujoco_model import SpatialModel, planar_model
 from floatplan.simulation.perturbation import Drawn
 from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel
 from floatplan.stance.jump_motion import JumpMotion
@@ -149,8 +149,12 @@ class JointTorques:
         return dynamics
 
 
-def accelerations_of(engine: Engine, robot: Robot, reduced: ReducedModel, drawn: Drawn) -> Accelerations:
-    """Accelerations (3 + m,) of a perturbed robot in the plane by an engine; errors as of ``planar_model``."""
+def accelerations_of(
+    engine: Engine, robot: Robot, reduced: ReducedModel, drawn: Drawn, free: SpatialModel | None = None
+) -> Accelerations:
+    """Accelerations of a perturbed robot by an engine, in space where it is ``free``; errors as of ``planar_model``."""
+    if free is not None:
+        return free_accelerations(free)
     if engine == "pinocchio":
         return pinocchio_accelerations(drawn.perturbed(reduced.model))
     return mujoco_accelerations(*planar_model(robot, reduced, drawn.mass, drawn.inertia))
@@ -174,6 +178,32 @@ def mujoco_accelerations(model: Any, entries: Entries = slice(None)) -> Accelera
         data.qpos[entries], data.qvel[entries], data.qfrc_applied[entries] = q, v, forces
         mujoco.mj_forward(model, data)
         return np.array(data.qacc[entries])
+
+    return accelerations
+
+
+def free_accelerations(free: SpatialModel) -> Accelerations:
+    """Accelerations by MuJoCo of a robot on a free joint, in Pinocchio's coordinates: the base's are its own axes."""
+    mujoco = import_mujoco()
+    data = mujoco.MjData(free.model)
+    place, turn = (
+        slice(free.base_position, free.base_position + 3),
+        slice(free.base_position + 3, free.base_position + 7),
+    )
+    linear, angular = (
+        slice(free.base_velocity, free.base_velocity + 3),
+        slice(free.base_velocity + 3, free.base_velocity + 6),
+    )
+
+    def accelerations(q: Array, v: Array, forces: Array) -> Array:
+        quaternion = q[3:7] / np.linalg.norm(q[3:7])
+        rotation = pin.Quaternion(quaternion).matrix()
+        data.qpos[place], data.qpos[turn], data.qpos[free.positions] = q[:3], np.roll(quaternion, 1), q[7:]
+        data.qvel[linear], data.qvel[angular], data.qvel[free.velocities] = rotation @ v[:3], v[3:6], v[6:]
+        data.qfrc_applied[free.velocities] = forces[6:]
+        mujoco.mj_forward(free.model, data)
+        of_base = rotation.T @ data.qacc[linear] - np.cross(v[3:6], v[:3])
+        return np.concatenate((of_base, data.qacc[angular], data.qacc[free.velocities]))
 
     return accelerations
 

@@ -17,7 +17,7 @@ from floatplan.robot.urdf.tree import Inertial, UrdfJoint, UrdfTree, rigid_body
 from floatplan.simulation.recorded_motion import ReducedModel
 
 BASE = ("base_horizontal", "base_vertical", "base_orientation")
-LEAST = 1e-14  # [kg m^2] moment of inertia of a body that moves: MuJoCo refuses 1e-15
+LEAST = 1e-14  # [kg m^2] moment of inertia, or [kg] mass, of a body that moves: MuJoCo refuses 1e-15
 GYRATION = 1e-3  # [m] least radius of gyration of a body that is free in space, where a point or a line is given
 EDGE = 1e-9  # [-] of the largest moment: by how much less than the sum of the others it is at least
 ROUNDING = 1e-6  # [-] of the largest moment: what changes by less is not said
@@ -104,7 +104,7 @@ def compiled(robot: Robot, spec: Any) -> Any:
 def scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) -> None:
     """Scale each body by the factors of the joint that carries it; ``entries`` (1 + m,) of base and joints in qpos."""
     mujoco = import_mujoco()
-    joint_of = dict(zip(entries.tolist(), count(BASE_COORDINATES)))
+    joint_of = dict(zip(entries.tolist(), count(len(mass) - len(entries))))
     for body in range(1, model.nbody):
         last = int(model.body_jntadr[body] + model.body_jntnum[body] - 1)
         joint = joint_of[int(model.jnt_qposadr[last])]
@@ -166,8 +166,9 @@ def inertial_spec(
     """
     mujoco = import_mujoco()
     spec, kinds = mujoco.MjSpec(), mujoco.mjtJoint
-    base, plane = spec.worldbody.add_body(), robot.plane
+    base = spec.worldbody.add_body()
     if in_plane:
+        plane = robot.plane
         for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
             base.add_joint(name=name, type=kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE, axis=axis)
     else:
@@ -184,6 +185,7 @@ def inertial_spec(
     for name, parts in _parts(tree, carried).items():
         body = bodies[name]
         body.mass, body.ipos, inertia = rigid_body(parts)
+        body.mass = body.mass if in_plane else max(body.mass, LEAST)  # between the joints of a shoulder there is none
         if in_plane:
             normal = placements[name].rotation.T @ plane.normal
             inertia = normal @ inertia @ normal * np.eye(3)

@@ -7,7 +7,8 @@ alone. The base is free, each joint that moves gets its own torque, and locked j
 
 import math
 import time as clock
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation import forward
 from floatplan.simulation.forward import MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
-from floatplan.simulation.mujoco_model import balanced_in_words
+from floatplan.simulation.mujoco_model import balanced_in_words, spatial_model
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
@@ -75,7 +76,9 @@ class Replay:
         Of fixed steps; None where the engine chooses its own.
     seconds : time that the replay took
     spatial : SpatialLanding, optional
-        The engine "mujoco" also flies the robot with its base free in space: how far it rolls and yaws.
+        Of a plan in a plane the engine "mujoco" also flies the robot with its base free: how far it rolls and yaws.
+    balanced : bodies whose inertia no body can have, so that MuJoCo refuses it, by first link
+        The largest change of a principal moment, kg m^2.
     """
 
     engine: Engine
@@ -90,6 +93,7 @@ class Replay:
     step: float | None
     seconds: float
     spatial: SpatialLanding | None = None
+    balanced: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def landed(self) -> bool:
@@ -128,8 +132,8 @@ class Replay:
             gains = f", {held} joint{'s' if held > 1 else ''} held by gains" if held else ""
             turned = f"roll {math.degrees(landing.roll):+.3g} deg, yaw {math.degrees(landing.yaw):+.3g} deg"
             rows.append(("in space", f"{turned}; in the plane off by {short(off)} rad{gains}"))
-            if landing.balanced:
-                rows.append(("inertias", balanced_in_words(landing.balanced)))
+        if self.balanced:
+            rows.append(("inertias", balanced_in_words(self.balanced)))
         return rows
 
     def to_dict(self) -> dict[str, Any]:
@@ -160,14 +164,15 @@ def replay(
         Left out, the plan's; of a record, the one that it names.
     engine : "pinocchio" or "mujoco"
         The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
-        accelerations and one of order 4 at fixed steps, in the plane and, beside that, free in space.
+        accelerations, on a free joint, by the same method; of a plan in a plane by one of order 4 at fixed steps, in
+        the plane and, beside that, free in space.
     perturb : str or Perturbation
         Relative errors of the angular momentum at takeoff, of masses, of torques: ``"h=1%,mass=2%,torque=1%"``.
         Nothing is measured here: noise and delay are for :func:`floatplan.closed_loop`.
     feedback : float, optional
         Bandwidth, rad/s, of joint feedback that tracks the plan; left out, torques are applied open loop.
     step : float
-        s, of MuJoCo's steps at most.
+        s, of these fixed steps at most.
     seed : int
         Of the coins that make each error one up or down.
 
@@ -184,9 +189,8 @@ def replay(
     seed = SEED(seed, "seed")
     record, file, own = recorded(plan)
     robot = own if robot is None else made(Robot)(robot, "robot")
-    if engine == "mujoco" and record.in_space:
-        raise InputError("is not yet for flights in space", element="engine", advice="use the engine pinocchio")
-    if engine == "mujoco" and record.duration / step > MOST_STEPS:
+    in_steps = engine == "mujoco" and not record.in_space
+    if in_steps and record.duration / step > MOST_STEPS:
         raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
         robot = recorded_robot(record.robot, file)
@@ -197,10 +201,13 @@ def replay(
     motion = recorded_motion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
     control = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
-    accelerations = forward.accelerations_of(engine, robot, reduced, drawn)
+    free = None
+    if record.in_space and engine == "mujoco":
+        free = spatial_model(robot, reduced, drawn.mass, drawn.inertia)
+    accelerations = forward.accelerations_of(engine, robot, reduced, drawn, free)
     dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations)
     times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
-    if engine == "pinocchio":
+    if not in_steps:
         tolerance = forward.LOOSE if perturbation.any else forward.TIGHT
         flown = forward.fly_finely(dynamics, takeoff, times, tolerance, motion.moved_at)
     else:
@@ -219,10 +226,30 @@ def replay(
         growth=growth,
         perturbation=perturbation,
         feedback=feedback,
-        step=None if engine == "pinocchio" else step,
+        step=step if in_steps else None,
         seconds=clock.perf_counter() - began,
         spatial=spatial,
+        balanced=getattr(free or spatial, "balanced", {}),
     )
+
+
+def replays(plan: Recorded, flights: int, seed: int, budget: float, **options: Any) -> list[Replay]:
+    """Fly a plan so many times, each with the next seed; none begins after ``budget`` seconds; see :func:`replay`."""
+    began, flown = clock.perf_counter(), list[Replay]()
+    while len(flown) < flights and (not flown or clock.perf_counter() - began < budget):
+        flown.append(replay(plan, seed=seed + len(flown), **options))
+    return flown
+
+
+def landing_rows(flown: Sequence[Replay]) -> list[tuple[str, str, str]]:
+    """Return rows of (what is off at landing, its median, the worst) of many replays, for reading."""
+    joints = [each.position_error.max(initial=0.0) for each in flown]
+    off = (
+        ("orientation", np.degrees([each.orientation_error for each in flown]), "deg"),
+        ("joints", np.degrees(joints), "deg"),
+        ("CM", np.array([1e3 * each.com_error for each in flown]), "mm"),
+    )
+    return [(name, f"{np.median(each):.3g} {unit}", f"{each.max():.3g} {unit}") for name, each, unit in off]
 
 
 def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:

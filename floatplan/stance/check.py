@@ -43,7 +43,7 @@ class Figure(NamedTuple):
         return self.limit(request) if callable(self.limit) else self.limit
 
 
-SHARES = ("torque", "torque_speed", "velocity")  # figures that are shares of limits
+SHARES = ("torque", "torque_speed", "velocity", "held_torque")  # figures that are shares of limits
 FIGURES = {
     "residual": Figure("forces are out of balance by {:.2g} of the weight", 1e-3),
     "torque": Figure("torques take {:.0%} of their limits", lambda request: request.margin["torque"]),
@@ -146,11 +146,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     standing = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(standing) - stance.ground
     yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * height]).max()
-    yield from ((name, shares.max()) for name, shares in limit_shares(problem, state).items())
+    yield from ((name, shares.max(initial=0.0)) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
-    locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
-    efforts = np.where(model.effortLimit > 0, model.effortLimit, np.inf)
-    yield "held_torque", (np.abs(torques[:, locked]) / efforts[locked]).max(initial=0.0)
     joints, (low, high) = state.planned(robot)[1:].T, np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
@@ -160,12 +157,18 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
 
 
 def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
-    """Shares of limits at N instants, by ``SHARES``: (N, motors) of torque and torque-speed curve, (N, n) of rates."""
-    robot = problem.robot
+    """Shares of limits at N instants, by ``SHARES``.
+
+    (N, motors) of torque and torque-speed curve, (N, n) of rates, (N, locked) of the efforts of joints that are held.
+    """
+    robot, model = problem.robot, problem.robot.model
+    locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
+    efforts = np.where(model.effortLimit > 0, model.effortLimit, np.inf)[locked]
     motors, rates = np.abs(state.torques @ robot.transmission), state.velocities @ np.linalg.pinv(robot.selection).T
     slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     found = motors / problem.motor_torque_limits, (motors + slowed) / problem.motor_stall
-    return dict(zip(SHARES, (*found, np.abs(rates) / problem.velocity_limits), strict=True))
+    held = np.abs(state.torques[:, locked]) / efforts
+    return dict(zip(SHARES, (*found, np.abs(rates) / problem.velocity_limits, held), strict=True))
 
 
 def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:

@@ -98,23 +98,24 @@ class StanceDynamics:
         return np.asarray(a - np.linalg.lstsq(ways, value[:, 0], rcond=None)[0])
 
     def shared(self, grid: Grid, friction: float) -> Array:
-        """Ratios (others, G) with which the anchor's force is in the cone too: the other takes the rest.
+        """Ratios (others, G) with which forces of both are in the cone of ``friction``, or in the least that they need.
 
         The ends of a sole take the same.
         """
         if len(grid.ratios) != 1:
             return grid.ratios
-        ratio, motion = grid.ratios, grid.motion
+        motion, light = grid.motion, FALLING * self.model.robot.mass
         horizontal, vertical = (np.asarray(each) for each in self.total(*motion))
+        same = horizontal / np.maximum(vertical, light)
         if self.phase.others[0].vertical:
-            return np.asarray(horizontal / np.maximum(vertical, FALLING * self.model.robot.mass))
+            return np.asarray(same)
+        cone = np.maximum(friction, np.abs(same))
+        ratio = np.clip(grid.ratios, -cone, cone)
         none, one = (self.moment(*motion, np.vstack((part * ratio, part + 0 * ratio))) for part in (0.0, 1.0))
         other = -np.asarray(none) / np.asarray(one - none)
-        own = vertical - other
-        most = friction * np.maximum(own, 0.0)
+        most = cone * np.maximum(vertical - other, 0.0)
         taken = np.clip(horizontal - ratio * other, -most, most)
-        light = other < FALLING * self.model.robot.mass
-        return np.where(light, ratio, (horizontal - taken) / np.where(light, 1.0, other))
+        return np.where(other < light, ratio, (horizontal - taken) / np.maximum(other, light))
 
     def _closed(self, motion: Array) -> Iterator[Array]:
         """Closure (N, c, 1), its derivative (N, c, n+1), and (N, c, 1) its second one by time without accelerations."""

@@ -41,7 +41,7 @@ def solved(first: JumpProgram, guess: Array, known: JumpProgram | None = None) -
             break
         before = first.resampled(solution, first.phases)
         wider = program.separation.wider(first.node, first.motion(before), missing)
-        strained = program.node.strained((solution.y, solution.v, solution.a), solution.forces)
+        strained = program.node.strained((solution.y, solution.v, solution.a), solution.forces, solution.factor)
         if not wider and not strained:
             break
         held, tried = (*program.node.held, *strained), list[tuple[JumpProgram, Solution]]()

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from floatplan.arguments import SEED, made, one_of, optional, whole
+from floatplan.arguments import SEED, TRIES, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
@@ -24,20 +24,18 @@ from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
-from floatplan.stance.program import SMOOTH, JumpProgram, Solution
+from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
-from floatplan.tables import RELATIVE, Range
+from floatplan.tables import RELATIVE
 
 STARTS = 3
 ITERATIONS = 130  # of IPOPT, of each program
-MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
-KEENER = 0.1  # [-] of the usual weight of squared torques, from the second start on, which begins as the first
-SHORTER, DRAWN = 0.8, (0.3, 1.3)  # [-] of the usual durations; and of these, each at random
+LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
-WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
+WORDS = dict(zip(SHARES, ("torque of {}", "torque-speed curve of {}", "{}'s rate", "torque of {}, held"), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Launch:
     ----------
     ok : whether one was found within the limits, and holds at 2 kHz
     ratio : largest share of its limits that a torque or rate takes, at least; infinite where none was found
-    limit : "torque", "torque_speed" or "velocity": which share that is; "" where there is none
+    limit : of the figures ``torque``, ``torque_speed``, ``velocity`` and ``held_torque`` the one; "" where none is
     joint : the motor whose share it is; "" where there is none
     sentences : for a person
     figures : as of :class:`floatplan.stance.check.JumpCheck`
@@ -108,7 +106,7 @@ def launch(
     plan = given_plan(plan)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or JumpRequest()
     end = one_of("takeoff", "landing")(end, "end")
-    seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
+    seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
     margins = replace(request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0)
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
@@ -121,19 +119,19 @@ def launch(
         return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
-    answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
-    weights = SMOOTH, KEENER * SMOOTH
-    programs = [partial(setup.program, iterations=ITERATIONS, smooth=each) for each in weights]
-    firsts = [program(ROOM) for program in programs]
+    answers = list[Launch]()
+    program = partial(setup.program, iterations=ITERATIONS)
+    first = program(ROOM)
     for start in range(starts):
-        program, first = programs[min(start, 1)], firsts[min(start, 1)]
-        rng = np.random.default_rng((seed, start)) if start > 1 else None
-        solution = solved(first, plainest(first, met, v, rng))
+        drawn = np.random.default_rng((seed, start)).uniform(*DRAWN, len(first.phases) - 1)
+        guess = plainest(first, met, v, drawn if start >= len(LASTS) else LASTS[start])
+        solution = solved(first, guess)
         if solution[1].converged:
-            found = corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end))
-            answer = min(answer, found, key=lambda each: (not each.ok, bool(each.broken), each.ratio))
-        if answer.ok:
-            break
+            answers.append(corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end)))
+            if answers[-1].ok:
+                break
+    none = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
+    answer = min(answers, key=lambda each: (not each.ok, bool(each.broken), each.ratio), default=none)
     return replace(answer, sentences=(*answer.sentences, told))
 
 
@@ -188,12 +186,12 @@ def _answer(
     rest = {name: value for name, value in figures.items() if name not in SHARES}
     broken = [", ".join(words) for words in judged(request, rest)[0]]
     named = WORDS[limit].format(joint)
-    if ratio <= 1 and not broken:
-        first = f"reachable, with {1 - ratio:.0%} to spare ({named})" if ratio > 0 else "reachable; nothing is limited"
+    if ratio > 1:
+        first = f"no stance was found within the limits (least factor {ratio:.2f}, {named})"
     elif broken:
         first = "no stance was found that holds between the program's nodes"
     else:
-        first = f"no stance was found within the limits (least factor {ratio:.2f}, {named})"
+        first = f"reachable, with {1 - ratio:.0%} to spare ({named})" if ratio > 0 else "reachable; nothing is limited"
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
     mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")}  # by more nodes
@@ -227,7 +225,7 @@ def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Lau
     return rates[0], Launch(False, ratio, "velocity", joint, (sentence,), {}, impossible=True)
 
 
-def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Generator | None = None) -> Array:
+def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float) -> Array:
     """Return a guess (size,) of the program of one side, whose motion is a quintic from rest to the flight.
 
     Legs that stand follow from where their feet are; forces are those that balance the moments.
@@ -235,12 +233,11 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
     Parameters
     ----------
     met : where the flight is met, with rates ``v`` (n+1,) rad/s
-    rng : draws other durations
+    shares : of the usual durations, of all phases or, inwards to the flight, of each
     """
     takes_off, way = met.node == 0, 1 if met.node == 0 else -1
     home, plain = program.ends[0 if takes_off else 1], program.split(program.guess())
     stances = [index for index, phase in enumerate(program.phases) if phase.contacts][::way]
-    shares = SHORTER * (1.0 if rng is None else rng.uniform(*DRAWN, len(stances)))
     plain[-3][stances, 0] *= shares
     times = instants(program.phases, plain[-3].ravel())
     inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
@@ -271,5 +268,6 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, rng: np.random.Genera
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
     """The motor whose share of a limit is the largest at the stances' instants."""
     shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
-    names = plan.robot.joints if limit == "velocity" else plan.robot.motors
+    held, robot = list(plan.robot.locked), plan.robot
+    names = {"velocity": robot.joints, "held_torque": held}.get(limit, robot.motors)
     return names[int(np.concatenate(shares).max(axis=0).argmax())]

@@ -7,7 +7,7 @@ from time import process_time
 
 import numpy as np
 
-from floatplan.arguments import SEED, made, optional, whole
+from floatplan.arguments import SEED, TRIES, made, optional
 from floatplan.errors import InputError, naming
 from floatplan.kernel.layout import kernel
 from floatplan.pool import one_thread
@@ -23,14 +23,12 @@ from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
-from floatplan.tables import Range
 
 ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
 MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
-MOST_STARTS = Range(1, 1000, "")
 
 
 @one_thread
@@ -79,7 +77,7 @@ def jump(
     asked: JumpRequest = optional(made(JumpRequest))(request, "request") or problem.jump or JumpRequest()
     if asked is not problem.jump:
         problem = replace(problem, jump=asked)
-    seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
+    seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
     say = progress or (lambda _: None)
     with naming(file):
         setup = jump_setup(problem, asked)

@@ -46,7 +46,7 @@ CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at 
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
-SMOOTH, STEADY = 0.1, 0.01  # [-] of squared torques, beside the factor; of such steps, beside these
+SMOOTH, STEADY = 0.03, 1e-3  # [-] of squared torques, beside the factor; of such steps, beside these
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
@@ -102,7 +102,6 @@ class JumpProgram:
     momentum : kg m^2/s, where it is given
     limits : whether the factor on limits is least, instead of squared torques
     iterations : of IPOPT at most
-    smooth : weight of squared torques beside the factor
     """
 
     def __init__(
@@ -113,14 +112,13 @@ class JumpProgram:
         momentum: float | None = None,
         limits: bool = False,
         iterations: int = ITERATIONS,
-        smooth: float = SMOOTH,
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations, self._smooth = limits, iterations, smooth
+        self._limits, self._iterations = limits, iterations
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -220,7 +218,7 @@ class JumpProgram:
         apart = self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         total += 0.0 if self._limits else ca.dot(ca.DM(unsteady(self.phases)), durations)
         cost = total / unit + (STEADY if self._limits else ROUGHNESS) * rough
-        cost = factor + self._smooth * cost if self._limits else cost
+        cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
 

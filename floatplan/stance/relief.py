@@ -18,12 +18,13 @@ from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import FIGURES
 from floatplan.stance.model import casadi
-from floatplan.stance.program import SMOOTH, JumpProgram, Solution
+from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import CLEAR
 
 KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
 NARROW = 0.05  # [-] of its middle is half of a range at least
 LIGHT = 0.05  # [-] of the weight is the friction that gives at least
+SMOOTH = 0.1  # [-] of the program's cost, beside what gives
 FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
 NEARLY = 1e-3  # [-] what is off without counting
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150}

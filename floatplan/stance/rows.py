@@ -55,7 +55,7 @@ class Bounds:
 class Rows:
     """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes.
 
-    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that, but for efforts.
+    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
     """
 
     factor: Any = None
@@ -78,8 +78,7 @@ class Rows:
         self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
 
     def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
-        limited = (low == -1.0) & (high == 1.0) & [not label.startswith(EFFORT) for label in labels]
-        shares = [] if self.factor is None else np.flatnonzero(limited).tolist()
+        shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
         if shares:
             own = values[shares]
             values[shares], low[shares], high[shares] = self.factor - own, 0.0, np.inf
@@ -284,17 +283,18 @@ class NodeRows:
 
     def _held_rows(self, contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of joints that are held over their efforts."""
-        names, most = [name for name in self.held if name != CLEAR], self.bounds.held
-        shares = self._holding.shares(names, contacts, forces)
-        return [(shares[row], -most, most, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
+        names = [name for name in self.held if name != CLEAR]
+        shares = self._holding.shares(names, contacts, forces) / self.bounds.held
+        return [(shares[row], -1.0, 1.0, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
 
-    def strained(self, motion: Sequence[Array], forces: Sequence[Array]) -> tuple[str, ...]:
+    def strained(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
         """What is beyond its bounds at nodes, but no row yet: torques of held joints, of left and right the one; CLEAR.
 
         Parameters
         ----------
         motion : y, v, a (n+1, K+1)
         forces : of each phase (2 others, nodes) N
+        factor : on the bounds of torques
         """
         names, spots = [name for name in self._holding.efforts if name not in self.held], self.watched.spots
         found, least = dict[tuple[float, ...], str](), self.least[: len(spots)] - BEYOND
@@ -312,7 +312,7 @@ class NodeRows:
                 function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
                 shares.append(np.abs(np.asarray(function(*nodes, given))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if row.max() > self.bounds.held + BEYOND:
+            if row.max() > factor * self.bounds.held + BEYOND:
                 found.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(found.values())
 

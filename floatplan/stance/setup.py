@@ -29,7 +29,7 @@ from floatplan.stance.contacts import (
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
-from floatplan.stance.program import ITERATIONS, SMOOTH, JumpProgram, Solution
+from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
@@ -39,7 +39,7 @@ NEAR = 0.1  # [rad] by which a posture that is given may be moved so that it is 
 CORRECTIONS = 2  # [-] programs after the first
 FINER = 1.4  # [-] times the nodes in each
 LESS_FRICTION = 0.85  # [-] where forces leave the cone
-STRICTER = 0.97  # [-] beyond what a figure shows
+STRICTER, DEEPER = 0.97, 1.5  # [-] beyond what a figure shows: shares of limits, and depths
 BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
 
@@ -76,7 +76,7 @@ class Room:
         velocity, friction = share("velocity", self.velocity), share("friction", self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        clear = self.clear + max(0.0, -figures.get("ground", 0.0))
+        clear = self.clear + DEEPER * max(0.0, -figures.get("ground", 0.0))
         apart = self.apart - min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         more = {"finer": FINER * self.finer, "clear": clear, "apart": apart}
         return replace(self, torque=torque, velocity=velocity, friction=friction, **more)
@@ -169,12 +169,12 @@ class Setup:
         known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
         return NodeRows(model, phases, watched, bounds, self.standing, known)
 
-    def program(self, room: Room, iterations: int = ITERATIONS, smooth: float = SMOOTH) -> JumpProgram:
+    def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
         parts = problem.obstacles, problem.self_clearances, problem.takeoff.place_in_plane, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
-        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations, smooth)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
 
 
 def inside(ranges: Array, room: float) -> Array:

@@ -1,6 +1,6 @@
 """Hands out the rows of a study in chunks of about a second, and keeps each as soon as it is done.
 
-Chunks are planned by this process, a pool of processes, or the machines of a dask cluster.
+Chunks are planned by this process, a pool of processes, the machines of a dask cluster, or any other executor.
 """
 
 import logging
@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Any
 
+from floatplan.arguments import optional
 from floatplan.compiled.batch import is_plain_family
 from floatplan.errors import FloatplanError, InputError, import_optional
-from floatplan.planning.search import MOST_JOBS
+from floatplan.planning.search import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder
@@ -30,6 +32,7 @@ PATIENCE = 30  # [s] for a scheduler to answer
 ENGINES = ("processes", "dask")
 LOADED = ("floatplan.studies.study",)  # before a process begins
 BROKEN = "no process can be started: see above; in a script, plan below \"if __name__ == '__main__':\", or with jobs=1"
+ENDED = "takes no more tasks; what is done stays, and the same call with another goes on from there"
 DIED = "The system ended the process that planned this row: it crashed, or memory ran out."
 
 
@@ -69,26 +72,32 @@ def processors() -> int:
 
 
 @contextmanager
-def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engine]:
+def started(engine: str, jobs: int | None, scheduler: str | None, executor: Executor | None = None) -> Iterator[Engine]:
     """Offer an engine as long as it lasts.
 
     Parameters
     ----------
-    name : "processes" or "dask"
+    engine : "processes" or "dask"
     jobs : processes; None for as many as there are processors that this one may use
     scheduler : address of dask's; None for a cluster on this machine
+    executor : in the place of an engine; what ends it is looked for in a process of this machine
 
     Raises
     ------
     InputError
         There is no such engine, or it cannot be started.
     """
-    if name not in ENGINES:
-        raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {name!r}", element="engine")
-    if scheduler is not None and name != "dask":
+    if engine not in ENGINES:
+        raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {engine!r}", element="engine")
+    if scheduler is not None and engine != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
-    count = processors() if jobs is None else jobs
-    if name == "dask":
+    count = optional(JOBS)(jobs, "jobs") or processors()
+    if executor is not None:
+        if engine != "processes" or not isinstance(executor, Executor):
+            reason = "must be a concurrent.futures.Executor, without an engine beside it"
+            raise InputError(reason, element="executor")
+        yield Engine(lambda: _taking(executor, ENDED), lambda: AHEAD * count, lambda: processes(1, LOADED))
+    elif engine == "dask":
         with _client(count, scheduler) as client:
             cluster = nullcontext(client.get_executor(pure=False))  # which outlives its workers
             yield Engine(lambda: cluster, lambda: AHEAD * max(sum(client.nthreads().values()), 1), lambda: cluster)
@@ -101,12 +110,18 @@ def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engi
 @contextmanager
 def _pool(count: int) -> Iterator[Executor]:
     """Processes of this machine, which end with this one."""
-    with processes(count, LOADED) as executor:
-        try:
-            executor.submit(os.getpid).result()  # else those that cannot even begin would be begun for ever
-        except BrokenExecutor:
-            raise FloatplanError(BROKEN) from None
+    with processes(count, LOADED) as executor, _taking(executor, BROKEN):
         yield executor
+
+
+@contextmanager
+def _taking(executor: Executor, otherwise: str) -> Iterator[Executor]:
+    """An executor that takes tasks: one that cannot even begin would be begun for ever."""
+    try:
+        executor.submit(os.getpid).result()
+    except RuntimeError:  # it is broken, or was shut down
+        raise FloatplanError(otherwise) from None
+    yield executor
 
 
 @contextmanager
@@ -139,10 +154,8 @@ class Progress:
 
     def __str__(self) -> str:
         """As it is shown."""
-        left = round(self.left)
-        minutes = f"{left // 60} min {left % 60} s" if left < 3600 else f"{left // 3600} h {left % 3600 // 60} min"
-        shown = f"{left} s" if left < 60 else minutes
-        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {shown} left"
+        left = timedelta(seconds=round(self.left))
+        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {left} left"
 
 
 class StudyRun:
@@ -175,7 +188,7 @@ class StudyRun:
                     chunk = self._next(waiting, places)
                     try:
                         running[self._submit(executor, chunk)] = chunk
-                    except BrokenExecutor:
+                    except RuntimeError:  # it is broken, or was shut down
                         lost.append(chunk)
                 finished, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in finished:
@@ -208,7 +221,8 @@ class StudyRun:
         self._size = max(min(wanted, GROWTH * rows, MOST_IN_CHUNK), self._least)
         if self._progress:
             rate, left = self._done / max(time.monotonic() - self._began, 1e-9), self._missing - self._done
-            self._progress(Progress(len(self._study) - left, len(self._study), rate, left / rate))
+            total = self._folder.rows[1] - self._folder.rows[0]
+            self._progress(Progress(total - left, total, rate, left / rate))
 
     def _alone(self, chunk: Range) -> None:
         """Plan a chunk whose process died, halved until the row is found that ends it."""
@@ -227,7 +241,9 @@ class StudyRun:
 
 
 def _is_lost(future: Future[PlannedChunk]) -> bool:
-    """Whether a chunk's process died; any other error is no row's, and is raised."""
+    """Whether a chunk's process died, or its executor let go of it; any other error is no row's, and is raised."""
+    if future.cancelled():
+        return True
     error = future.exception()
     if error is None:
         return False

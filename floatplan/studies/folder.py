@@ -1,11 +1,14 @@
 """The folder of a study and its table: chunks written whole, resumed, merged into one table; one run at a time."""
 
+from __future__ import annotations
+
 import contextlib
 import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,7 @@ from floatplan.errors import InputError, import_optional
 from floatplan.files import read_json, read_regular, write_atomically
 
 FORMAT = "floatplan.study/1"
-STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"
+STUDY, RESULTS, CHUNKS, SHARDS, LOCK = "study.json", "results.parquet", "chunks", "shards", ".lock"
 MAPS = ("map.png", "map.svg", "map.html")
 LARGEST_CHUNK = 1_000_000_000  # [bytes]
 LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
@@ -28,12 +31,38 @@ WORDS = ("status", "explanation", "verdict")  # columns
 Range = tuple[int, int]
 
 
-class StudyFolder:
-    """Where the rows of a study are kept, ``count`` of them when it is done."""
+@dataclass(frozen=True)
+class Shard:
+    """The ``number``-th, from 1, of ``count`` equal shares of a study's rows, which follow each other."""
 
-    def __init__(self, path: Path, count: int) -> None:
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        """As it is asked for."""
+        return f"{self.number}/{self.count}"
+
+    def rows(self, total: int) -> Range:
+        """Its rows of so many."""
+        return total * (self.number - 1) // self.count, total * self.number // self.count
+
+    @classmethod
+    def asked(cls, words: str, total: int) -> Shard:
+        """Read "3/64" about a study of so many rows; each shard has one at least."""
+        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
+        shard = cls(int(found[1]), int(found[2])) if found else cls(0, 0)
+        if not 1 <= shard.number <= shard.count <= total:
+            reason = f"must be the number of a shard and how many there are, such as 3/64, not {words!r}"
+            raise InputError(reason, element="shard", advice=f"{total} rows make 1/1 to {total}/{total}")
+        return shard
+
+
+class StudyFolder:
+    """Where some rows of a study are kept, from the first to the one before the last, or all of them."""
+
+    def __init__(self, path: Path, rows: Range) -> None:
         self.path = path
-        self._count = count
+        self.rows = rows
 
     @property
     def results(self) -> Path:
@@ -74,18 +103,19 @@ class StudyFolder:
             made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
             for path in [*(path for path, _ in self._chunks()), *made]:
                 path.unlink(missing_ok=True)
-        known = self._digest()
+        known = self.record()
         if known is None:
             if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
                 raise InputError("holds results of no known study", source=self.path, advice=ADVICE)
             record = {"format": FORMAT, "hash": digest, **facts}
             write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
-        elif known != digest:
+        elif known.get("hash") != digest:
             raise InputError(
                 "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
             )
 
-    def _digest(self) -> str | None:
+    def record(self) -> dict[str, Any] | None:
+        """What it says of its study, nothing where that is spoiled; None where there is no record."""
         path = self.path / STUDY
         if not path.exists():
             return None
@@ -93,8 +123,7 @@ class StudyFolder:
             content = read_json(path, LARGEST_STUDY_RECORD, "a study's record")
         except InputError as error:
             raise InputError(error.reason, source=path, advice=ADVICE) from None
-        digest = content.get("hash") if isinstance(content, dict) else None
-        return digest if isinstance(digest, str) else ""
+        return content if isinstance(content, dict) else {}
 
     def _chunks(self) -> list[tuple[Path, Range]]:
         """Files of chunks by their names, in the order of their rows."""
@@ -115,21 +144,25 @@ class StudyFolder:
 
         Chunks are removed that cannot be read, or that do not hold their rows: ``are_in`` says so of a table.
         """
-        gaps, reached = [], 0
+        gaps, reached = [], self.rows[0]
         for path, (first, stop) in self._chunks():
-            if first < reached or stop > self._count or not _holds(path, first, stop, are_in):
+            if first < reached or stop > self.rows[1] or not _holds(path, first, stop, are_in):
                 with naming_the_folder(path):
                     path.unlink(missing_ok=True)
                 continue
             if first > reached:
                 gaps.append((reached, first))
             reached = stop
-        return [*gaps, (reached, self._count)] if reached < self._count else gaps
+        return [*gaps, (reached, self.rows[1])] if reached < self.rows[1] else gaps
+
+    def table(self) -> Any:
+        """All chunks as one table."""
+        pa, _ = arrow()
+        return pa.concat_tables([_read(path) for path, _ in self._chunks()])
 
     def merge(self) -> Any:
         """Put all chunks into one table, write it, and return it."""
-        pa, _ = arrow()
-        table = pa.concat_tables([_read(path) for path, _ in self._chunks()])
+        table = self.table()
         with naming_the_folder(self.path):
             write_atomically(self.results, written(table))
         return table

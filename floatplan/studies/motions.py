@@ -26,15 +26,15 @@ from floatplan.studies.file import StudyFile
 from floatplan.studies.rows import row_seed
 
 FORMAT, INDEX = "floatplan.motions/1", "index.json"
-LARGEST_INDEX = 50_000_000  # [bytes]
+LARGEST_INDEX = 500_000_000  # [bytes]
 LARGEST_MOTION = 1_000_000_000  # [bytes]
-EVERY = 5.0  # [s] the index is written
+EVERY, RARELY = 5.0, 20  # [s] the index is written; or where that takes long, in times of what it takes
 
 Row = Mapping[str, Any]  # of a study's table
 
 
-def row_plan(study: StudyFile, row: Row) -> Plan:
-    """Return a row's plan, rebuilt and proved; errors as of :meth:`floatplan.studies.study.Study.plan`."""
+def row_plan(study: StudyFile, row: Row, prove: bool = True) -> Plan:
+    """Return a row's plan, rebuilt, and proved; errors as of :meth:`floatplan.studies.study.Study.plan`."""
     index = row["index"]
     family, seed = study.family(index, index + 1), row_seed(study.samples.seed, index)
     if row["coefficients"] is None:
@@ -50,7 +50,7 @@ def row_plan(study: StudyFile, row: Row) -> Plan:
         message="" if row["explanation"] == GOAL_MET else row["explanation"],
     )
     plan = answer.plan(family[0], study.samples.seed if is_plain_family(family) else seed)
-    return judged(plan, certify(plan)) if solved else plan
+    return judged(plan, certify(plan)) if solved and prove else plan
 
 
 def row_jump(study: StudyFile, index: int) -> Jump:
@@ -76,16 +76,17 @@ def write_motions(
         if int(path.stem) not in done and path.is_file():
             path.unlink()
     waiting, given = [(row,) for row in rows if row["index"] not in done], (study, folder, name, options)
-    written = time.monotonic()
+    written, took = time.monotonic(), 0.0
     try:
         with processes(jobs, (__name__,), _writer, *given) if min(jobs, len(waiting)) > 1 else nullcontext() as pool:
             for entry in in_order(pool, waiting, _writer(*given)):
                 done |= {entry["row"]: entry} if entry else {}
                 if progress is not None:
                     progress(len(done), len(rows))
-                if time.monotonic() - written > EVERY:
+                if (began := time.monotonic()) - written > max(EVERY, RARELY * took):
                     _write_index(index, about, done)
                     written = time.monotonic()
+                    took = written - began
     finally:
         _write_index(index, about, done)
     return index
@@ -96,11 +97,12 @@ def _writer(study: StudyFile, folder: Path, name: str, options: Mapping[str, Any
 
     def write(row: Row) -> dict[str, Any] | None:
         index = row["index"]
-        motion = row_jump(study, index) if study.plan.jump else row_plan(study, row)
+        known = row["verdict"] if study.plan.prove and not study.plan.jump else ""
+        motion = row_jump(study, index) if study.plan.jump else row_plan(study, row, not known)
         flight = motion.flight if isinstance(motion, Jump) else motion
         if not motion.ok or flight is None:
             return None
-        verdict = (flight.certificate or certify(flight)).verdict
+        verdict = known or (flight.certificate or certify(flight)).verdict
         try:
             path = motion.export(path=folder / name.format(index), **options)
         except InputError as error:

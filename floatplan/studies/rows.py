@@ -145,7 +145,7 @@ def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
         plans = plan_many(problem, seed=seed, **study.plan.effort)
         answer = plans.answer(0)
         if plans.ok[0]:
-            plan = plans[0]
+            plan = replace(answer, certificate=None).plan(problem[0], seed)
             peaks, use = plan.peaks, largest_use(plan.utilisation)
             measured = {
                 "objective": answer.objective,

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_orig
 from floatplan.arguments import LARGEST_SEED
 from floatplan.errors import InputError
 from floatplan.keys import Key, Keyed, entry_of, in_files, json_schema
+from floatplan.planning.attempt import ATTEMPTS
+from floatplan.planning.many import UNSOLVED
 from floatplan.planning.search import MOST_SOLVED
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Flight, Limits, Motion, Posture, SelfClearance
@@ -39,13 +41,16 @@ class PlanTable(Keyed):
         int, Key("Solved starts to choose the best from; of jumps, starts at most", numbers=Range(1, MOST_SOLVED, ""))
     ] = 1
     prove: Annotated[bool, Key("Whether to prove each plan")] = False
+    attempts: Annotated[
+        int, Key("Unsolved starts at a degree, after which a row is given up", numbers=Range(1, ATTEMPTS, ""))
+    ] = UNSOLVED
     search: Annotated[bool, Key("Whether to search longer, up to 10 s, for rows that are not solved soon")] = False
     jump: Annotated[bool, Key("Whether rows are whole jumps, in the place of their flights alone")] = False
 
     @property
     def effort(self) -> dict[str, Any]:
         """What :func:`floatplan.plan_many` is told."""
-        return {"starts": self.starts, "prove": self.prove, "search": self.search}
+        return {name: getattr(self, name) for name in ("starts", "prove", "attempts", "search")}
 
 
 @dataclass(frozen=True)

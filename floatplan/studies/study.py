@@ -6,6 +6,8 @@ import platform
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import version
@@ -23,9 +25,9 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.plans import SOLVED
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
-from floatplan.studies.driver import Progress, StudyRun, processors, started
+from floatplan.studies.driver import Engine, Progress, StudyRun, processors, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
-from floatplan.studies.folder import StudyFolder, arrow, naming_the_folder, words
+from floatplan.studies.folder import SHARDS, Shard, StudyFolder, arrow, naming_the_folder, words
 from floatplan.studies.motions import row_jump, row_plan, write_motions
 from floatplan.studies.rows import row_check
 from floatplan.tables import Range
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_MOTIONS = 10_000  # of a study, as files
+MOST_MOTIONS = 100_000  # of a study, as files
 
 
 class Study:
@@ -55,10 +57,10 @@ class Study:
         self._file = file
         self.folder = folder.path
         self.table = table
-        self.files = [folder.results]
+        self.files = [folder.results] if folder.results.exists() else []
 
     def __len__(self) -> int:
-        return len(self._file)
+        return len(self.table)
 
     def __repr__(self) -> str:
         """Where it is, how many rows it has by status, what varies, and what was found."""
@@ -165,7 +167,7 @@ class Study:
         if len(solved) > MOST_MOTIONS:
             raise InputError(f"{len(solved)} rows hold a motion, more than {MOST_MOTIONS}", element="export")
         count, progress = optional(JOBS)(jobs, "jobs") or processors(), optional(function)(progress, "progress")
-        with StudyFolder(self.folder, len(self)).locked():
+        with StudyFolder(self.folder, (0, len(self))).locked():
             return write_motions(self._file, solved.to_pylist(), self.folder / form, options, count, progress)
 
     def _row(self, index: int) -> int:
@@ -174,7 +176,7 @@ class Study:
         return int(whole(Range(-count, count - 1, ""))(index, "index")) % count
 
 
-def _facts(file: StudyFile) -> dict[str, Any]:
+def facts(file: StudyFile) -> dict[str, Any]:
     """What a folder says of its study, beside the hash."""
     others = {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "pyarrow", "pin")}}
     return {
@@ -196,6 +198,7 @@ def study(
     scheduler: str | None = None,
     jobs: int | None = None,
     progress: Callable[[Progress], None] | None = None,
+    executor: Executor | None = None,
 ) -> Study:
     """Run a study, or go on with one: the rows that its folder has are not planned again.
 
@@ -212,9 +215,11 @@ def study(
         Address of dask's scheduler; left out, a cluster on this machine.
     jobs : int, optional
         Processes, as many as processors where left out; 1 is this one. In a script, more need
-        ``if __name__ == "__main__":``.
+        ``if __name__ == "__main__":``. Of an executor, how many tasks it does at a time.
     progress : callable, optional
         Told how far it is after each chunk.
+    executor : concurrent.futures.Executor, optional
+        What plans the rows, in the place of an engine: of processes, of threads, of a cluster. It is not shut down.
 
     Returns
     -------
@@ -224,25 +229,51 @@ def study(
     ------
     InputError
         The study file, its problem or the folder is wrong; or pyarrow, or dask, is not installed.
+    FloatplanError
+        No process can be started, or the executor takes no more; the same call goes on from there.
     """
-    given, scheduler = optional(as_path)(folder, "folder"), optional(text)(scheduler, "scheduler")
-    jobs, progress = optional(JOBS)(jobs, "jobs"), optional(function)(progress, "progress")
-    restart, engine = flag(restart, "restart"), text(engine, "engine")
+    chosen = started(text(engine, "engine"), jobs, optional(text)(scheduler, "scheduler"), executor)
+    given, progress = optional(as_path)(folder, "folder"), optional(function)(progress, "progress")
+    return planned_study(as_path(path, "path"), given, flag(restart, "restart"), chosen, progress)
+
+
+def asked(path: Path) -> StudyFile:
+    """Read a study file, and see that what it needs is installed."""
     arrow()
-    file = load_study_file(as_path(path, "path"))
+    file = load_study_file(path)
     if file.plan.jump:
         casadi()
-    place = StudyFolder(given or file.folder, len(file))
+    return file
+
+
+def planned_study(
+    path: Path,
+    folder: Path | None,
+    restart: bool,
+    engine: AbstractContextManager[Engine],
+    progress: Callable[[Progress], None] | None,
+    shard: str | None = None,
+) -> Study:
+    """Plan the rows that a study's folder lacks, or those of a shard, such as "3/64", in a folder of its own.
+
+    Of a shard the table has its rows, and no file; all else is as of :func:`study`.
+    """
+    file = asked(path)
+    which = Shard(1, 1) if shard is None else Shard.asked(shard, len(file))
+    of_shard = {} if shard is None else {"shard": [which.number, which.count]}
+    whole = folder or file.folder
+    part = whole / SHARDS / f"{which.number}-of-{which.count}" if of_shard else whole
+    place = StudyFolder(part, which.rows(len(file)))
     with place.locked():
-        place.open(file.digest(), _facts(file), restart)
+        place.open(file.digest(), facts(file) | of_shard, restart)
         gaps = place.missing(row_check(file))
-        if file.map:  # while others plan
+        if file.map and not of_shard:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:
-            with started(engine, jobs, scheduler) as chosen:
+            with engine as chosen:
                 StudyRun(file, place, chosen, progress).fill(gaps)
-        done = Study(file, place, place.merge())
-        if file.map:
+        done = Study(file, place, place.table() if of_shard else place.merge())
+        if file.map and not of_shard:
             from floatplan.studies import maps
 
             with naming_the_folder(place.path):

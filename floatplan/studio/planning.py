@@ -102,16 +102,18 @@ class Worker:
             return Failure(f"the process that plans cannot be started: {Failure.of(error).words}")
         return unpacked(answer, self._robot)
 
-    def stop(self) -> None:
-        """End the process, whatever it does; from any thread."""
+    def stop(self) -> threading.Thread:
+        """Let go of the process, whatever it does, from any thread; return the one that waits for its end."""
         with self._lock:
             running, self._running, self._executor = self._running, contextlib.ExitStack(), None
-        running.close()
+        ending = threading.Thread(target=running.close)  # a hundred milliseconds where processors are busy
+        ending.start()
+        return ending
 
     def close(self) -> None:
         """Stop for good."""
         self._closed = True
-        self.stop()
+        self.stop().join()
 
     def _started(self) -> Any:
         with self._lock:

@@ -72,9 +72,9 @@ class Stage:
         scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(placed))
         self.flier = scene.RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
-            self.flier.add_capsules(self._shapes)
+            self.flier.add_solids()
         self.kept = scene.RobotNodes(server, "/kept", self._robot)
-        self.kept.add_capsules(self._shapes, KEPT, 0.4)
+        self.kept.add_solids(KEPT, 0.4)
         self.kept.root.visible = False
         self.grips: dict[str, dict[int, Any]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
@@ -118,7 +118,7 @@ class Stage:
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
         ghost, jump = scene.RobotNodes(self._server, f"/{end}", self._robot), self._session.view.problem.jump
         ghost.root.visible = jump is None or end in jump.fixed  # else a guess
-        parts = ghost.add_capsules(self._shapes, colour, GHOST)
+        parts = ghost.add_solids(colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *grips.items()]:
             self._on_drag(node, f"{end} {part}", partial(self.turn, end, part))

@@ -9,68 +9,17 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import robot_size
+from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
 ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
+MOMENTS = ("least", "middle", "largest")
 INTERVAL = "h of monotonic joints"  # what (9) holds
 NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
-
-
-@dataclass(frozen=True, eq=False)
-class SampledPlan:
-    """A plan or jump, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
-
-    Those of joint, motor or obstacle i end in ``.i``. A jump has those of :meth:`JumpView.columns` too.
-    """
-
-    plan: Shown
-    state: FlightState
-    columns: dict[str, Array]
-
-    @classmethod
-    def of(cls, plan: Shown, times: Array, beside: Shown | None = None) -> SampledPlan:
-        """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``.
-
-        Raises
-        ------
-        InputError
-            The robot flies in space, which is not drawn yet.
-        """
-        if plan.robot.in_plane is None:
-            raise plan.robot.not_in_plane
-        state, beside = plan.at(times), beside or plan
-        inertia = plan.dynamics.momentum_map(state.positions)
-        of_base = inertia[:, 0] * state.orientation_rate
-        columns = {
-            "orientation": state.orientation,
-            **{row.base: getattr(state, row.base) for row in JOINT_LIMITS if row.base},
-            "com_x": state.com_position[:, 0],
-            "com_y": state.com_position[:, 1],
-            "momentum_base": of_base,
-            "momentum_joints": state.angular_momentum - of_base,
-            "angular_momentum": state.angular_momentum,
-        }
-        columns |= {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
-        for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
-            columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
-        torques = dict(zip(plan.robot.motors, state.motor_torques.T, strict=True))
-        motors = enumerate(beside.robot.motors)
-        columns |= {f"motor_torques.{index}": torques[name] for index, name in motors if name in torques}
-        for index, obstacle in enumerate(beside.problem.obstacles):
-            columns[f"clearance.{index}"] = plan.clearances(times, [obstacle])
-        if isinstance(plan, JumpView):
-            columns |= plan.columns(times)
-        return cls(plan, state, columns)
-
-    @property
-    def times(self) -> Array:
-        """Instants (N,) of the curves, s."""
-        return self.state.times
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,20 +125,25 @@ class Chart:
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
 
-    Curves of another plan may be drawn beside them. A jump has what stands, forces, shares of limits and the height of
-    the centre of mass in the place of momentum and inertia.
+    Curves of another plan may be drawn beside them. In space shares of limits are told too. A jump has what stands,
+    forces, shares of limits and the height of the centre of mass in the place of momentum and inertia.
     """
     plan = sampled.plan
     joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
-    ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
-    keys = ["orientation", *(f"positions.{joint}" for joint in joints)]
+    states, keys = (plan.problem.initial, plan.problem.final), [f"positions.{joint}" for joint in joints]
+    if flies_in_space(plan):
+        ends = [tuple(state.positions) for state in states]
+    else:
+        ends, keys = [(state.orientation, *state.positions) for state in states], ["orientation", *keys]
     angles = _of_parts(plan, keys, ends=list(zip(*ends, strict=True)))
     drawn = [
         Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
         *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()),
         Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
     ]
-    if isinstance(plan, JumpView):
+    if flies_in_space(plan):
+        drawn = [_attitude(plan), *drawn, *_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
+    elif isinstance(plan, JumpView):
         drawn = [*_of_jump(sampled, plan), *drawn]
     else:
         inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
@@ -232,6 +186,44 @@ def _shares(
     signed = [(name, colour, side * end) for name, (colour, end) in ends.items() for side in (1.0, -1.0)]
     lines = [ReferenceLine(name, colour, np.array(value)) for name, colour, value in signed]
     return Chart(name, title, "%", [Panel(title.lower(), shares, fixed=lines)], factor=100)
+
+
+def _attitude(plan: Plan) -> Chart:
+    """Angles of the base, with whole turns; where the problem gives two quaternions yaw, pitch and roll."""
+    axes, names = attitude_axes(plan.problem)
+    states = (plan.problem.initial, plan.problem.final)
+    ends = np.array([np.zeros(3) if state.attitude is None else state.attitude.angles_about(axes) for state in states])
+    curves = [
+        Curve(f"{name} {axis}", f"orientation.{index}", OKABE_ITO[index], 0, ends=(float(start), float(goal)))
+        for index, (name, axis, start, goal) in enumerate(zip(names, axes, *ends, strict=True))
+    ]
+    return Chart("orientation", "Orientation", "deg", [Panel("angle", curves)], 180 / np.pi, of_each=False)
+
+
+def _momentum_in_space(plan: Plan) -> list[Chart]:
+    """What base and joints have of h, along it, and how the robot's inertia changes."""
+    curves = [
+        Curve("base", "momentum_base", OKABE_ITO[0]),
+        Curve("joints", "momentum_joints", OKABE_ITO[1]),
+        Curve("h", "momentum", INK),
+    ]
+    moments = [Curve(name, f"inertia.{index}", OKABE_ITO[index]) for index, name in enumerate(MOMENTS)]
+    panel, inertia = Panel("momentum", curves), Panel("inertia", moments)
+    return [
+        Chart("momentum", "Angular momentum along h", "kg m²/s", [panel], of_each=False),
+        Chart("inertia", "Principal moments of inertia", "kg m²", [inertia], of_each=False),
+    ]
+
+
+def _shares_in_space(sampled: SampledPlan, plan: Plan) -> list[Chart]:
+    """What is used of limits, asked for or the file's."""
+    limits, robot = limits_in_use(plan), plan.robot
+    rates = _of_parts(plan, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    drawn = [
+        _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits["torque"]),
+        _shares("rate_use", "Rate over limit", rates, robot.motors, limits["velocity"]),
+    ]
+    return [chart for chart in drawn if chart.curves]
 
 
 def largest(values: Array) -> float:

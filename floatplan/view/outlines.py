@@ -1,30 +1,41 @@
 """Where the robot, ground and obstacles of a flight or a jump are, as outlines that pictures and pages draw.
 
-Places in the plane are complex, horizontal + i vertical, m.
+Places in the plane are complex, horizontal + i vertical, m; of flights in space, as a camera sees them.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.solids import CAMERA, drawn_solids, face_normals
+from floatplan.view.style import round_below
+
+if TYPE_CHECKING:
+    from floatplan.motion.spatial.bodies import BodyPoses
 
 ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of a circle
-LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
 REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
 MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
 LEAST_RADIUS = 0.4  # [-] of the former
+LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
 STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
 FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] along the path
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
 SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper is drawn without ground
+FLOOR_SAMPLES = 33
 WIDE = 1e3  # [m] half-planes end outside every picture
+LIGHT = np.array([-0.35, 0.75, 0.56])  # where it comes from: to the right, upwards, towards who looks
 PAD = 0.04  # [-] room around what a picture must hold, in sizes of its box
 
 
@@ -36,24 +47,44 @@ class Postures:
     ----------
     times : (K,) s
     com : (K,) complex, m
-    start, end : (K, S) complex, m
-        Ends of the links' capsules.
+    corners : (K, S, k) complex, m
+        Of the links' shapes, convex and grown by a radius: both ends of capsules; the last as often as it takes.
     radius : (S,) m
         As drawn: a link that has none gets one.
     part : (S,) int
-        Colour of each capsule: 0 for the base, i + 1 for what joint i moves.
+        Colour of each shape: 0 for the base, i + 1 for what joint i moves.
     takeoff, landing : (K,) complex, m
         Places of the frames that take off and land.
+    depth : (K, S, k) m, optional
+        Of the corners, towards who looks.
+    faces : for each shape its triangles (f, 3), corners by their numbers
     """
 
     times: Array
     com: ComplexArray
-    start: ComplexArray
-    end: ComplexArray
+    corners: ComplexArray
     radius: Array
     part: IntArray
     takeoff: ComplexArray
     landing: ComplexArray
+    depth: Array | None = None
+    faces: Sequence[IntArray] = ()
+
+    def painted(self, index: int) -> list[tuple[int, list[tuple[ComplexArray, float]]]]:
+        """Shapes at an instant in the order in which they are painted, what is behind first, each with its seen faces.
+
+        Faces are their corners (3,), m, and how much light falls on them, 0 to 1.
+        """
+        if self.depth is None:
+            return [(shape, []) for shape in range(len(self.radius))]
+        corners, found = self.corners[index], []
+        places = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
+        for shape in np.argsort(self.depth[index].mean(axis=1), kind="stable").tolist():
+            normals = face_normals(places[shape], self.faces[shape])
+            seen = normals[:, 2] > 0
+            lights = np.clip(normals[seen] @ LIGHT, 0.0, 1.0).tolist()
+            found.append((shape, list(zip(corners[shape][self.faces[shape][seen]], lights, strict=True))))
+        return found
 
     @property
     def low(self) -> ComplexArray:
@@ -66,18 +97,22 @@ class Postures:
         return self._corner(np.maximum, 1.0)
 
     def _corner(self, extreme: np.ufunc, side: float) -> ComplexArray:
-        ends = (self.start.real, self.end.real), (self.start.imag, self.end.imag)
-        across, up = (extreme.reduce(extreme(*pair) + side * self.radius, axis=1) for pair in ends)
+        grown = side * self.radius[:, None]
+        across, up = (extreme.reduce(each + grown, axis=(1, 2)) for each in (self.corners.real, self.corners.imag))
         return np.asarray(across + 1j * up)
 
     def outlines(self, index: int) -> list[ComplexArray]:
-        """Closed outlines (points,) of the capsules at instant ``index``, m."""
-        ends = zip(self.start[index].tolist(), self.end[index].tolist(), self.radius.tolist(), strict=True)
-        return [stadium(start, end, radius) for start, end, radius in ends]
+        """Closed outlines (points,) of the shapes at instant ``index``, m."""
+        if self.depth is not None:
+            return [convex_hull(corners) for corners in self.corners[index]]
+        shapes = zip(self.corners[index], self.radius.tolist(), strict=True)
+        return [stadium(complex(start), complex(end), radius) for (start, end), radius in shapes]
 
 
 def postures(plan: Shown, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
+    if isinstance(plan, Plan) and plan.robot.in_plane is None:
+        return seen_robot(plan.problem, times, bodies(plan, times), com_path(plan, times))
     return placed_robot(plan.problem, times, *coordinates(plan, times))
 
 
@@ -92,6 +127,9 @@ def coordinates(plan: Shown, times: Array) -> tuple[Array, Array, ComplexArray]:
 def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
     """Return the robot in a given posture, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
+    if isinstance(plan, Plan) and plan.robot.in_plane is None:
+        whole: Any = plan.whole
+        return seen_robot(plan.problem, times, whole.posture(state, time), com_path(plan, times))
     orientation, com = np.array([state.orientation]), com_path(plan, times)
     return placed_robot(plan.problem, times, orientation, state.positions[None], com)
 
@@ -102,15 +140,42 @@ def placed_robot(problem: Problem, times: Array, orientation: Array, positions: 
     poses, bodies = body_poses(robot, orientation, positions, com), [shape.body for shape in robot.shapes]
     ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]
     takeoff, landing = poses.points(*map(list, zip(*ends, strict=True))).T
+    sides = [poses.points(bodies, [getattr(shape, end) for shape in robot.shapes]) for end in ("start", "end")]
     return Postures(
         times=times,
         com=com,
-        start=poses.points(bodies, [shape.start for shape in robot.shapes]),
-        end=poses.points(bodies, [shape.end for shape in robot.shapes]),
+        corners=np.stack(sides, axis=2),
         radius=drawn_radius(problem),
         part=drawn_part(robot),
         takeoff=takeoff,
         landing=landing,
+    )
+
+
+def bodies(plan: Plan, times: Array) -> BodyPoses:
+    """Where the bodies of a robot in space are at times (K,), s."""
+    whole: Any = plan.whole
+    poses: BodyPoses = whole.bodies(times)
+    return poses
+
+
+def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArray) -> Postures:
+    """Return a problem's robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m."""
+    robot, solids = problem.robot, drawn_solids(problem.robot)
+    most = max(len(solid.points) for solid in solids)
+    points = [np.pad(solid.points, ((0, most - len(solid.points)), (0, 0)), "edge") for solid in solids]
+    placed = np.stack([poses.points(solid.body, local) for solid, local in zip(solids, points, strict=True)], axis=1)
+    takeoff, landing = (CAMERA(poses.frame(robot, end.frame)) for end in (problem.takeoff, problem.landing))
+    return Postures(
+        times=times,
+        com=com,
+        corners=CAMERA(placed),
+        radius=np.zeros(len(solids)),
+        part=np.array([solid.part for solid in solids]),
+        takeoff=takeoff,
+        landing=landing,
+        depth=placed @ CAMERA.toward,
+        faces=[solid.faces for solid in solids],
     )
 
 
@@ -144,10 +209,47 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
     return Poses(places=com[:, None] + rotations @ origins.T, angles=angles, rotations=rotations)
 
 
+def turns(plan: Plan, times: Array) -> Array:
+    """Angles (K - 1, m), rad, by which the bodies turn from one of the times (K,), s, to the next."""
+    if plan.robot.in_plane is None:
+        rotations = bodies(plan, times).rotations
+        traces = np.einsum("kmab,kmab->km", rotations[1:], rotations[:-1])
+        return np.asarray(np.arccos(np.clip((traces - 1) / 2, -1.0, 1.0)))
+    return np.asarray(np.abs(np.diff(body_poses(plan.robot, *coordinates(plan, times)).angles, axis=0)))
+
+
+def ball(plan: Plan) -> tuple[Array, float]:
+    """Return a place (3,) and a radius, m, that hold a flight in space."""
+    state = plan.at(np.linspace(0.0, plan.duration, FLOOR_SAMPLES))
+    size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
+    low, high = state.com_position.min(axis=0) - size, state.com_position.max(axis=0) + size
+    return (low + high) / 2, float((high - low).max()) / 2
+
+
+def floor(plan: Plan) -> list[Array]:
+    """Lines (2, 3), m, of a grid on the ground that a flight in space leaves, where it stands on it at takeoff."""
+    poses, solids = bodies(plan, np.linspace(0.0, plan.duration, FLOOR_SAMPLES)), drawn_solids(plan.robot)
+    placed = np.concatenate([poses.points(solid.body, solid.points) for solid in solids], axis=1)
+    low, high, level = placed.min(axis=(0, 1)), placed.max(axis=(0, 1)), float(placed[0, :, 2].min())
+    size = float((high - low).max())
+    stands = poses.frame(plan.robot, plan.problem.takeoff.frame)[0, 2] <= level + 2 * STANDING * size
+    if plan.ballistics.gravity == 0 or not stands or low[2] < level - SINKING * size:
+        return []
+    step = round_below(size / 4)
+    low, high = step * (np.floor(low / step) - 0.5), step * (np.ceil(high / step) + 0.5)
+    lines = []
+    for along, across in ((0, 1), (1, 0)):
+        for place in np.arange(low[across] + step / 2, high[across], step):
+            ends = np.full((2, 3), level)
+            ends[:, across], ends[:, along] = place, (low[along], high[along])
+            lines.append(ends)
+    return lines
+
+
 def com_path(plan: Shown, times: Array) -> ComplexArray:
     """Places (K,) of the centre of mass at times (K,), m."""
     places = plan.at(times).com_position if isinstance(plan, JumpView) else plan.ballistics.positions(times)
-    return np.asarray(places @ [1, 1j])
+    return CAMERA(places) if plan.robot.in_plane is None else np.asarray(places @ [1, 1j])
 
 
 def robot_size(plan: Shown) -> float:
@@ -218,6 +320,8 @@ def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
     list of (height, low, high)
         m; the ground is drawn below the box between the corners.
     """
+    if placed.depth is not None:
+        return []
     low, high = placed.low, placed.high
     size = float(np.abs(high - low).max())
     slack = STANDING * size + float(placed.radius.min())

@@ -31,7 +31,7 @@ def planned(floatplan: Command, path: Path) -> fp.Plan:
     plan = fp.load_plan("result/plan.json")
     assert plan.certificate is not None
     assert plan.certificate.proved
-    assert plan.warnings == ()
+    assert {warning.kind for warning in plan.warnings} <= {"leak"}  # an arm leaves its plane
     return plan
 
 

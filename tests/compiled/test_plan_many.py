@@ -232,10 +232,17 @@ def test_constraints_have_the_whole_search_and_stay_in_their_place(gymnast_probl
     assert plans.objective[1] == pytest.approx(fp.plan(hard).objective_value, rel=1e-9)
     assert not plans[2].ok
     assert "impossible" in plans[2].explanation
+    assert plans.starts[2] == 0, "nothing is tried"
+    assert "tried" not in plans[2].explanation
     family = fp.plan_many(fp.Family(hard, {"obstacles.0.center.0": [hard.obstacles[0].center[0], 50.0]}))
     far = replace(hard, obstacles=(dataclasses.replace(hard.obstacles[0], center=(50.0, 3.342)),))
     expected = [fp.plan(problem).objective_value for problem in (hard, far)]
     np.testing.assert_allclose(family.objective, expected, rtol=1e-9)
+
+
+def test_what_plans_say_is_not_measured_unless_they_are_proved(root, monkeypatch):
+    monkeypatch.setattr(fp.Plan, "record", property(lambda _: pytest.fail("measured")))
+    assert fp.plan_many([root / "problems" / "torque_limited.toml"]).ok.all()
 
 
 def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monkeypatch):
@@ -248,6 +255,17 @@ def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monk
     whole = fp.plan_many([high_jump], search=True)
     assert whole.status.tolist() == ["optimal"]
     assert whole.evaluations[0] > brief.evaluations[0]
+
+
+def test_unsolved_starts_are_as_many_as_asked_for(root):
+    problem = fp.load_problem(root / "problems" / "obstacle.toml")
+    blocked = replace(problem, obstacles=(replace(problem.obstacles[0], center=(1.165, 3.07)),))
+    given_up = [fp.plan_many([blocked], attempts=count) for count in (1, 2)]
+    assert [plans.starts[0] for plans in given_up] == [1, 2]
+    assert all("search=True" in plans.messages[0] for plans in given_up)
+    for wrong in (0, 301, 1.5):
+        with pytest.raises(fp.InputError, match="attempts"):
+            fp.plan_many([blocked], attempts=wrong)
 
 
 def test_what_is_not_found_is_searched_for(gymnast_problem):

@@ -19,11 +19,15 @@ from floatplan.motion.spatial.attitude import IntegrationError, cells, moved, tu
 from floatplan.motion.spatial.flight import SpatialFlight, left_jacobian_inverse, spatial_dynamics
 from floatplan.motion.spatial.momentum import suggested_momentum
 from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm, of_angles, unwrapped_angles
-from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
+from floatplan.planning.transcription.constraints import constraints
+from floatplan.planning.transcription.program import FlightProgram, objective
+from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.tables import OBJECTIVE_TABLE
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 DURATION = 0.8
+LEVEL = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +133,7 @@ def drawn_motion(diver, seed):
     return FlightModel(flight), variables, 0.3 * rng.normal(size=variables.size)
 
 
-@pytest.mark.parametrize("quantity", ["residual", "attitude", "rate", "torques", "motor_torques"])
+@pytest.mark.parametrize("quantity", ["residual", "attitude", "rate", *QUANTITIES])
 def test_derivatives_are_those_of_differences(diver, quantity):
     model, variables, x = drawn_motion(diver, 11)
     sampling = sample_also(model.nodes(4, variables.polynomials.form), np.array([0.0, 0.37, 1.0]))
@@ -137,22 +141,55 @@ def test_derivatives_are_those_of_differences(diver, quantity):
     present = motion.flown.attitude
 
     def value(x):
-        flown = trajectory(model, variables, sampling, x).flown
+        moved = trajectory(model, variables, sampling, x)
         if quantity == "attitude":
-            return logarithm(flown.attitude @ np.swapaxes(present, 1, 2))
-        return flown.residual[0] if quantity == "residual" else getattr(flown, quantity)
+            return logarithm(moved.flown.attitude @ np.swapaxes(present, 1, 2))
+        if quantity in QUANTITIES:
+            return QUANTITIES[quantity].values(moved)
+        return moved.flown.residual[0] if quantity == "residual" else moved.flown.rate
 
-    computed = {
-        "residual": lambda: motion.residual_jacobian,
-        "attitude": lambda: motion.attitude_jacobian,
-        "rate": lambda: motion.jacobian(motion.differentiable.rate_partials),
-        "torques": lambda: motion.jacobian(motion.differentiable.torque_partials),
-        "motor_torques": lambda: motion.jacobian(motion.differentiable.motor_torque_partials),
-    }[quantity]()
+    if quantity in QUANTITIES:
+        computed = QUANTITIES[quantity].jacobian(motion)
+    elif quantity == "rate":
+        computed = motion.jacobian(motion.differentiable.rate_partials)
+    else:
+        computed = motion.residual_jacobian if quantity == "residual" else motion.attitude_jacobian
     chosen = [0, 7, 13, variables.size - 2, variables.size - 1]
     steps = 1e-6 * np.eye(variables.size)[chosen]
     differences = np.stack([(value(x + step) - value(x - step)) / 2e-6 for step in steps], axis=-1)
     assert np.abs(differences - computed[..., chosen]).max() < 3e-6 * np.abs(computed).max()
+
+
+@pytest.mark.parametrize("name", OBJECTIVE_TABLE)
+def test_objectives_and_rows_of_every_limit_change_as_differences_say(diver, name):
+    model, variables, x = drawn_motion(diver, 4)
+    of_motor = {"left_flexion": fp.Motor(stall=300.0, slope=8.0)}
+    limits = fp.Limits(velocity=20.0, acceleration=900.0, torque=250.0, motor=of_motor, orientation_rate=9.0)
+    level = fp.Posture(LEVEL, diver.position_limits.mean(axis=1))
+    asked = fp.Problem(diver, level, level, fp.Flight(DURATION, (1.0, 9.0, 2.0)), fp.Motion(objective=name), limits)
+    nodes = model.nodes(2, variables.polynomials.form)
+    watched = sample_also(nodes, np.array([0.0, 0.41, 1.0]))
+    aim = objective(asked, model, variables, nodes)
+    rows = constraints(asked, model)
+    assert {each.labels[0].split(" of ")[0] for each in rows} == {
+        "torque",
+        "velocity",
+        "acceleration",
+        "speed-dependent torque",
+        "orientation rate",
+    }
+    program = FlightProgram(model, variables, watched, aim, rows)
+
+    def value(x):
+        it = program.evaluate(x)
+        return np.concatenate(([it.objective], it.equality, it.inequality))
+
+    it = program.evaluate(x)
+    computed = np.concatenate((it.gradient[None], it.equality_jacobian, it.inequality_jacobian))
+    chosen = [1, 8, variables.size - 1]
+    steps = 1e-6 * np.eye(variables.size)[chosen]
+    differences = np.stack([(value(x + step) - value(x - step)) / 2e-6 for step in steps], axis=-1)
+    assert np.abs(differences - computed[:, chosen]).max() < 3e-6 * np.abs(computed).max()
 
 
 def test_the_logarithm_changes_as_its_derivative_says():
@@ -218,6 +255,26 @@ def test_what_is_suggested_turns_the_plain_motion_to_the_goal(diver):
     assert plain.objective_value < 1e-9
     assert plain.angular_momentum == pytest.approx(h)
     assert abs(h[1]) > 50 * np.hypot(h[0], h[2])
+
+
+def test_for_a_twist_alone_the_momentum_along_its_axis_is_suggested(diver):
+    posture = diver.position_limits.mean(axis=1)
+    start, goal = (fp.Attitude(angles=(0.2, 0.3, c), axes="yxz") for c in (0.5, 0.5 - 4 * math.pi))
+    problem = fp.Problem(diver, fp.Posture(start, posture), fp.Posture(goal, posture), fp.Flight(1.2, "suggested"))
+    plan = fp.plan(problem)
+    assert plan.ok
+    along = of_angles("yxz", np.array([[0.2, 0.3, 0.0]]))[0][:, 2]
+    assert plan.angular_momentum @ along == pytest.approx(-np.linalg.norm(plan.angular_momentum))
+
+
+@pytest.mark.parametrize("angles", [(0.4, -0.3, 0.2), (0.01, 0.8, 0.7), (0, 0, -0.9)])
+def test_small_turns_about_any_axes_need_no_joints(diver, angles):
+    posture = diver.position_limits.mean(axis=1)
+    level, turned = (fp.Attitude(angles=each, axes="yxz") for each in ((0, 0, 0), angles))
+    problem = fp.Problem(diver, fp.Posture(level, posture), fp.Posture(turned, posture), fp.Flight(1.2, "suggested"))
+    plain = fp.plan(problem)
+    assert plain.ok
+    assert plain.objective_value < 1e-9
 
 
 def test_the_motion_in_the_files_coordinates_is_one_of_pinocchio(diver):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from floatplan.planning.in_space import degrees_tried
 from floatplan.planning.lifting import LiftedFlight, close, starts
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
-from floatplan.planning.transcription.trajectory import flight_model
+from floatplan.planning.transcription.trajectory import CUBED, flight_model
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.tables import ORIENTATION
 
@@ -132,6 +133,14 @@ def test_a_search_that_finds_nothing_says_so_and_ends():
     assert "misses the goal's orientation" in found.plan.explanation
 
 
+def test_a_motion_that_makes_other_turns_is_said_to():
+    """Without momentum there is no somersault, and half a twist alone ends next to where it should."""
+    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
+    found = planned(replace(problem, flight=replace(problem.flight, angular_momentum=0)), SearchOptions(budget=0.5))
+    assert not found.plan.ok
+    assert "it makes other turns than are asked for" in found.plan.explanation
+
+
 def test_the_same_seed_gives_the_same_plan():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     first, second = (fp.plan(problem, seed=3) for _ in range(2))
@@ -155,7 +164,7 @@ def test_a_closed_motion_has_no_gaps_between_its_cells():
     assert any(motion.is_closed() for motion in motions)
     for motion in motions:
         if motion.is_closed():
-            landing = lifted.landing(motion.turning.cells, motion.x)
+            landing = lifted.flown(motion.turning.cells, motion.x).ends[-1]
             assert np.linalg.norm(logarithm((landing @ model.flight.final_attitude.T)[None])) < 1e-5
     assert model.work > 0
 
@@ -287,6 +296,17 @@ def test_where_nothing_is_free_one_start_is_enough():
     assert "ran out of time" not in plan.explanation
 
 
+def test_where_the_given_momentum_leads_to_no_plan_another_is_named_that_does():
+    problem = fp.load_problem(SPACE / "go2_barrel_roll.toml")
+    still = replace(problem.flight, angular_momentum=0.0)
+    asked = replace(problem, motion=fp.Motion(degree=5), flight=still, limits=fp.Limits())
+    plan = fp.plan(asked)
+    assert not plan.ok
+    (named,) = re.findall(r"With flight.angular_momentum = \[(.*)\] kg m\^2/s a plan was found", plan.explanation)
+    h = tuple(map(float, named.split(",")))
+    assert fp.plan(replace(asked, motion=fp.Motion(), flight=replace(still, angular_momentum=h))).ok
+
+
 def test_of_a_twist_the_least_torque_is_found_too():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     plan = fp.plan(replace(problem, motion=fp.Motion(degree=7, objective="torque")), budget=0.2)
@@ -351,13 +371,12 @@ def test_info_tells_what_a_robot_in_space_is():
     assert not {"plane", "D_min", "out_of_plane_leak"} & set(facts)
 
 
-def test_the_usual_work_is_less_where_more_joints_are_followed_within_limits():
-    from floatplan.planning.attempt import Attempts
-    from floatplan.planning.in_space import MOST_WORK, WORK_WITHIN_LIMITS, _usual_work
-
+def test_quadratic_programs_count_as_work():
     arm = fp.load_problem(SPACE / "free_arm.toml")
-    assert _usual_work(Attempts(replace(arm, limits=fp.Limits()), 0)) == MOST_WORK
-    assert _usual_work(Attempts(arm, 0)) == WORK_WITHIN_LIMITS < MOST_WORK
+    with_limits, without = (planned(each, SearchOptions()) for each in (arm, replace(arm, limits=fp.Limits())))
+    programs = with_limits.plan.solver["iterations"] * CUBED * (4 * 6) ** 3  # of degree 9, 6 joints
+    assert programs > 0
+    assert with_limits.work > without.work + programs
 
 
 def test_an_attitude_that_says_nothing_is_named(tmp_path):

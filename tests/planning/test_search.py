@@ -22,9 +22,9 @@ from floatplan.planning.search import Allowance, SearchOptions, SearchResult, ex
 MANY = 10**6
 
 
-def run(problem: fp.Problem, attempts: int | None = None, **options: Any) -> SearchResult:
+def run(problem: fp.Problem, most: int | None = None, **options: Any) -> SearchResult:
     ready = Attempts(problem, 0)
-    return search(ready, SearchOptions(**options), attempts)
+    return search(ready, SearchOptions(**options), most)
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +55,35 @@ def test_the_best_of_those_wanted_comes_first(problem):
     assert found.counts["iterations"] >= sum(outcome.solution.iterations for outcome in found.holding)
 
 
-def test_attempts_bound_the_starts(hopeless):
-    found = run(hopeless, attempts=2)
+def test_the_starts_can_be_bounded(hopeless):
+    found = run(hopeless, most=2)
     assert (found.counts["starts"], found.counts["solved"]) == (2, 0)
     assert not found.best.holds
     assert found.holding == ()
+
+
+def test_where_none_may_be_tried_the_plain_motion_is_the_nearest(hopeless):
+    found = run(hopeless, most=0)
+    assert (found.counts["starts"], found.counts["solved"]) == (0, 0)
+    np.testing.assert_array_equal(found.best.solution.x, Attempts(hopeless, 0).plain_start.x)
+
+
+def test_it_ends_after_unsolved_attempts(hopeless):
+    found = run(hopeless, attempts=3)
+    assert found.counts["starts"] == 3
+    assert found.ran_out_of_patience
+    assert not found.ran_out_of_time
+
+
+def test_it_goes_on_after_an_attempt_that_is_solved(problem):
+    found = run(problem, starts=4, attempts=1)
+    assert found.counts["solved"] == 4
+    assert not found.ran_out_of_patience
+
+
+def test_unsolved_attempts_are_counted_at_each_degree(hopeless):
+    rising = replace(hopeless, motion=fp.Motion("auto"))
+    assert [max(outcome.variables.degrees) for outcome in run(rising, attempts=1).outcomes] == [7, 9, 11, 13]
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
@@ -134,8 +158,8 @@ class Killed(ProcessPoolExecutor):
 
 
 def test_killed_processes_lose_no_answer(hopeless, monkeypatch):
-    alone = run(hopeless, attempts=3, starts=3)
+    alone = run(hopeless, most=3, starts=3)
     monkeypatch.setattr(concurrent.futures, "ProcessPoolExecutor", Killed)
-    shared = run(hopeless, attempts=3, starts=3, jobs=2)
+    shared = run(hopeless, most=3, starts=3, jobs=2)
     assert shared.counts["starts"] == alone.counts["starts"] == 3
     assert np.array_equal(shared.best.solution.x, alone.best.solution.x)

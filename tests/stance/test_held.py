@@ -70,9 +70,9 @@ def test_twins_are_rows_once_and_only_where_they_bind() -> None:
     y, v, a, _ = program.motion(program.guess(np.random.default_rng(1)))
     forces = [np.full((2 * len(phase.others), phase.intervals + 1), 30.0) for phase in program.phases]
     program.node.bounds, program.node.held = replace(program.node.bounds, held=1e-3), (CLEAR,)
-    assert program.node.strained((y, v, a), forces) == ("FL_hip_joint", "RL_hip_joint")
+    assert program.node.strained((y, v, a), forces, 1.0) == ("FL_hip_joint", "RL_hip_joint")
     program.node.bounds = replace(program.node.bounds, held=np.inf)
-    assert program.node.strained((y, v, a), forces) == ()
+    assert program.node.strained((y, v, a), forces, 1.0) == ()
 
 
 def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low() -> None:
@@ -80,13 +80,13 @@ def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low
     node, phase = program.node, program.phases[0]
     forces = [np.zeros((2 * len(each.others), each.intervals + 1)) for each in program.phases]
     standing = np.tile(node.ends[0][:, None], program.nodes)
-    assert node.strained((standing, 0 * standing, 0 * standing), forces) == ()
+    assert node.strained((standing, 0 * standing, 0 * standing), forces, 1.0) == ()
     few = [label for *_, label in node.stance(phase)[1]].count(CLEAR)
     fallen = standing.copy()
     fallen[0, 3] += np.pi  # on its back, above the ground by no more than its feet are below
-    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces) == (CLEAR,)
+    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == (CLEAR,)
     node.held = (CLEAR,)
-    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces) == ()
+    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == ()
     assert [label for *_, label in node.stance(phase)[1]].count(CLEAR) == len(node.watched.spots) > few > 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -117,6 +118,29 @@ def test_released_robots_fall_with_their_feet_at_rest(frames: tuple[str, ...], f
 
 
 @pytest.mark.long
+def test_both_feet_are_in_the_cone_or_in_the_least_that_holds_them() -> None:
+    robot, rng, friction = Robot.from_urdf(GO2, coupled="mirror", reference="standing"), np.random.default_rng(0), 0.2
+    home = level(robot)
+    contacts = tuple(contact_at(robot, frame, home)[0] for frame in ("RL_foot", "FL_foot"))
+    dynamics = StanceDynamics(PlanarModel(robot), Phase("takeoff", contacts, 1.0, (1.0, 1.0), 1), home)
+    motion = dynamics.close(
+        *np.stack(
+            [
+                home[:, None] * (order == 0) + scale * rng.normal(size=(5, 50))
+                for order, scale in enumerate((0.1, 0.5, 10.0))
+            ]
+        )
+    )
+    given = Grid(np.arange(50.0), *motion, rng.normal(size=(1, 50)))
+    shared = Stance(robot, 9.81, contacts, 0j, replace(given, ratios=dynamics.shared(given, friction)))
+    forces = shared.at(given.times).forces
+    feet = np.array([forces["RL_foot"], forces["FL_foot"]])
+    feet = feet[:, (feet[..., 1] > 1.0).all(axis=0)]
+    cones, needed = np.abs(feet[..., 0] / feet[..., 1]), np.abs(feet[..., 0].sum(axis=0) / feet[..., 1].sum(axis=0))
+    assert (needed > friction).sum() > 5 < (needed < friction).sum()
+    assert (cones <= np.maximum(needed, friction) + 1e-9).all()
+
+
 def test_all_feet_may_leave_and_come_at_once() -> None:
     both = [("RL_foot", "FL_foot")]
     problem = go2_problem(turns=0)

@@ -39,9 +39,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     rebuilt: list[int] = []
     plan = motions.row_plan
 
-    def told(file: Any, row: Any) -> fp.Plan:
+    def told(file: Any, row: Any, *more: Any) -> fp.Plan:
         rebuilt.append(row["index"])
-        return plan(file, row)
+        return plan(file, row, *more)
 
     monkeypatch.setattr(motions, "row_plan", told)
     return rebuilt
@@ -94,6 +94,16 @@ def test_it_goes_on_where_it_ended(done: fp.Study, monkeypatch: pytest.MonkeyPat
     assert index_of(path)["rate"] == 25
 
 
+def test_what_a_study_has_proved_is_not_proved_again(
+    done: fp.Study, study_file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    proved = fp.study(study_file(f"{SOME}[plan]\nprove = true"), folder=tmp_path / "proved", jobs=1)
+    entries = index_of(done.export("motion-csv", jobs=1))["motions"]
+    monkeypatch.setattr(motions, "certify", None)
+    assert index_of(proved.export("motion-csv", jobs=1))["motions"] == entries
+    assert {entry["verdict"] for entry in entries} == {"proved"}
+
+
 @pytest.mark.long
 def test_what_is_no_index_or_no_entry_is_made_anew(done: fp.Study) -> None:
     path = done.export("motion-csv", jobs=1)
@@ -109,10 +119,10 @@ def test_what_is_done_stays_where_a_row_fails(done: fp.Study, monkeypatch: pytes
     rebuilt = counted(monkeypatch)
     plan = motions.row_plan
 
-    def stopped(file: Any, row: Any) -> fp.Plan:
+    def stopped(file: Any, row: Any, *more: Any) -> fp.Plan:
         if len(rebuilt) == 2:
             raise KeyboardInterrupt
-        return plan(file, row)
+        return plan(file, row, *more)
 
     monkeypatch.setattr(motions, "row_plan", stopped)
     with pytest.raises(KeyboardInterrupt):

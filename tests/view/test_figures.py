@@ -277,8 +277,9 @@ def test_links_are_drawn_where_they_are(handstand: fp.Plan, drawn: dict[str, Fig
     placed = postures(handstand, snapshot_times(handstand))
     assert abs(placed.takeoff[0]) < 1e-12
     assert abs(placed.landing[-1].imag) < 1e-9
-    np.testing.assert_allclose(np.abs(placed.end - placed.start), np.tile([0.4, 0.4, 0.3], (len(placed.times), 1)))
-    np.testing.assert_allclose(placed.start[:, 1:], placed.end[:, :-1], atol=1e-12)
+    start, end = np.moveaxis(placed.corners, -1, 0)
+    np.testing.assert_allclose(np.abs(end - start), np.tile([0.4, 0.4, 0.3], (len(placed.times), 1)))
+    np.testing.assert_allclose(start[:, 1:], end[:, :-1], atol=1e-12)
     axes = only(drawn["snapshots"])
     robots = [each for each in axes.collections if isinstance(each, PolyCollection)]
     assert len(robots) == len(placed.times) + 1

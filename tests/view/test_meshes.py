@@ -8,14 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from needed import skip_or_fail
 from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 import floatplan as fp
-from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.robot.urdf.tree import robots_folder
-from floatplan.view.scene.meshes import bends, coarser, fewer, joined, plain_colour, seen_capsules
+from floatplan.view.scene.meshes import bends, coarser, fewer, joined, plain_colour
 
 ROOT = Path(__file__).parents[2]
 
@@ -120,29 +117,3 @@ class TestPlainColour:
         mesh = trimesh.creation.box()
         mesh.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[171, 177, 197, 100]))
         assert plain_colour(mesh) is None
-
-
-class TestSeenCapsules:
-    @pytest.mark.parametrize(("name", "fewer"), [("gallery/go2", True), ("gallery/talos", True), ("handstand", False)])
-    def test_together_they_cover_all_the_others_in_every_posture(self, name, fewer):
-        if fewer and robots_folder() is None:
-            skip_or_fail("example-robot-data is not installed: the extra robots")
-        robot = fp.load_problem(ROOT / "problems" / f"{name}.toml").robot
-        radius = np.array([max(shape.radius, 0.01) for shape in robot.shapes])
-        seen = seen_capsules(robot, radius)
-        assert (len(seen) < 0.7 * len(robot.shapes)) is fewer
-
-        random = np.random.default_rng(3)
-        angles = robot.tree.absolute_angles(np.zeros(20), random.uniform(-2.0, 2.0, (20, len(robot.joints))))
-        placed = LinkShapes(robot.tree, robot.shapes).place(np.zeros(20, dtype=np.complex128), angles)
-        turns = np.exp(2j * np.pi * np.arange(24) / 24)[:, None, None]
-        rims = np.concatenate([placed.start + radius * turns, placed.end + radius * turns]).transpose(1, 0, 2)
-        start, along = placed.start[:, None, None, seen], (placed.end - placed.start)[:, None, None, seen]
-        offset = rims[..., None] - start
-        share = np.clip((offset * along.conj()).real / np.maximum(np.abs(along) ** 2, 1e-12), 0.0, 1.0)
-        outside = (np.abs(offset - share * along) - radius[seen]).min(axis=-1)
-        assert outside.max() < 2e-3 * radius.max()
-
-    def test_none_can_be_left_out(self):
-        robot = fp.load_problem(ROOT / "problems" / "handstand.toml").robot
-        assert seen_capsules(robot, np.full(len(robot.shapes), 0.05)) == list(range(len(robot.shapes)))

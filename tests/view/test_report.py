@@ -167,6 +167,7 @@ def test_it_draws_the_curves_of_the_figures(handstand: fp.Plan) -> None:
 def test_a_limit_of_another_quantity_is_drawn(handstand: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     row = LimitRow("velocity", "torques", "N m", "Generalised", "joints", always=True)
     monkeypatch.setattr("floatplan.view.charts.JOINT_LIMITS", (*JOINT_LIMITS, row))
+    monkeypatch.setattr("floatplan.view.sampled.JOINT_LIMITS", (*JOINT_LIMITS, row))
     data = report_data(handstand)
     chart = next(each for each in data["charts"] if each["title"] == "Generalised")
     columns = [data["motion"]["columns"][series["key"]] for series in chart["series"]]

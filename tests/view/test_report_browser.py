@@ -292,10 +292,10 @@ def test_the_page_places_links_as_the_robot_has_them(page: Browser, handstand: f
     placed = postures(handstand, np.array([0.5]))
     script = (
         "const m = floatplan.motion, p = m.posture(0.5);"
-        "return m.data.robot.links.map(l => [l.start, l.end].map(at => m.place(p, { body: l.body, at })))"
+        "return m.data.robot.links.map(l => l.points.map(at => m.place(p, { body: l.body, at })))"
     )
     found = np.array(page.run(script)) @ [1, 1j]
-    np.testing.assert_allclose(found, np.stack((placed.start[0], placed.end[0]), axis=1), atol=1e-6)
+    np.testing.assert_allclose(found, placed.corners[0], atol=1e-6)
 
 
 def stage_pixels(browser: Browser) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.motion import quadrature
 from floatplan.motion.dynamics import FlightState
+from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
 from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.full_model import FlightCoordinates, FullMotion, PinocchioDynamics
 from floatplan.motion.sine_polynomial import WrittenMotion
@@ -53,6 +54,18 @@ class PlanarMotion:
             base_position=read_only(com + np.stack((base.real, base.imag), axis=1)),
             angular_momentum=read_only(momentum_map[:, 0] * rate + joint_part),
         )
+
+    def segments(self, instants: Array, hulls: bool = False) -> Segments:
+        """The links' shapes at instants (N,); with the hulls for distances to the ground where asked for."""
+        tree, com = self.problem.robot.tree, self.path.positions(instants)
+        angles = tree.absolute_angles(self.orientation(instants), self.joints.at(instants)[0])
+        shapes = LinkShapes(tree, self.problem.robot.shapes, self.problem.ground_shapes if hulls else ())
+        return shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+
+    def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
+        """Heights of shapes over the ground's line; of both ends of a shape, one after the other."""
+        heights = obstacle_distances(self.segments(instants, hulls=True), self.problem.ground_plane, instants)
+        return heights, 2 * tuple(shape.link for shape in self.problem.ground_shapes)
 
     def full_motion(self, state: FlightState) -> FullMotion:
         """Motion of every joint of the robot's file, and of the base in space, at the N instants of a state."""

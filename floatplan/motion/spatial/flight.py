@@ -20,7 +20,7 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages, by levels
-WORK_OF_A_BODY = 100  # [instants of one body of a plane]: what an instant of one in space costs
+WORK_OF_A_BODY = 10  # [instants of one body of a plane]: what an instant of one in space costs
 A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
 NO_SHAPES = "the distances of a robot in space are not known yet"
 SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved relative to themselves

@@ -20,6 +20,7 @@ from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
+from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics, spatial_flight
 from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
@@ -36,13 +37,8 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
     """Place (3,) of a link's or joint's origin relative to the centre of mass, m, in the world's axes."""
-    model = robot.model
-    data = model.createData()
-    q = spatial_dynamics(robot).configurations(state.positions[None])[0]
-    pin.forwardKinematics(model, data, q)
-    name = frame if model.existFrame(frame) else robot.joint_tree.joint[frame].child
-    place = pin.updateFramePlacement(model, data, model.getFrameId(name)).translation
-    return np.asarray(attitude_of(state).matrix @ (place - pin.centerOfMass(model, data, q)))
+    place: Array = BodyPoses.posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
+    return place
 
 
 @lru_cache(maxsize=8)
@@ -147,6 +143,31 @@ class SpatialMotion:
         moved = (state.positions, state.velocities, state.accelerations, state.orientation_rate)
         return np.pad(self.dynamics.torques(*moved), ((0, 0), (BASE, 0)))
 
+    def bodies(self, instants: Array) -> BodyPoses:
+        """Where the bodies are at times (N,) s."""
+        joints, com = self.joints.at(instants)[0], self.path.positions(instants)
+        return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
+
+    def posture(self, state: JointState, time: float) -> BodyPoses:
+        """Where they are in a given posture, the centre of mass where it is at a time, s."""
+        return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
+
+    def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
+        """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
+        poses, solids = self.bodies(instants), self.problem.robot.solids
+        heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
+        return heights - self.ground, tuple(solid.link for solid in solids)
+
+    @cached_property
+    def ground(self) -> float:
+        """Height, m, of the lowest point with which the takeoff link stands, or of its frame where it has no shape."""
+        robot, frame = self.problem.robot, self.problem.takeoff.frame
+        joint = robot.joint_tree.joint.get(frame)
+        standing = robot.contact_link(frame if joint is None else joint.child)
+        start = self.posture(self.problem.initial, 0.0)
+        lowest = [start.lowest(solid)[0] for solid in robot.solids if solid.link == standing]
+        return float(min(lowest, default=start.frame(robot, frame)[0, 2]))
+
     @property
     def orientation_at_ends(self) -> Mapping[str, Any]:
         """Quaternions x, y, z, w at the start, at the end and of the goal, with w not negative."""
@@ -169,6 +190,14 @@ class SpatialMotion:
         found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
         return found
 
+    def angles_at(self, axes: str, instants: Array) -> Array:
+        """The same (N, 3), rad, at times (N,) s."""
+        known, found = self.angles(axes), unwrapped_angles(axes, self.attitudes(instants))
+        stages = np.concatenate(([0.0], self.turning.cells.s, [1.0])) * self.problem.flight.duration
+        near = np.stack([np.interp(instants, stages, column) for column in known.T], axis=1)
+        found[:, [0, 2]] += (2 * np.pi * np.rint((near - found) / (2 * np.pi)))[:, [0, 2]]
+        return found
+
 
 class SpatialFullMotion(FullMotion):
     """All J joints that can move, and the base, at the N instants of a motion in space."""
@@ -177,6 +206,10 @@ class SpatialFullMotion(FullMotion):
         object.__setattr__(self, "robot", motion.problem.robot)
         object.__setattr__(self, "motion", motion)
         object.__setattr__(self, "state", state)
+
+    def __repr__(self) -> str:
+        """How many joints, at how many instants."""
+        return f"SpatialFullMotion({len(self.joints)} joints, {len(self.state.times)} instants)"
 
     motion: SpatialMotion
     state: FlightState

@@ -36,7 +36,7 @@ from floatplan.planning.transcription.variables import Boundary, DecisionVariabl
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
-REACH = 1.0  # of a row's scale: rows above have no derivatives, unless a step reaches them
+REACH = 1.1  # of a row's scale: rows above have no derivatives, unless a step reaches them
 MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start

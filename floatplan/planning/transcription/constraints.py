@@ -190,7 +190,7 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     for pair in problem.self_clearances:
         first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
         blocks.append(link_clearance(first, second, pair.links, pair.margin))
-    return (*blocks, *map(Limit.of, shares_of_limits(problem, flight.tangent)))
+    return (*blocks, *map(Limit.of, shares_of_limits(problem)))
 
 
 def applies(block: Constraint, s: Array) -> BoolArray:

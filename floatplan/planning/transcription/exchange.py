@@ -14,7 +14,7 @@ from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look, minima
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.optimization.programs import Evaluation, Settings
+from floatplan.optimization.programs import AnyEvaluation, Evaluation, FirstWay, Settings, Step
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.program import (
@@ -155,7 +155,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=dual_step)
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=_counting(model))
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
@@ -189,6 +189,16 @@ def solve(
             level, program = needed, program_at(needed, extra, x)
             start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
+
+
+def _counting(model: FlightModel) -> FirstWay:
+    """Return what solves a quadratic program whose rows do not contradict one another, and counts any as work."""
+
+    def step(current: AnyEvaluation, hessian: Array) -> Step | None:
+        model.solved(len(hessian))
+        return dual_step(current, hessian)
+
+    return step
 
 
 def _stages(

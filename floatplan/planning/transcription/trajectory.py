@@ -25,6 +25,7 @@ from floatplan.problem.problem import Problem
 EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
 DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
 ENTRY = 0.5  # [instants of one body] of a Jacobian
+CUBED = 0.15  # [instants of one body] of a quadratic program, times the cube of the number of its variables
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,11 @@ class FlightModel:
     def differentiated(self, entries: int) -> None:
         """Count a Jacobian."""
         self.work += DIFFERENTIATION + ENTRY * entries
+
+    def solved(self, variables: int) -> None:
+        """Count a quadratic program; those of flights in a plane are small beside the evaluations."""
+        if self.flight.tangent > 1:
+            self.work += CUBED * variables**3
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
@@ -151,6 +157,21 @@ class Trajectory:
         slopes = compiled.drift(self.by_x, self.sampling.grid.nodes)
         self.model.differentiated(rows.count * self.variables.size)
         return compiled.jacobian(slopes).reshape(len(self.sampling.grid.s), -1, self.variables.size)
+
+    @property
+    def turning_rate(self) -> Array:
+        """The base's rate (S K, 1), rad/s; in space its length."""
+        rate = self.flown.rate
+        return rate if rate.shape[1] == 1 else np.linalg.norm(rate, axis=1, keepdims=True)
+
+    @property
+    def turning_rate_jacobian(self) -> Array:
+        """Derivatives (K, 1, size) of it by x."""
+        by_x, rate = self.by_kernel("orientation_rate", "rate_partials"), self.flown.rate
+        if rate.shape[1] == 1:
+            return by_x
+        along = rate / np.maximum(self.turning_rate, np.finfo(float).tiny)
+        return along[:, None] @ by_x
 
     @property
     def each_joint(self) -> Array:
@@ -294,8 +315,8 @@ QUANTITIES: dict[str, MotionQuantity] = {
         lambda it: it.flown.motor_torques, lambda it: it.by_kernel("motor_torques", "motor_torque_partials")
     ),
     "orientation_rate": MotionQuantity(
-        lambda it: it.flown.rate,
-        lambda it: it.by_kernel("orientation_rate", "rate_partials"),
+        lambda it: it.turning_rate,
+        lambda it: it.turning_rate_jacobian,
         frozenset({"velocities", "momentum"}),
     ),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,6 +15,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
+from floatplan.tables import Unit
 
 LETTERS = "xyz"
 USUAL_PLANES = {"x": "yz", "y": "xz", "z": "xy"}  # by the normal's letter
@@ -282,6 +284,12 @@ def _slides(tree: UrdfTree, rest: Mapping[str, float], locked: Mapping[str, floa
     """The warning that joints are held since they slide; those that the user locks are known to be."""
     sliding = [f"{name} = {rest[name]:g} m" for name in rest if not tree.joint[name].turns and name not in locked]
     return _warning("locked, because joints that slide are not planned", sliding)
+
+
+def in_radians(tree: UrdfTree, locked: Mapping[str, float], angles: Unit) -> dict[str, float]:
+    """Positions of joints, rad, from those in a unit of angles; what slides is in m and stays so."""
+    turning = {name for name, joint in tree.joint.items() if joint.turns}
+    return {name: math.radians(at) if angles == "deg" and name in turning else at for name, at in locked.items()}
 
 
 def _checked_locks(tree: UrdfTree, locked: Mapping[str, float]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
@@ -30,6 +31,8 @@ ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % 
 AROUND = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
 KINDS = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")
 UNMOVED = complex(-0.0, -0.0)  # [m] added, it changes nothing, not even the sign of zero
+CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+AXIS = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 
 
@@ -185,19 +188,77 @@ class Projection:
         return Projection(self.row @ placement.rotation, complex(placement.translation @ self.row + self.shift))
 
 
-def read_collision(
-    link: str, collision: Element, projection: Projection, folder: Path, meshes: Mapping[str, str]
-) -> tuple[Outline, complex] | None:
-    """Return the outline of a collision element in the plane, and what it is shifted by, m; None where there is none.
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The geometry of a ``<collision>`` in its link's frame.
 
-    That of a mesh is about the origin of its file, so that its capsules do not depend on where it is.
+    Attributes
+    ----------
+    kind : among ``KINDS``
+    placement : pinocchio.SE3
+        Of the geometry's own frame in the link's.
+    size : (3,) m
+        A box's edges; an ellipsoid's radii; radius, radius and length along z of the others that are round.
+    mesh : Mesh, where it is one
+    """
+
+    kind: str
+    placement: Any
+    size: Array
+    mesh: Mesh | None = None
+
+    def outline(self, projection: Projection) -> tuple[Outline, complex]:
+        """Return the outline in a plane, and what it is shifted by, m.
+
+        That of a mesh is about the origin of its file, so that its capsules do not depend on where it is.
+        """
+        placed, radius = projection.after(self.placement), float(self.size[0])
+        if self.mesh is not None:
+            return Outline(self.mesh.corners @ placed.row, self.mesh.edges), placed.shift
+        if self.kind == "box":
+            return Outline.convex(placed(CUBE * self.size)), UNMOVED
+        if self.kind == "ellipsoid":
+            return Outline.convex(_ellipse(self.size, placed)), UNMOVED
+        if self.kind == "sphere":
+            return Outline.convex(placed(np.zeros((1, 3))), radius), UNMOVED
+        ends = AXIS * self.size[2]
+        round_ends = self.kind == "capsule"
+        return Outline.convex(placed(ends), radius) if round_ends else _cylinder(radius, ends, placed), UNMOVED
+
+    def solid(self) -> tuple[Array, Array]:
+        """Return points (k, 3) and semi-axes (3, 3), its columns, m, in the link's frame.
+
+        The geometry is the convex hull of the points, grown by the ellipsoid of these semi-axes; of a mesh its hull.
+        """
+        radius, length = float(self.size[0]), float(self.size[2])
+        if self.mesh is not None:
+            points, axes = hull_corners(self.mesh.corners), np.zeros(3)
+        elif self.kind == "box":
+            points, axes = CUBE * self.size, np.zeros(3)
+        elif self.kind in ("ellipsoid", "sphere"):
+            points, axes = np.zeros((1, 3)), self.size if self.kind == "ellipsoid" else np.full(3, radius)
+        else:
+            points, axes = AXIS * length, np.array([radius, radius, radius * (self.kind == "capsule")])
+        rotation, shift = self.placement.rotation, self.placement.translation
+        return points @ rotation.T + shift, rotation * axes
+
+
+def hull_corners(points: Array) -> Array:
+    """Corners (h, 3) of the convex hull of points (k, 3); the points themselves where they are flat."""
+    import trimesh
+
+    with contextlib.suppress(Exception):  # of the library, of any kind
+        return np.asarray(trimesh.convex.convex_hull(points).vertices)
+    return points
+
+
+def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[str, str]) -> Geometry | None:
+    """Return the geometry of a collision element; None where there is none.
 
     Parameters
     ----------
     link : str
     collision : XML element
-    projection : Projection
-        From the link's frame to the plane.
     folder : path
         Of the URDF, from which mesh files are searched.
     meshes : mapping
@@ -212,7 +273,7 @@ def read_collision(
     geometry = only(place, collision, "geometry")
     if geometry is None or len(geometry) == 0:
         return None
-    placed = projection.after(read_origin(place, collision).placement)
+    placement = read_origin(place, collision).placement
     shape = geometry[0]
     where = f"{place}: {shape.tag}"
     if shape.tag == "mesh":
@@ -227,23 +288,19 @@ def read_collision(
         if mesh.sha256 != meshes.get(filename):
             reason, advice = "has changed since the robot was read", "read the robot again"
             raise InputError(reason, source=path, element=where, advice=advice)
-        return Outline(mesh.corners @ placed.row, mesh.edges), placed.shift
+        return Geometry(shape.tag, placement, scale, mesh)
     if shape.tag == "box":
         size = triple(f"{where}: size", shape, "size", (0.0, 0.0, 0.0))
         if size.min() < 0.0:
             raise InputError("is negative", element=f"{where}: size")
-        corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        return Outline.convex(placed(corners * size)), UNMOVED
+        return Geometry(shape.tag, placement, size)
     if shape.tag == "ellipsoid":  # of an MJCF
-        return Outline.convex(_ellipse(triple(f"{where}: radii", shape, "radii", (0.0, 0.0, 0.0)), placed)), UNMOVED
+        return Geometry(shape.tag, placement, triple(f"{where}: radii", shape, "radii", (0.0, 0.0, 0.0)))
     if shape.tag not in KINDS:
         return None
     radius = _length(where, shape, "radius")
-    if shape.tag == "sphere":
-        return Outline.convex(placed(np.zeros((1, 3))), radius), UNMOVED
-    ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * _length(where, shape, "length")
-    round_ends = shape.tag == "capsule"
-    return Outline.convex(placed(ends), radius) if round_ends else _cylinder(radius, ends, placed), UNMOVED
+    length = 0.0 if shape.tag == "sphere" else _length(where, shape, "length")
+    return Geometry(shape.tag, placement, np.array([radius, radius, length]))
 
 
 def _ellipse(radii: Array, placed: Projection) -> ComplexArray:

@@ -172,9 +172,9 @@ def _collisions(
     row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * layout.back(body)
     projection = Projection(row, layout.local(body, placement.translation))
     for collision in layout.tree.links[link].collisions:
-        shape = read_collision(link, collision, projection, folder, meshes)
+        shape = read_collision(link, collision, folder, meshes)
         if shape is not None:
-            yield shape
+            yield shape.outline(projection)
 
 
 def _pairs(corners: ComplexArray) -> list[tuple[complex, complex]]:

@@ -85,7 +85,7 @@ def _stage(plan: Shown) -> tuple[Figure, Axes]:
     axes = figure.add_axes((0, 0, 1, 1))
     snapshots.frame_box(axes, low, high)
     axes.set_axis_off()
-    snapshots.draw_ground(axes, postures(plan, snapshot_times(plan)))
+    snapshots.draw_ground(axes, plan, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
     for obstacle in plan.problem.obstacles:

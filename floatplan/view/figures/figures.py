@@ -18,9 +18,10 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, is_crowded, largest
+from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
 from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.sampled import SampledPlan
 from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
 
 SAMPLES = 241  # [-] of a curve
@@ -113,6 +114,8 @@ def _drawn(plan: Shown, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         joints = ", ".join(compare.robot.joints)
         reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
+    if compare is not None and (compare.robot.in_plane is None) != (plan.robot.in_plane is None):
+        raise InputError("one plan flies in space, the other in a plane", element="compare", advice="compare two alike")
     sampled, other = sample(plan), None if compare is None else sample(compare, plan)
     if isinstance(plan, JumpView):
         yield "moments", moments(plan)
@@ -205,7 +208,7 @@ def draw_panel(
     if panel.range is not None:
         axes.set(ylim=panel.range)
         axes.axhspan(panel.range[0], 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
-    elif chart.name == "configuration":
+    elif chart.unit == "deg":
         axes.yaxis.set_major_locator(_angle_ticks(axes))
     elif not chart.unit:
         axes.set_yticks([])

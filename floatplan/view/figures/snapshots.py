@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -22,7 +22,8 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.view import outlines
 from floatplan.view.jumps import JumpView, Shown
-from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, round_below
+from floatplan.view.solids import CAMERA
+from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, rgb, round_below
 
 SOLID = "#9a9a9a"  # of obstacles
 PALEST = 0.30  # [-] strength of the first snapshot's colours
@@ -45,6 +46,8 @@ APART, BESIDE = 0.12, 0.06  # [-] room between moments and around them, in width
 TIMES, LEGEND = 0.22, 0.25  # [in] for times under the ground, and for names above
 SHORTEST = 0.01  # [m] of an arrow
 ARROW = {"arrowstyle": "-|>,head_width=0.13,head_length=0.28", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
+DIRECTIONS = 0.075  # [-] length of the world's axes, in widths of the picture
+SHADE = 0.55  # [-] of a colour where no light falls
 RING = withStroke(linewidth=2.8, foreground="white")
 
 
@@ -53,6 +56,8 @@ def snapshots(plan: Plan) -> Figure:
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
     low, high = outlines.picture_box(plan, placed)
     figure, axes = spatial_figure(low, high)
+    if placed.depth is not None:
+        draw_directions(axes)
     draw_surroundings(axes, plan, placed)
     draw_flight(axes, plan, placed)
     key(figure, plan, placed.times[1])
@@ -61,14 +66,17 @@ def snapshots(plan: Plan) -> Figure:
 
 def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant: float | None = None) -> None:
     """Draw ground and obstacles onto axes in metres; obstacles that move at one instant, or several."""
-    draw_ground(axes, placed)
+    draw_ground(axes, plan, placed)
     for obstacle in plan.problem.obstacles:
         times = outlines.obstacle_times(obstacle, plan.duration) if instant is None else np.array([instant])
         draw_obstacle(axes, obstacle, times)
 
 
-def draw_ground(axes: Axes, placed: outlines.Postures) -> None:
-    """Draw the ground line, through the whole picture where it is the same at takeoff and landing."""
+def draw_ground(axes: Axes, plan: Shown, placed: outlines.Postures) -> None:
+    """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
+    if isinstance(plan, Plan) and placed.depth is not None:
+        floor = [outlines.pairs(CAMERA(line)) for line in outlines.floor(plan)]
+        axes.add_collection(LineCollection(floor, colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False)
     lines = outlines.ground_lines(placed)
     for height, low, high in lines:
         if len(lines) == 1:
@@ -119,7 +127,9 @@ def draw_posture(
     colours = palette(int(placed.part.max()) + 1)
     fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
     drawn = [(link, faded(ring, 1.0), width) for ring, width in rings for link in links]
-    drawn += [(link, fill, 0.0) for link, fill in zip(links, fills, strict=True)]
+    for each, seen in placed.painted(index):
+        drawn.append((links[each], fills[each], 0.0))
+        drawn += [(face, lit(fills[each], light), 0.2) for face, light in seen if strength]
     mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
     takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
     for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
@@ -128,6 +138,12 @@ def draw_posture(
     moved = [outlines.pairs(shape + shift) for shape in shapes]
     look: dict[str, Any] = {"facecolors": faces, "edgecolors": faces, "linewidths": widths, "joinstyle": "round"}
     axes.add_collection(PolyCollection(moved, zorder=zorder, **look), autolim=False)
+
+
+def lit(colour: Any, light: float) -> Array:
+    """A colour (3,) as it is where so much light falls on it, 0 to 1: darker, or with white in it."""
+    shade = SHADE + light
+    return rgb(colour) * shade if shade <= 1 else faded(colour, 2 - shade)
 
 
 def draw_path(axes: Axes, plan: Plan, placed: outlines.Postures) -> None:
@@ -150,6 +166,24 @@ def spatial_figure(low: complex, high: complex) -> tuple[Figure, Axes]:
         axis.set_major_locator(MultipleLocator(step))
     axes.set(xlabel="horizontal (m)", ylabel="vertical (m)")
     return figure, axes
+
+
+def draw_directions(axes: Axes) -> None:
+    """Draw where the world's axes point, and a length, in place of the axes of the paper."""
+    axes.set_axis_off()
+    (left, right), low = axes.get_xlim(), axes.get_ylim()[0]
+    size, corner = DIRECTIONS * (right - left), complex(left, low)
+    middle = corner + size * (1 + 0.6j)
+    for name, direction in zip("xyz", np.eye(3), strict=True):
+        tip = middle + size * complex(CAMERA(direction))
+        axes.annotate(
+            "", (tip.real, tip.imag), (middle.real, middle.imag), arrowprops={**ARROW, "color": INK, "linewidth": 0.7}
+        )
+        label = middle + 1.3 * (tip - middle)
+        axes.text(label.real, label.imag, name, ha="center", va="center", size=6.5)
+    _draw_rule(
+        axes, round_below((right - left) / 5), complex(right - 0.33 * (right - left), low + 0.4 * size), 0.15 * size
+    )
 
 
 def frame_box(axes: Axes, low: complex, high: complex) -> None:
@@ -261,8 +295,7 @@ def kinogram(plan: Plan) -> Figure:
 def kinogram_times(plan: Plan) -> Array:
     """Instants (K,) evenly spaced in time that fill two to four rows: the more the robot turns, the more."""
     times = np.linspace(0, plan.duration, 129)
-    angles = plan.robot.tree.absolute_angles(plan.orientation(times), plan.joint_motion(times)[0])
-    turned = float(np.abs(np.diff(angles, axis=0)).sum(axis=0).max())
+    turned = float(outlines.turns(plan, times).sum(axis=0).max())
     rows = int(np.clip(math.ceil(turned / TURN / COLUMNS), *ROWS))
     return np.linspace(0, plan.duration, rows * COLUMNS)
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from matplotlib.colors import to_hex
 
 from floatplan.arguments import short
@@ -17,10 +18,14 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
 from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import frame_place
 from floatplan.stance.check import judged
 from floatplan.view import outlines
-from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, largest
+from floatplan.view.charts import Chart, ReferenceLine, largest
 from floatplan.view.jumps import JumpView
+from floatplan.view.sampled import SampledPlan, flies_in_space
+from floatplan.view.solids import drawn_solids
 from floatplan.view.style import OBSTACLES, TRAILS, palette
 
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
@@ -28,12 +33,15 @@ SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
 PHASES = ("phase", "s", "from", "to", "on the ground")  # titles of tables
 STANCES = ("stances", "limit")
+VECTOR = 0.5  # [-] length of the angular momentum as drawn, in sizes of the robot
 BOX_PAD = 0.02  # [-] room around what is drawn
 
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
     plan, final = sampled.plan, sampled.plan.problem.final
+    if flies_in_space(plan):
+        return motion_in_space(plan, sampled)
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
     com = outlines.pairs(outlines.com_path(plan, np.array([plan.duration])))[0]
     box = outlines.picture_box(plan, outlines.postures(plan, np.linspace(0.0, plan.duration, 65)))
@@ -46,6 +54,66 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
         "ground": [[level, low.real, high.real] for level, low, high in outlines.ground_lines(placed)],
         "box": outlines.pairs(np.array(outlines.box_around(np.array(box), BOX_PAD))).ravel().tolist(),
     }
+
+
+def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
+    """Return the same of a flight in space.
+
+    Frames of bodies are those of the joints of the robot's model; ``ball`` is a place and a radius that hold the
+    motion, ``floor`` lines on the ground, ``vector`` the angular momentum as drawn, m, and ``scale`` what it is.
+    """
+    problem, robot, final = plan.problem, plan.robot, plan.problem.final
+    h, (centre, radius) = np.asarray(plan.angular_momentum), outlines.ball(plan)
+    whole: Any = plan.whole
+    goal = whole.posture(final, plan.duration)
+    columns = {name: values for name, values in sampled.columns.items() if name.partition(".")[0] != "accelerations"}
+    return {
+        "duration": plan.duration,
+        "columns": {name: rounded(values) for name, values in columns.items()},
+        "robot": _robot_in_space(robot),
+        "frames": [
+            {"name": name, "role": role, "colour": colour, "body": body - 1, "at": rounded(place)}
+            for (name, role), colour in zip(_roles(problem).items(), TRAILS[1:], strict=False)
+            for body, place in [frame_place(robot.model, robot.joint_tree, name)]
+        ],
+        "trail": TRAILS[0],
+        "obstacles": [],
+        "ground": [],
+        "floor": [rounded(line) for line in outlines.floor(plan)],
+        "ghosts": rounded(outlines.snapshot_times(plan)),
+        "goal": {
+            "base": rounded([*goal.places[0, 1], *plan.whole.orientation_at_ends["goal"]["quaternion_xyzw"]]),
+            "positions": final.positions.tolist(),
+            "com": rounded(plan.ballistics.positions(np.array([plan.duration]))[0]),
+        },
+        "ball": {"centre": rounded(centre), "radius": radius},
+        "vector": rounded(VECTOR * outlines.robot_size(plan) * h / np.linalg.norm(h)) if h.any() else None,
+        "scale": f"angular momentum, {np.linalg.norm(h):.4g} kg m²/s",
+    }
+
+
+def _robot_in_space(robot: Robot) -> dict[str, Any]:
+    """Joints, links' solids, and bodies: where each rests in its parent, and about which axis it turns from there."""
+    model, bodies = robot.model, [dict[str, Any](parent=None, turns=[])]
+    data = model.createData()
+    pin.forwardKinematics(model, data, robot.reference)
+    for joint in range(2, model.njoints):
+        rests, axis = data.liMi[joint], robot.joint_tree.joint[model.names[joint]].axis
+        placed = {
+            "parent": model.parents[joint] - 1,
+            "rests": rounded(rests.rotation),
+            "at": rounded(rests.translation),
+        }
+        bodies.append({**placed, "axis": rounded(axis), "turns": rounded(robot.selection[model.idx_vs[joint]])})
+    links = [
+        {**vars(solid), "body": solid.body - 1, "radius": 0.0, "points": rounded(solid.points)}
+        for solid in drawn_solids(robot)
+    ]
+    return {"joints": list(robot.joints), "bodies": bodies, "links": links, **_colours(robot)}
+
+
+def _colours(robot: Robot) -> dict[str, list[str]]:
+    return {"colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)]}
 
 
 def sample_grid(duration: float) -> Array:
@@ -105,9 +173,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     ``obstacles``: their capsules, two ends and a radius each, their margins, how they move, and when they exist.
     """
     robot = problem.robot
-    roles = {problem.takeoff.frame: "takes off"}
-    roles[problem.landing.frame] = "takes off and lands" if problem.landing.frame in roles else "lands"
-    frames = [(name, role, robot.frames[name]) for name, role in roles.items()]
+    frames = [(name, role, robot.frames[name]) for name, role in _roles(problem).items()]
     return {
         "robot": _robot(problem),
         "frames": [
@@ -132,6 +198,11 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     }
 
 
+def _roles(problem: Problem) -> dict[str, str]:
+    roles = {problem.takeoff.frame: "takes off"}
+    return roles | {problem.landing.frame: "takes off and lands" if problem.landing.frame in roles else "lands"}
+
+
 def _frame(name: str, role: str, colour: str, body: int, place: complex) -> dict[str, Any]:
     """A frame at a place of a body, m."""
     return {"name": name, "role": role, "colour": colour, "body": body, "at": rounded(outlines.pairs(place))}
@@ -144,8 +215,8 @@ def _robot(problem: Problem) -> dict[str, Any]:
         "body": [shape.body for shape in shapes],
         "part": outlines.drawn_part(robot).tolist(),
         "radius": outlines.drawn_radius(problem).tolist(),
-        "start": rounded(outlines.pairs(np.array([shape.start for shape in shapes]))),
-        "end": rounded(outlines.pairs(np.array([shape.end for shape in shapes]))),
+        "points": [rounded(outlines.pairs(np.array([shape.start, shape.end]))) for shape in shapes],
+        "faces": [[] for _ in shapes],
     }
     return {
         "joints": list(robot.joints),
@@ -154,7 +225,7 @@ def _robot(problem: Problem) -> dict[str, Any]:
         "offsets": rounded(tree.offsets),
         "origins": rounded(outlines.pairs(tree.point_weights(bodies, np.zeros(len(bodies), dtype=np.complex128)))),
         "links": [dict(zip(columns, link, strict=True)) for link in zip(*columns.values(), strict=True)],
-        "colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)],
+        **_colours(robot),
     }
 
 

@@ -23,12 +23,22 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, plan_verdict, raised
 from floatplan.problem.file import problem_text
 from floatplan.problem.problem import Problem
-from floatplan.view.charts import SampledPlan, charts
+from floatplan.view.charts import charts
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.report.data import chart_data, jump_data, jump_sections, motion_data, sample_grid, sections
+from floatplan.view.sampled import SampledPlan
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
-SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
+SCRIPTS = (
+    "uplot/uPlot.iife.min.js",
+    "theme.js",
+    "motion.js",
+    "camera.js",
+    "stage.js",
+    "charts.js",
+    "player.js",
+    "report.js",
+)
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 

@@ -14,13 +14,11 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import InputError, import_optional
-from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.collisions import LARGEST, check_mesh_file, find_mesh
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
-SAME = 1e-3  # [-] of a radius: by how much a hidden capsule may stick out
 
 
 def visual_model(robot: Robot) -> Any:
@@ -74,21 +72,9 @@ def _drop_missing_visuals(root: Any, folder: Path) -> bool:
 
 def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
     """Return the position of every joint that moves, by name: planned, coupled and locked; rad or m."""
-    full = robot.reference + robot.selection @ positions
-    return dict(zip(list(robot.model.names)[BASE_COORDINATES + 1 :], full[BASE_COORDINATES:].tolist(), strict=True))
-
-
-def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) -> Mesh:
-    """Return a capsule between two points (3,), m, of so many sections along and around its axis."""
-    import trimesh
-
-    length = float(np.linalg.norm(end - start))
-    mesh = trimesh.creation.capsule(height=length, radius=radius, count=list(sections))
-    mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    if length > 0:
-        mesh.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length))
-    mesh.apply_translation((start + end) / 2)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    names = robot.model_joints
+    full = robot.reference[-len(names) :] + robot.selection[-len(names) :] @ positions
+    return dict(zip(names, full.tolist(), strict=True))
 
 
 def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:
@@ -169,26 +155,3 @@ def plain_colour(mesh: Any) -> tuple[int, int, int] | None:
         return None
     red, green, blue = (int(part) for part in colours[0, :3])
     return red, green, blue
-
-
-def seen_capsules(robot: Robot, radius: Array) -> list[int]:
-    """Capsules, by their index, that no other one hides whatever the posture: rotors in a trunk, one leg of a pair.
-
-    Parameters
-    ----------
-    robot : Robot
-    radius : (S,) m
-        As drawn.
-    """
-    start, end = (np.array([getattr(shape, name) for shape in robot.shapes]) for name in ("start", "end"))
-    group = robot.tree.coincident[[shape.body for shape in robot.shapes]]
-    seen: list[int] = []
-    for index in np.argsort(-radius, kind="stable").tolist():
-        larger = [each for each in seen if group[each] == group[index]]
-        along, offset = end[larger] - start[larger], np.array([[start[index]], [end[index]]]) - start[larger]
-        square = np.abs(along) ** 2
-        share = np.clip((offset * along.conj()).real / np.where(square > 0, square, 1.0), 0.0, 1.0)
-        outside = np.abs(offset - share * along) + radius[index] - (1 + SAME) * radius[larger]
-        if not (outside.max(axis=0, initial=-np.inf) <= 0.0).any():
-            seen.append(index)
-    return sorted(seen)

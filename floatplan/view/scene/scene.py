@@ -4,37 +4,48 @@ The page is viser's player. World axes are those of the root link at orientation
 where the base is. The robot has one node for each body of the tree, and what is drawn of it hangs from these.
 """
 
+from __future__ import annotations
+
 import contextlib
 import html
 import io
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.files import write_atomically
+from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import frame_place
 from floatplan.view import outlines
 from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.sampled import flies_in_space
 from floatplan.view.scene import meshes
-from floatplan.view.style import TRAILS, palette, rgb_bytes
+from floatplan.view.solids import CAMERA, drawn_solids
+from floatplan.view.style import INK, TRAILS, palette, rgb_bytes
+
+if TYPE_CHECKING:
+    from floatplan.motion.spatial.bodies import BodyPoses
 
 Colour = tuple[int, int, int]
 DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
 SHARE, FEW = 0.2, 200  # [-] of their triangles that are drawn, and of a mesh all the same
-SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
-FINE_SECTIONS = (16, 16)  # [-] the same where nobody waits for it
 SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
+VECTOR = 0.5  # [-] length of the angular momentum as drawn, in sizes of the robot
 RIM = 33  # [-] corners of a friction cone
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
@@ -64,22 +75,18 @@ def scene(plan: Shown) -> str:
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
-    poses = outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
-    placed = outlines.postures(plan, outlines.snapshot_times(plan))
-    low, high = outlines.picture_box(plan, placed)
+    poses = (
+        outlines.bodies(plan, times)
+        if flies_in_space(plan)
+        else outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
+    )
     with silence():  # a local server: viser records what is sent to it
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
         bodies = RobotNodes(server, "/robot", plan.robot)
         if not bodies.add_meshes():
-            bodies.add_capsules(placed, sections=FINE_SECTIONS)
-        moved = []
-        for index, obstacle in enumerate(plan.problem.obstacles):
-            slab = obstacle_slab(plan, obstacle, low, high)
-            moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
-        look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
-        add_grounds(server, plan.robot.plane, low, high, outlines.ground_lines(placed))
-        _add_trails(server, plan)
+            bodies.add_solids()
+        moved, vector = ([], _add_space(server, plan)) if flies_in_space(plan) else (_add_plane(server, plan), None)
         forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
         serializer = server.get_scene_serializer()
         for index, time in enumerate(times.tolist()):
@@ -88,12 +95,45 @@ def scene(plan: Shown) -> str:
             bodies.put(poses, index)
             if forces is not None:
                 forces.put(index)
+            if vector is not None:
+                vector.position = plan.at(time).com_position
             for each in moved:
                 move_obstacle(*each, time)
         return headed(serializer.as_html(), f"floatplan: {plan.problem.name}", UPRIGHT)
     finally:
         with silence():
             server.stop()
+
+
+def _add_plane(server: Any, plan: Shown) -> list[tuple[Any, Plane, Obstacle]]:
+    """Add what is around a flight in a plane; return nodes of obstacles."""
+    placed, moved = outlines.postures(plan, outlines.snapshot_times(plan)), []
+    low, high = outlines.picture_box(plan, placed)
+    for index, obstacle in enumerate(plan.problem.obstacles):
+        slab = obstacle_slab(plan, obstacle, low, high)
+        moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
+    look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
+    add_grounds(server, plan.robot.plane, low, high, outlines.ground_lines(placed))
+    placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
+    paths = (in_space(plan.robot.plane, path) for path in (placed.com, placed.takeoff, placed.landing))
+    _add_trails(server, plan, paths)
+    return moved
+
+
+def _add_space(server: Any, plan: Plan) -> Any:
+    """Add what is around a flight in space; return the node of the angular momentum, an arrow at the CM."""
+    times = np.linspace(0.0, plan.duration, 121)
+    poses, com = outlines.bodies(plan, times), plan.at(times).com_position
+    centre, radius = outlines.ball(plan)
+    _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
+    for index, line in enumerate(outlines.floor(plan)):
+        server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
+    ends = (plan.problem.takeoff.frame, plan.problem.landing.frame)
+    _add_trails(server, plan, (com, *(poses.frame(plan.robot, name) for name in ends)))
+    h, size = np.asarray(plan.angular_momentum), outlines.robot_size(plan)
+    ends_of_arrow = np.stack((np.zeros(3), VECTOR * size * h / (np.linalg.norm(h) or 1.0)))[None].astype(np.float32)
+    look = {name: size * part / 2 for name, part in ARROW.items()}
+    return server.scene.add_arrows("/momentum", ends_of_arrow, rgb_bytes(INK), visible=bool(h.any()), **look)
 
 
 def headed(page: str, title: str, style: str) -> str:
@@ -114,10 +154,14 @@ def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, a
     """Light the scene, and look at a box, m, from beside the plane and from above, in sizes of the box."""
     size, middle = abs(high - low), in_space(plane, (low + high) / 2)
     across = np.cross(plane.horizontal, plane.vertical)
-    server.scene.set_up_direction(tuple(plane.vertical))
+    _view(server, plane.vertical, middle, middle + size * (aside * across + above * plane.vertical))
+
+
+def _view(server: Any, up: Array, middle: Array, eye: Array, ambient: float = 1.6) -> None:
+    server.scene.set_up_direction(tuple(up))
     server.scene.configure_environment_map(None)
-    server.scene.add_light_ambient("/lights/ambient", intensity=1.6)
-    server.initial_camera.position = tuple(middle + size * (aside * across + above * plane.vertical))
+    server.scene.add_light_ambient("/lights/ambient", intensity=ambient)
+    server.initial_camera.position = tuple(eye)
     server.initial_camera.look_at = tuple(middle)
 
 
@@ -147,12 +191,11 @@ def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -
         node.visible = bool(low <= instant <= high)
 
 
-def _add_trails(server: Any, plan: Shown) -> None:
-    placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
+def _add_trails(server: Any, plan: Shown, paths: Iterable[Array]) -> None:
+    """Add paths (N, 3) of the centre of mass, and of the frames that take off and land."""
     names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
-    paths = placed.com, placed.takeoff, placed.landing
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
-        pairs = segments(plan.robot.plane, path)
+        pairs = np.stack((path[:-1], path[1:]), axis=1)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
         server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
 
@@ -223,32 +266,45 @@ class RobotNodes:
     def __init__(self, server: Any, name: str, robot: Robot) -> None:
         self.name, self._server, self._robot = name, server, robot
         self.root = server.scene.add_frame(name, show_axes=False)
-        names = [f"{name}/{body}" for body in range(len(robot.tree.mass))]
+        count = robot.model.njoints - 1 if robot.in_plane is None else len(robot.tree.mass)
+        names = [f"{name}/{body}" for body in range(count)]
         self.frames = [server.scene.add_frame(each, show_axes=False) for each in names]
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, robot.reference)
+        self._placements = data.oMi  # of the model's joints at rest
 
-    def add_capsules(
-        self,
-        shapes: outlines.Postures,
-        colour: Colour | None = None,
-        opacity: float | None = None,
-        sections: tuple[int, int] = SECTIONS,
-    ) -> list[tuple[int, Any]]:
-        """Draw the links as capsules, in one colour or in those of all pictures; return parts with their nodes.
-
-        ``shapes`` has the radii and the parts of the capsules.
-
-        What moves together is one mesh; what another capsule hides always is left out.
-        """
+    def _resting(self, link: str) -> tuple[int, Array]:
+        """Return the body that a link is part of, and the transform (4, 4) into its frame from the root link's."""
         robot = self._robot
-        colours = [rgb_bytes(each) for each in palette(len(robot.joints) + 1)]
-        together: dict[tuple[int, int], list[meshes.Mesh]] = {}
-        for index in meshes.seen_capsules(robot, shapes.radius):
-            shape, radius, part = robot.shapes[index], float(shapes.radius[index]), int(shapes.part[index])
-            start, end = (in_space(robot.plane, place) for place in (shape.start, shape.end))
-            together.setdefault((shape.body, part), []).append(meshes.capsule(start, end, radius, sections))
+        if robot.in_plane is None:
+            body, _ = frame_place(robot.model, robot.joint_tree, link)
+            return body - 1, self._placements[body].inverse().homogeneous
+        poses, body = self._resting_poses, robot.layout.body_of[link]
+        root = robot.frames[robot.tree.names[0]]
+        origin = in_space(robot.plane, poses.places[0, body] - poses.points([0], [root.local])[0, 0])
+        back = pin.exp3(-float(poses.angles[0, body]) * robot.plane.normal)
+        return body, pin.SE3(back, -back @ origin).homogeneous
+
+    @cached_property
+    def _resting_poses(self) -> outlines.Poses:
+        resting = np.zeros((1, len(self._robot.joints)))
+        return outlines.body_poses(self._robot, np.zeros(1), resting, np.zeros(1, dtype=np.complex128))
+
+    def add_solids(self, colour: Colour | None = None, opacity: float | None = None) -> list[tuple[int, Any]]:
+        """Draw the links as solids, in one colour or in those of all pictures; return parts with their nodes.
+
+        What moves together is one mesh.
+        """
+        colours, together = palette(len(self._robot.joints) + 1), dict[tuple[int, int], list[meshes.Mesh]]()
+        for solid in drawn_solids(self._robot):
+            body, into_body = self._resting(solid.link)
+            placed = into_body @ self._placements[solid.body].homogeneous
+            points = solid.points @ placed[:3, :3].T + placed[:3, 3]
+            together.setdefault((body, solid.part), []).append((points, solid.faces))
         nodes = []
         for (body, part), drawn in together.items():
-            name, look = f"{self.name}/{body}/capsules{part}", {"color": colour or colours[part], "opacity": opacity}
+            look = {"color": colour or rgb_bytes(colours[part]), "opacity": opacity, "flat_shading": True}
+            name = f"{self.name}/{body}/solids{part}"
             nodes.append((part, self._server.scene.add_mesh_simple(name, *meshes.joined(drawn), **look)))
         return nodes
 
@@ -262,23 +318,15 @@ class RobotNodes:
         model = meshes.visual_model(robot)
         if model is None:
             return False
-        from trimesh.transformations import rotation_matrix
-
-        plane, layout = robot.plane, robot.layout
         resting = np.zeros(len(robot.joints))
         angles = meshes.joint_angles(robot, resting)
         model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
-        poses = outlines.body_poses(robot, np.zeros(1), resting[None], np.zeros(1, dtype=np.complex128))
-        root = robot.frames[robot.tree.names[0]]
-        origins = in_space(plane, poses.places[0] - poses.points([0], [root.local])[0])
         together: dict[tuple[int, Colour], list[meshes.Mesh]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]
-            body = layout.body_of[link]
+            body, into_body = self._resting(link)
             placed = mesh.copy()
-            placed.apply_transform(model.get_transform(geometry))
-            placed.apply_translation(-origins[body])
-            placed.apply_transform(rotation_matrix(-float(poses.angles[0, body]), plane.normal))
+            placed.apply_transform(into_body @ model.get_transform(geometry))
             colour = meshes.plain_colour(placed)
             if colour is None or size is None:
                 scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
@@ -304,10 +352,14 @@ class RobotNodes:
                 grips[part] = add(name, GRIP * reach, subdivisions=SUBDIVISIONS, **look)
         return grips
 
-    def put(self, poses: outlines.Poses, index: int) -> None:
+    def put(self, poses: outlines.Poses | BodyPoses, index: int) -> None:
         """Put the bodies where they are at an instant."""
-        points = in_space(self._robot.plane, poses.places[index])
-        turns = turned(self._robot.plane, poses.angles[index])
+        if isinstance(poses, outlines.Poses):
+            points = in_space(self._robot.plane, poses.places[index])
+            turns = turned(self._robot.plane, poses.angles[index])
+        else:
+            points = poses.places[index, 1:]
+            turns = Rotation.from_matrix(poses.rotations[index, 1:]).as_quat(scalar_first=True)
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
             frame.position, frame.wxyz = point, turn
 

@@ -118,8 +118,8 @@ class Flight {
     };
     for (let index = 0; index <= INTERVALS; index += 3) {
       const posture = motion.posture(motion.times[index]);
-      for (const { body, start, end, radius } of shown.robot.links) {
-        for (const at of [start, end]) add(...motion.place(posture, { body, at }), radius);
+      for (const { body, points, radius } of shown.robot.links) {
+        for (const at of points) add(...motion.place(posture, { body, at }), radius);
       }
       if (index === 0) {
         const [left, low, right, high] = box;

@@ -35,6 +35,10 @@ function offerParts(list, show) {
   }
 }
 
+function offer(name) {
+  document.getElementById(name).parentElement.hidden = false;
+}
+
 /* A click on a row of a table goes to the instant in its last cell. */
 function offerInstants(rows, seek) {
   for (const row of rows) {
@@ -59,8 +63,12 @@ function offerInstants(rows, seek) {
   const key = fillKey(data.motion);
   if (data.motion.flown) {
     addKey(key, swatch("bar", INK), data.motion.scale);
-    document.getElementById("forces").parentElement.hidden = false;
+    offer("forces");
     document.getElementById("ghosts").checked = false; // they stand where the robot does
+  }
+  if (data.motion.vector) {
+    addKey(key, swatch("bar", INK), data.motion.scale);
+    offer("vector");
   }
   const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
   const player = new Player(motion.duration, (time) => [stage, ...charts].forEach((one) => one.draw(time)));

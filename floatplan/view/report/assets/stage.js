@@ -6,14 +6,20 @@ const PALEST = 0.2; // strength of the first snapshot
 const STRONGEST = 0.42; // and of the last
 const HEAD = 11; // px of an arrow's head
 const FAR = 1e3; // m, beyond every picture
+const LIGHT = [-0.35, 0.75, 0.56]; // where it comes from, as the camera sees it
+const TONES = 4; // of what light falls on
 
 class Stage {
   constructor(motion, holder) {
     this.holder = holder;
     this.rule = holder.appendChild(make("span", "rule"));
     this.backdrop = add(holder, "svg", { id: "backdrop" });
-    this.front = add(holder, "svg", { id: "robot", role: "img", "aria-label": "The robot in its plane" });
+    this.front = add(holder, "svg", { id: "robot", role: "img", "aria-label": "The robot in flight" });
+    this.compass = add(holder, "svg", { id: "compass", viewBox: "-1.5 -1.5 3 3" });
+    const named = (name) => [add(this.compass, "line", {}), add(this.compass, "text", { dy: "0.35em" }), name];
+    this.axes = [..."xyz"].map(named);
     this.part = null;
+    this.camera = new Camera(holder, () => this.turn());
     this.take(motion);
     new ResizeObserver(() => this.resize()).observe(holder);
   }
@@ -21,47 +27,55 @@ class Stage {
   /* Another motion, from its beginning. */
   take(motion) {
     this.motion = motion;
+    this.robot = null;
     const { data } = motion;
-    const [left, low, right, high] = data.box;
-    this.size = [right - left, high - low];
+    this.camera.take(data);
+    this.holder.classList.toggle("turns", "ball" in data);
+    this.holder.style.setProperty("--thinnest", Math.min(...data.robot.links.map((link) => link.radius)));
     const [behind, front] = [this.backdrop, this.front].map((picture) => {
-      picture.setAttribute("viewBox", [left, -high, ...this.size].join(" "));
       picture.replaceChildren();
       return add(picture, "g", { transform: "scale(1 -1)" });
     });
-    this.drawGrid(behind, (left + right) / 2, (low + high) / 2);
+    this.drawGrid(behind);
+    this.floor = (data.floor || []).map((ends) => [ends, add(behind, "polyline", { class: "floor" })]);
     for (const line of data.ground) drawGround(behind, data.ground.length === 1, ...line);
     for (const obstacle of data.obstacles) if (!moves(obstacle)) drawObstacle(behind, obstacle);
-    const trails = [...data.frames, { colour: data.trail }].map((trail) => [trail, this.motion.path(trail)]);
-    for (const [{ colour }, points] of trails) dyed(add(behind, "polyline", { class: "trail", points }), colour);
-    const { orientation, positions, com } = data.goal;
-    put(this.drawRobot(behind, "goal", ["rim", "gap"]), this.motion.pose(orientation, positions, com));
+    const trails = [...data.frames, { colour: data.trail }];
+    const drawn = (parent, name) => trails.map(({ colour }) => dyed(add(parent, "polyline", { class: name }), colour));
+    this.trails = trails.map((trail) => motion.path(trail));
+    this.whole = drawn(behind, "trail");
+    this.stays = [[this.drawRobot(behind, "goal", ["rim", "gap"]), motion.goal()]];
     data.ghosts.forEach((time, index) => {
       const ghost = this.drawRobot(behind, "ghosts", ["ring", "link"]);
       const strength = PALEST + ((STRONGEST - PALEST) * index) / (data.ghosts.length - 1);
-      ghost.style.setProperty("--strength", strength);
-      put(ghost, this.motion.posture(time));
+      ghost.group.style.setProperty("--strength", strength);
+      this.stays.push([ghost, motion.posture(time)]);
     });
     this.moving = data.obstacles.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
-    this.flown = trails.map(([{ colour }, points]) => [
-      points,
-      dyed(add(front, "polyline", { class: "trail flown" }), colour),
-    ]);
-    const pushed = data.frames.filter(({ force }) => force);
+    this.flown = drawn(front, "trail flown");
+    this.drawPushes(front);
+    this.choose(this.part);
+    this.time = 0;
+    this.turn();
+  }
+
+  /* The robot, marks on its frames, forces, and the angular momentum in space. */
+  drawPushes(front) {
+    const { frames, cone, robot, vector } = this.motion.data;
+    const pushed = frames.filter(({ force }) => force);
     const drawn = (name, attributes) => pushed.map(({ colour }) => dyed(add(front, name, attributes), colour));
-    const cones = drawn("polygon", { class: "push cone", points: data.cone });
-    this.robot = this.drawRobot(front, "flying", ["ring", "link"]);
-    data.robot.origins.slice(1).forEach((_, body) => add(this.robot, "circle", { class: "pivot", "data-body": body + 1 }));
-    for (const { body, at: [cx, cy], colour } of data.frames) {
-      dyed(add(this.robot, "circle", { class: "frame", "data-body": body, cx, cy }), colour);
-    }
+    const cones = drawn("polygon", { class: "push cone", points: cone });
+    this.robot = this.drawRobot(front, "flying", ["ring", "link"], TONES);
+    const pivots = this.motion.data.ball ? [] : robot.origins.slice(1).map((_, body) => [{ body: body + 1, at: [0, 0] }, "pivot"]);
+    this.marks = [...pivots, ...frames.map((frame) => [frame, "frame"]), [{ colour: INK }, "com"]].map(([point, name]) => [
+      point,
+      dyed(add(front, "circle", { class: name }), point.colour || INK),
+    ]);
     const rings = drawn("path", { class: "push ring" });
     const arrows = drawn("path", { class: "push" });
     this.pushes = pushed.map((point, index) => [point, cones[index], [rings[index], arrows[index]]]);
-    this.com = add(front, "circle", { class: "com" });
-    this.choose(this.part);
-    this.resize();
-    this.draw(0);
+    const shafts = vector ? ["vector ring", "vector"] : [];
+    this.vectors = shafts.map((name) => dyed(add(front, "path", { class: `push ${name}` }), INK));
   }
 
   /* The part that the reader has chosen stands out: 0 is the base, null none. */
@@ -72,15 +86,43 @@ class Stage {
     }
   }
 
-  resize() {
-    const { clientWidth: width, clientHeight: height } = this.holder;
-    this.pixel = Math.max(this.size[0] / width, this.size[1] / height);
-    this.holder.style.setProperty("--px", this.pixel);
+  /* What stays is seen anew. */
+  turn() {
+    if (!this.robot) return;
+    this.axes.forEach(([line, label, name], axis) => {
+      const [x, y] = this.camera.axes.map((direction) => direction[axis]);
+      for (const [key, value] of [["x2", x], ["y2", -y]]) line.setAttribute(key, value);
+      for (const [key, value] of [["x", 1.3 * x], ["y", -1.3 * y]]) label.setAttribute(key, value);
+      label.textContent = name;
+    });
+    for (const [ends, element] of this.floor) element.setAttribute("points", ends.map((end) => this.flat(end)));
+    this.seen = this.trails.map((points) => points.map((point) => this.flat(point)));
+    this.seen.forEach((points, index) => this.whole[index].setAttribute("points", points));
+    for (const [robot, posture] of this.stays) this.put(robot, posture);
+    this.frame(this.motion.posture(this.time).com);
+    this.resize();
+    this.draw(this.time);
   }
 
-  /* Lines a round number of metres apart, and a rule of that length. */
-  drawGrid(parent, x, y) {
-    const size = Math.max(...this.size);
+  /* A point as it is seen in the picture. */
+  flat(point) {
+    return this.camera.see(point).slice(0, 2);
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.holder;
+    this.pixel = Math.max(this.box[2] / width, this.box[3] / height);
+    this.holder.style.setProperty("--px", this.pixel);
+    const step = roundBelow(Math.max(this.box[2], this.box[3]) / 4);
+    this.rule.dataset.length = `${step} m`;
+    this.rule.style.setProperty("--step", step);
+  }
+
+  /* Lines of a plane a round number of metres apart, the length of the rule. */
+  drawGrid(parent) {
+    if (this.motion.data.ball) return;
+    const [left, low, width, height] = this.camera.box();
+    const [x, y, size] = [left + width / 2, low + height / 2, Math.max(width, height)];
     const step = roundBelow(size / 4);
     const reach = 5 * size;
     const places = (middle) => {
@@ -90,37 +132,64 @@ class Stage {
     const upright = places(x).map((place) => `M${place} ${y - reach}v${2 * reach}`);
     const level = places(y).map((place) => `M${x - reach} ${place}h${2 * reach}`);
     add(parent, "path", { class: "grid", d: [...upright, ...level].join("") });
-    this.rule.dataset.length = `${step} m`;
-    this.rule.style.setProperty("--step", step);
   }
 
-  /* A robot to be put into any posture: its links in layers, one above the other. */
-  drawRobot(parent, name, layers) {
-    const { links, colours } = this.motion.data.robot;
+  /* A robot to be put into any posture: its links in layers, one above the other, what is behind first in each. */
+  drawRobot(parent, name, layers, tones = 0) {
+    const { links } = this.motion.data.robot;
     const group = add(parent, "g", { class: `robot ${name}` });
-    group.style.setProperty("--thinnest", Math.min(...links.map((link) => link.radius)));
-    for (const layer of layers) {
-      for (const { body, part, radius, start, end } of links) {
-        const ends = { x1: start[0], y1: start[1], x2: end[0], y2: end[1] };
-        const looks = { class: layer, "data-body": body, "data-part": part };
-        dyed(add(group, "line", { ...ends, ...looks }), colours[part]).style.setProperty("--radius", radius);
+    const places = layers.map((layer) =>
+      links.map(() => {
+        const place = add(group, "g", { class: layer });
+        const count = 1 + (layer === "link" ? tones : 0);
+        return [place, Array.from({ length: count }, (_, tone) => add(place, "path", { class: `tone${tone}` }))];
+      }),
+    );
+    return { group, places, shown: [] };
+  }
+
+  /* Put a robot into a posture: each link in its place in the order of depth. */
+  put({ places, shown }, posture) {
+    const { links, colours } = this.motion.data.robot;
+    const seen = links.map(({ body, points }, index) => {
+      const corners = points.map((at) => this.camera.see(this.motion.place(posture, { body, at })));
+      return { index, corners, depth: corners.reduce((sum, corner) => sum + (corner[2] || 0), 0) / corners.length };
+    });
+    seen.sort((one, other) => one.depth - other.depth || one.index - other.index);
+    seen.forEach(({ index, corners }, place) => {
+      const { part, radius, faces } = links[index];
+      const outline = path(faces.length ? hull(corners) : corners);
+      for (const layer of places) {
+        const [holder, [whole, ...tones]] = layer[place];
+        whole.setAttribute("d", outline);
+        if (tones.length && faces.length) lit(faces, corners).forEach((d, tone) => tones[tone].setAttribute("d", d));
+        if (shown[place] === index) continue;
+        if (!faces.length) for (const tone of tones) tone.setAttribute("d", "");
+        dyed(holder, colours[part]).dataset.part = part;
+        holder.style.setProperty("--radius", radius);
+        holder.classList.toggle("solid", faces.length > 0);
+        holder.classList.toggle("aside", holder.classList.contains("link") && this.part !== null && part !== this.part);
       }
-    }
-    return group;
+      shown[place] = index;
+    });
   }
 
   /* What moves, at a time. */
   draw(time) {
+    this.time = time;
     for (const [{ velocity, window }, element] of this.moving) {
       const [from, to] = window || [-Infinity, Infinity];
       element.setAttribute("transform", `translate(${velocity.map((speed) => speed * time)})`);
       element.classList.toggle("away", time < from || time > to);
     }
     const count = Math.round(time / this.motion.step) + 1;
-    for (const [points, element] of this.flown) element.setAttribute("points", points.slice(0, count));
+    this.flown.forEach((element, index) => element.setAttribute("points", this.seen[index].slice(0, count)));
     const posture = this.motion.posture(time);
-    put(this.robot, posture);
-    this.com.setAttribute("transform", `translate(${posture.com})`);
+    this.frame(posture.com);
+    this.put(this.robot, posture);
+    for (const [point, element] of this.marks) {
+      element.setAttribute("transform", `translate(${this.flat(this.motion.place(posture, point))})`);
+    }
     for (const [point, cone, arrow] of this.pushes) {
       const [force, acts] = [point.force, point.acts].map((keys) => keys.map((key) => this.motion.value(key, time)));
       const stands = ![...force, ...acts].includes(null);
@@ -128,13 +197,28 @@ class Stage {
         element.classList.toggle("absent", !stands);
         if (stands) element.setAttribute("transform", `translate(${acts})`);
       }
-      if (stands) for (const element of arrow) element.setAttribute("d", this.arrow(force));
+      const scaled = force.map((part) => this.motion.data.metres_per_newton * part);
+      if (stands) for (const element of arrow) element.setAttribute("d", this.arrow(scaled));
+    }
+    for (const element of this.vectors) {
+      element.setAttribute("transform", `translate(${this.flat(posture.com)})`);
+      element.setAttribute("d", this.arrow(this.flat(this.motion.data.vector)));
     }
   }
 
-  /* A force, N, as a line with a head, m. */
-  arrow(force) {
-    const [x, y] = force.map((part) => this.motion.data.metres_per_newton * part);
+  /* What the picture holds while the centre of mass is somewhere. */
+  frame(com) {
+    const box = this.camera.box(com);
+    if (String(box) === String(this.box)) return;
+    this.box = box;
+    const [left, low, width, height] = box;
+    for (const picture of [this.backdrop, this.front]) {
+      picture.setAttribute("viewBox", [left, -low - height, width, height].join(" "));
+    }
+  }
+
+  /* A vector, m, as a line with a head. */
+  arrow([x, y]) {
     const head = Math.min(HEAD * this.pixel, 0.4 * Math.hypot(x, y)) / (Math.hypot(x, y) || 1);
     const barb = (side) => `${x - head * (x - side * 0.5 * y)} ${y - head * (y + side * 0.5 * x)}`;
     return `M0 0L${x} ${y}M${barb(1)}L${x} ${y}L${barb(-1)}`;
@@ -145,12 +229,37 @@ function moves(obstacle) {
   return obstacle.window !== null || obstacle.velocity.some((speed) => speed !== 0);
 }
 
-/* Put what belongs to a robot's bodies where these are. */
-function put(robot, posture) {
-  for (const element of robot.children) {
-    const [cosine, sine, x, y] = posture.bodies[element.dataset.body];
-    element.setAttribute("transform", `matrix(${cosine} ${sine} ${-sine} ${cosine} ${x} ${y})`);
+/* A polygon, or a line. */
+function path(corners) {
+  return `M${corners.map(([x, y]) => `${x} ${y}`).join("L")}${corners.length > 2 ? "Z" : corners.length < 2 ? "h0" : ""}`;
+}
+
+/* The convex hull of places, around against the clock. */
+function hull(places) {
+  const sorted = [...places].sort((one, other) => one[0] - other[0] || one[1] - other[1]);
+  const side = (chain, place) => {
+    while (chain.length > 1 && turned(chain.at(-2), chain.at(-1), place) <= 0) chain.pop();
+    return [...chain, place];
+  };
+  return [...sorted.reduce(side, []).slice(0, -1), ...sorted.reverse().reduce(side, []).slice(0, -1)];
+}
+
+function turned([x, y], [right, up], [to, high]) {
+  return (right - x) * (high - y) - (up - y) * (to - x);
+}
+
+/* The faces that are seen of a solid, as a path for each tone of the light that falls on them. */
+function lit(faces, corners) {
+  const tones = Array.from({ length: TONES }, () => "");
+  for (const face of faces) {
+    const [a, b, c] = face.map((corner) => corners[corner]);
+    const [u, v] = [b, c].map((to) => to.map((part, axis) => part - a[axis]));
+    const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    if (normal[2] <= 0) continue;
+    const light = normal.reduce((sum, part, axis) => sum + part * LIGHT[axis], 0) / Math.hypot(...normal);
+    tones[Math.min(Math.floor(TONES * Math.max(light, 0)), TONES - 1)] += path(face.map((corner) => corners[corner]));
   }
+  return tones;
 }
 
 function drawGround(parent, whole, level, low, high) {

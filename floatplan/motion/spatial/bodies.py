@@ -1,0 +1,63 @@
+"""Where the bodies of a robot in space are, and how low its links reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics
+from floatplan.problem.parts import JointState
+from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import LinkSolid, frame_place
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPoses:
+    """The frames of the joints of a robot's model at K instants, in the world.
+
+    Attributes
+    ----------
+    places : (K, B, 3) m
+    rotations : (K, B, 3, 3)
+    """
+
+    places: Array
+    rotations: Array
+
+    @classmethod
+    def of(cls, robot: Robot, attitudes: Array, positions: Array, com: Array) -> BodyPoses:
+        """Poses of attitudes (K, 3, 3), positions (K, n) rad, and a centre of mass (K, 3), m."""
+        dynamics = spatial_dynamics(robot)
+        model, data = dynamics.model, dynamics.data
+        count, bodies = len(positions), model.njoints
+        places, rotations = np.empty((count, bodies, 3)), np.empty((count, bodies, 3, 3))
+        for k, q in enumerate(dynamics.configurations(positions)):
+            middle = pin.centerOfMass(model, data, q)
+            for body, placement in enumerate(data.oMi):
+                places[k, body], rotations[k, body] = placement.translation - middle, placement.rotation
+        turned = np.einsum("kab,kib->kia", attitudes, places)
+        return cls(turned + com[:, None], attitudes[:, None] @ rotations)
+
+    @classmethod
+    def posed(cls, robot: Robot, state: JointState, com: Array) -> BodyPoses:
+        """Poses of a given posture, K = 1, with the centre of mass at (3,), m."""
+        return cls.of(robot, attitude_of(state).matrix[None], state.positions[None], com[None])
+
+    def points(self, body: int, local: Array) -> Array:
+        """Places (K, k, 3) of points (k, 3) of a body, m."""
+        return np.asarray(self.places[:, None, body] + np.einsum("kab,ib->kia", self.rotations[:, body], local))
+
+    def frame(self, robot: Robot, name: str) -> Array:
+        """Places (K, 3) of a link's or joint's origin, m."""
+        body, place = frame_place(robot.model, robot.joint_tree, name)
+        return self.points(body, place[None])[:, 0]
+
+    def lowest(self, solid: LinkSolid) -> Array:
+        """Heights (K,) of a solid's lowest point, m."""
+        heights: Array = self.places[:, solid.body, 2] - solid.reach(DOWN @ self.rotations[:, solid.body])
+        return heights

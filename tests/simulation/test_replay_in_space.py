@@ -1,0 +1,98 @@
+"""Replay of flights in space: MuJoCo on a free joint agrees with Pinocchio and with the plan; many are a table."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot_samples import inertial, joint, robot_text
+
+import floatplan as fp
+from floatplan.simulation.replay import replays
+
+SPACE = Path(__file__).parents[2] / "problems" / "space"
+
+
+@pytest.fixture(scope="module")
+def diver():
+    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"))
+
+
+def test_mujoco_agrees_with_the_plan(diver):
+    """The diver's shoulders have a link without mass between their joints."""
+    pytest.importorskip("mujoco")
+    flown = fp.replay(diver, engine="mujoco")
+    assert flown.landed
+    assert max(flown.orientation_error, *flown.position_error) < 1e-8
+    assert flown.com_error < 1e-10
+    assert flown.momentum_drift < 1e-8
+    assert flown.balanced == {}
+    assert flown.step is None
+    assert flown.spatial is None
+
+
+@pytest.mark.parametrize("perturb", ["h=2%,torque=1%", "mass=3%", "inertia=5%"])
+def test_both_engines_fly_the_same_perturbed_robot(diver, perturb):
+    pytest.importorskip("mujoco")
+    engines = [fp.replay(diver, engine=engine, perturb=perturb, seed=3) for engine in ("pinocchio", "mujoco")]
+    errors = [[each.orientation_error, *each.position_error, each.com_error] for each in engines]
+    np.testing.assert_allclose(*errors, atol=1e-5)
+    assert engines[0].orientation_error > 1e-3
+    assert not engines[1].landed
+
+
+def test_inertias_that_no_body_has_are_balanced_and_said(tmp_path):
+    pytest.importorskip("mujoco")
+    text = robot_text(joint("knee", "a", "b"), joint("hip", "a", "c", "1 0 0"), links="abc")
+    whole = f'<link name="b">{inertial()}</link>'
+    (tmp_path / "robot.urdf").write_text(text.replace(whole, whole.replace("0.01", "0.0")))
+    robot = fp.Robot.from_urdf(tmp_path / "robot.urdf", base="free-flyer")
+    level = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
+    plan = fp.plan(fp.Problem(robot, fp.Posture(level, 0.2), fp.Posture(level, 0.2), fp.Flight(0.7, 0.0)))
+    flown = fp.replay(plan, engine="mujoco")
+    assert set(flown.balanced) == {"b"}
+    assert "which no body can have" in repr(flown)
+    assert fp.replay(plan).balanced == {}
+
+
+def test_many_flights_are_a_table(diver, floatplan):
+    plan = diver.save("plan.json")
+    asked = ("replay", plan, "--perturb", "h=1%", "--seed", "4")
+    content = json.loads(floatplan(*asked, "--runs", "2", "--json").stdout)
+    assert [each["engine"] for each in content["flights"]] == ["pinocchio"] * 2
+    single = json.loads(floatplan(*asked, "--json").stdout)
+    assert content["flights"][0]["orientation_error"] == single["orientation_error"]
+    worst = np.degrees(max(each["orientation_error"] for each in content["flights"]))
+    told = floatplan(*asked, "--runs", "2")
+    assert told.code == 0
+    assert "0 of 2 landed" in told.stdout
+    assert f"{worst:.3g} deg" in told.stdout
+    refused = floatplan(*asked, "--runs", "2", "--save")
+    assert refused.code == 2
+    assert "--save" in refused.stderr
+    assert len(replays(diver, 5, 0, budget=1e-9)) == 1
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("replay", "--replan", "100"), ("replay", "--authority"), ("launch",)],
+    ids=" ".join,
+)
+def test_what_is_not_yet_for_flights_in_space_is_refused_in_a_line(diver, floatplan, command):
+    name, *options = command
+    refused = floatplan(name, diver.save("plan.json"), *options)
+    assert refused.code == 2
+    assert refused.stdout == ""
+    assert len(refused.stderr.split("error:")) == 2
+    assert "not yet for flights in space" in " ".join(refused.stderr.split())
+
+
+@pytest.mark.parametrize("command", ["takeoff", "bounds", "jump", "studio"])
+def test_so_it_is_of_a_problem(floatplan, command):
+    refused = floatplan(command, SPACE / "diver_half_twist.toml")
+    assert refused.code == 2
+    assert refused.stdout == ""
+    assert len(refused.stderr.split("error:")) == 2
+    assert "in space" in " ".join(refused.stderr.split())
