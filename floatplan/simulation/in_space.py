@@ -7,6 +7,7 @@ the joint-space inertia matrix, its attitude by a Runge-Kutta method of order 8,
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from floatplan.robot.planar.model import FREE_FLYER
 from floatplan.simulation.recorded_motion import ModelState, RecordedMotion
 
 TIGHT = 1e-12  # [-] per step, of the attitude
+MOST_EVALUATIONS = 40_000  # [-] of the base's rate; twists take 5000
 NUDGE = 1e-6  # [-] of h, by which the sensitivity is found
 PLACE, TURN = slice(0, 3), slice(3, 7)  # of a configuration
 
@@ -47,8 +49,13 @@ class RecordedInSpace(RecordedMotion):
 
     def attitudes(self, angular_momentum: Array) -> Any:
         """The quaternion x, y, z, w as a function of time, s, for an angular momentum (3,) in the world."""
+        evaluations = count()
 
         def rate(time: float, quaternion: Array) -> Array:
+            if next(evaluations) == MOST_EVALUATIONS:
+                raise FloatplanError(
+                    f"the replay was stopped: the motion turns too fast to be integrated at {time:.3g} s"
+                )
             rotation = _matrix(quaternion)
             omega = self.turned(self.joints(time), rotation.T @ angular_momentum)[0][3:]
             return _spun(quaternion, omega)
