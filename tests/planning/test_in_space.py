@@ -390,6 +390,20 @@ def test_terms_as_large_as_those_of_high_degrees_are_read(half_twist, tmp_path):
                 fp.load_plan(path)
 
 
+def test_a_file_whose_motion_is_too_wild_is_told_in_one_line(half_twist, tmp_path, floatplan, monkeypatch):
+    monkeypatch.setattr("floatplan.simulation.in_space.MOST_EVALUATIONS", 400)
+    path = half_twist.save(tmp_path / "plan.json")
+    path.write_text(json.dumps({**json.loads(path.read_text()), "angular_momentum": [1e13, 0.0, 0.0]}))
+    with pytest.raises(fp.FloatplanError, match="the motion is too wild to be integrated"):
+        fp.load_plan(path).at(0.1)
+    for command, told in (("export", "too wild"), ("replay", "it turns too fast")):
+        run = floatplan(command, path, *(["-f", "csv", "-o", tmp_path / "out.csv"] if command == "export" else []))
+        assert run.code == 1
+        assert told in run.stderr
+        assert len(run.stderr.splitlines()) == 1
+    assert not (tmp_path / "out.csv").exists()
+
+
 def test_motions_of_the_highest_degree_are_fine_enough():
     problem = fp.load_problem(SPACE / "free_arm.toml")
     plan = fp.plan(replace(problem, motion=fp.Motion(degree=13), limits=fp.Limits()))
