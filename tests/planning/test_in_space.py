@@ -81,6 +81,8 @@ def test_its_file_is_read_back_bit_for_bit_and_changes_are_seen(half_twist, tmp_
         ("angular_momentum", [1.0, 2.0], "angular_momentum"),
         ("angular_momentum_bounds", [0.0, 1.0], "angular_momentum_bounds"),
         ("orientation", {"start": 0.0, "end": 1.0, "goal": 2.0}, "orientation"),
+        ("orientation", {**content["orientation"], "start": {"quaternion_xyzw": [0, 0, 0, 0]}}, "must have length 1"),
+        ("orientation", {**content["orientation"], "goal": {"quaternion_xyzw": [0, 0, 3, 4]}}, "must have length 1"),
         ("com", {**content["com"], "position0": [0.0, 0.0]}, "com"),
         ("robot", {**content["robot"], "base": "planar"}, "robot"),
     ):
