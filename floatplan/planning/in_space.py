@@ -28,21 +28,39 @@ TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists and of robots with few joints
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
+WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
-    """Try starts until so many of them are solved, or the budget, or the usual work, is used up.
+    """Search for a motion; where the given h leads to none, with h free too, to say with which there is one.
 
     Raises
     ------
     InputError
         The robot turns too fast for any motion of it to be integrated.
     """
+    if prepared.momentum.free:
+        return _tried(prepared, options, 1.0)
+    result = _tried(prepared, options, WITH_GIVEN)
+    if result.holding or result.interrupted:
+        return result
+    flight = replace(prepared.problem.flight, angular_momentum="free")
+    freed = Attempts(replace(prepared.problem, flight=flight), prepared.seed)
+    try:
+        other = _tried(freed, replace(options, starts=1), 1 - WITH_GIVEN)
+    except (InputError, KeyboardInterrupt):
+        return result
+    x = other.best.solution.x
+    return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
+
+
+def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchResult:
+    """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
     outcomes: list[Outcome] = []
-    expired, began = expiry(options.budget), prepared.model.work
-    most_work = DEFAULT_WORK if options.budget is None else np.inf
+    expired, began = expiry(options.budget and share * options.budget), prepared.model.work
+    most_work = share * DEFAULT_WORK if options.budget is None else np.inf
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:

@@ -168,7 +168,10 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
         return " ".join(sentences)
     if found.ran_out_of_time and not found.ran_out_of_patience:
         sentences.append("The search ran out of time; a larger budget may help.")
-    if not reasons and found.best.variables.coefficients:
+    if found.momentum_found is not None:
+        h = _numbers(found.momentum_found, ".6g")
+        sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
+    elif not reasons and found.best.variables.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
     return " ".join(sentences)
 

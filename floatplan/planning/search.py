@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
+from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.programs import Derivatives
@@ -47,12 +48,16 @@ STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solv
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Where the attempts of a search ended, in their order, and why there are no more of them."""
+    """Where the attempts of a search ended, in their order, and why there are no more of them.
+
+    Where the given h led to no plan, ``momentum_found`` (e,), kg m^2/s, is one that did.
+    """
 
     outcomes: Sequence[Outcome]
     ran_out_of_time: bool = False
     ran_out_of_patience: bool = False
     interrupted: bool = False
+    momentum_found: Array | None = None
 
     @cached_property
     def best(self) -> Outcome:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -295,6 +296,17 @@ def test_where_nothing_is_free_one_start_is_enough():
     assert plan.solver["starts"] == 1
     assert "Degree 5 leaves nothing free" in plan.explanation
     assert "ran out of time" not in plan.explanation
+
+
+def test_where_the_given_momentum_leads_to_no_plan_another_is_named_that_does():
+    problem = fp.load_problem(SPACE / "go2_barrel_roll.toml")
+    still = replace(problem.flight, angular_momentum=0.0)
+    asked = replace(problem, motion=fp.Motion(degree=5), flight=still, limits=fp.Limits())
+    plan = fp.plan(asked)
+    assert not plan.ok
+    (named,) = re.findall(r"With flight.angular_momentum = \[(.*)\] kg m\^2/s a plan was found", plan.explanation)
+    h = tuple(map(float, named.split(",")))
+    assert fp.plan(replace(asked, motion=fp.Motion(), flight=replace(still, angular_momentum=h))).ok
 
 
 def test_of_a_twist_the_least_torque_is_found_too():
