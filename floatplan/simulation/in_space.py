@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
 from floatplan.robot.planar.model import FREE_FLYER
+from floatplan.simulation.forward import MOST_EVALUATIONS
 from floatplan.simulation.recorded_motion import ModelState, RecordedMotion
 
 TIGHT = 1e-12  # [-] per step, of the attitude
@@ -53,9 +54,13 @@ class RecordedInSpace(RecordedMotion):
 
         def rate(time: float, quaternion: Array) -> Array:
             if next(evaluations) == MOST_EVALUATIONS:
+<<<<<<< HEAD
                 raise FloatplanError(
                     f"the replay was stopped: the motion turns too fast to be integrated at {time:.3g} s"
                 )
+=======
+                raise FloatplanError("the motion's attitude could not be integrated: it turns too fast")
+>>>>>>> main
             rotation = _matrix(quaternion)
             omega = self.turned(self.joints(time), rotation.T @ angular_momentum)[0][3:]
             return _spun(quaternion, omega)

@@ -6,10 +6,10 @@ from typing import Any
 
 from floatplan.errors import InputError
 from floatplan.studies.driver import started
-from floatplan.studies.file import StudyFile
+from floatplan.studies.file import StudyFile, load_study_file
 from floatplan.studies.folder import SHARDS, Shard, StudyFolder, written
 from floatplan.studies.rows import row_check
-from floatplan.studies.study import Study, asked, facts, planned_study
+from floatplan.studies.study import Study, facts, planned_study
 
 FOREIGN = "holds no shard of this study; file, problem, robot, code and solver have to be the same"
 
@@ -24,7 +24,7 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     InputError
         A folder has no shard of this study; shards are missing, there twice, of unlike numbers, or not done.
     """
-    file = asked(path)
+    file = load_study_file(path)
     place = StudyFolder(folder or file.folder, (0, len(file)))
     parts = parts or sorted(each for each in (place.path / SHARDS).glob("*") if each.is_dir())
     found: dict[Shard, Path] = {}
