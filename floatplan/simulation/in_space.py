@@ -21,7 +21,6 @@ from floatplan.simulation.forward import MOST_EVALUATIONS
 from floatplan.simulation.recorded_motion import ModelState, RecordedMotion
 
 TIGHT = 1e-12  # [-] per step, of the attitude
-MOST_EVALUATIONS = 40_000  # [-] of the base's rate; twists take 5000
 NUDGE = 1e-6  # [-] of h, by which the sensitivity is found
 PLACE, TURN = slice(0, 3), slice(3, 7)  # of a configuration
 
@@ -54,13 +53,7 @@ class RecordedInSpace(RecordedMotion):
 
         def rate(time: float, quaternion: Array) -> Array:
             if next(evaluations) == MOST_EVALUATIONS:
-<<<<<<< HEAD
-                raise FloatplanError(
-                    f"the replay was stopped: the motion turns too fast to be integrated at {time:.3g} s"
-                )
-=======
                 raise FloatplanError("the motion's attitude could not be integrated: it turns too fast")
->>>>>>> main
             rotation = _matrix(quaternion)
             omega = self.turned(self.joints(time), rotation.T @ angular_momentum)[0][3:]
             return _spun(quaternion, omega)
