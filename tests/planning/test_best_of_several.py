@@ -14,7 +14,7 @@ from long_cases import cases
 from starts_problems import starts_problems
 
 import floatplan as fp
-from floatplan.compiled.quadratic import step_by_active_rows
+from floatplan.compiled.quadratic import dual_step
 from floatplan.optimization import programs
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning import repair, search
@@ -127,7 +127,7 @@ def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
         solution = programs._proxqp(program, hessian, np.arange(24))
         derivatives = Derivatives(gradient, rows, np.empty((0, 9)))
         program = Evaluation(0.0, -values, np.empty(0), lambda found=derivatives: found, None)
-        step = step_by_active_rows(program, hessian, np.empty(0, dtype=np.int64))
+        step = dual_step(program, hessian)
         assert solution is not None
         assert step is not None
         solutions.add(solution[0].tobytes() + step.direction.tobytes())
