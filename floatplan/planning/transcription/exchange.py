@@ -27,7 +27,15 @@ from floatplan.planning.transcription.program import (
     watch_of,
     watching,
 )
-from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
+from floatplan.planning.transcription.trajectory import (
+    CUBED,
+    HARD,
+    FlightModel,
+    Sampling,
+    Trajectory,
+    sample_also,
+    trajectory,
+)
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import ORIENTATION
 
@@ -195,8 +203,11 @@ def _counting(model: FlightModel) -> FirstWay:
     """Return what solves a quadratic program if its active rows are nearly known, and counts any as work."""
 
     def step(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
-        model.solved(len(hessian))
-        return step_by_active_rows(current, hessian, active)
+        found = step_by_active_rows(current, hessian, active)
+        violated = np.count_nonzero(current.inequality < 0)  # of as many rows as then take part
+        hard = HARD * (len(hessian) + violated) ** 3 if found is None else 0.0
+        model.solved(CUBED * len(hessian) ** 3 + hard)
+        return found
 
     return step
 
