@@ -222,6 +222,13 @@ EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
 
+// Follows one start of a problem with constraints to its end; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
+                               const Nodes *levels, const Settings *settings, const Exchange *rules,
+                               Attempt *attempt, Index instructions) {
+    return CHOSEN(follow_attempt(*robot, *constraints, *motions, levels, *settings, *rules, *attempt));
+}
+
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));

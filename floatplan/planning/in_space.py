@@ -13,12 +13,11 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.optimization.sqp import Solution
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts, Outcome, Reached
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions, SearchResult, expiry
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.program import FlightProgram, objective
+from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
 
@@ -141,7 +140,7 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool])
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
         outcome = _outcome(prepared, final or motion, status)
     outcome.work = prepared.model.work - before
-    return outcome if np.isfinite(outcome.solution.evaluation.detail.residual).all() else None
+    return outcome if np.isfinite(outcome.motion.residual).all() else None
 
 
 def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> Outcome:
@@ -165,6 +164,5 @@ def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], 
 def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
     variables, model = motion.lifted.variables, prepared.model
     nodes = model.nodes(LEVEL, variables.polynomials.form)
-    aim = objective(prepared.problem, model, variables, nodes)
-    evaluation = FlightProgram(model, variables, nodes, aim, prepared.constraints).evaluate(motion.x)
-    return prepared.judge(variables, Solution(motion.x, evaluation, status, 0, 0))
+    known = trajectory(model, variables, nodes, motion.x)
+    return prepared.judge(variables, Reached(motion.x, status, 0, 0), known)
