@@ -140,9 +140,7 @@ class Constrained {
     double *pulls, *step_pulls, *pull_of;
 
     double squares(const Evaluated &at) const {
-        double total = at.equality * at.equality;
-        for (Index e = 0; program.watches && e < program.rows * program.stride; ++e)
-            if (at.values[e] < 0) total += at.values[e] * at.values[e];
+        const double total = at.equality * at.equality + at.squares;
         return std::isfinite(total) ? total : HUGE_VAL;
     }
 

@@ -187,3 +187,24 @@ static inline Index follow_attempt(const Robot &robot, const Constraints &constr
     if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
     return !follower.follow();
 }
+
+// By how much each of many motions x (count, size) misses (14), and the sums of its squared violations, at the nodes of
+// attempt.level; these only where they are wanted.
+static inline Index measure_motions(const Robot &robot, const Constraints &constraints, const Motions &motions,
+                                    const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                    Attempt &attempt, Drawn &drawn) {
+    Program program(robot, constraints, motions, levels, settings, rules, attempt);
+    Room room;
+    if (!room.make([&](Arena &arena) { program.lay_out(arena, levels[attempt.level].nodes); })) return 1;
+    program.back_off = 0;
+    program.watches = drawn.violations != nullptr;
+    program.watch(attempt.level, nullptr, 0);
+    Evaluated &at = program.two[0];
+    for (Index number = 0; number < drawn.count; ++number) {
+        copy(at.x, drawn.motions + number * program.size, program.size);
+        program.evaluate(at);
+        drawn.missed[number] = at.equality;
+        if (drawn.violations) drawn.violations[number] = at.squares;
+    }
+    return 0;
+}

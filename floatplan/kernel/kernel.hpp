@@ -225,6 +225,13 @@ struct Attempt {
     Index status, iterations, evaluations, judged_level;
 };
 
+
+// Motions x (count, size) to choose starts from.
+struct Drawn {
+    Index count;
+    const double *motions;
+    double *missed, *violations;              // (count); violations null where they are not wanted
+};
 // What a correction leads to.
 struct Corrected {
     double miss, share;

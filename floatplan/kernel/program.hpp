@@ -4,7 +4,7 @@
 // Values (instants) are those of rows at instants, row by row; where a row does not apply they are infinite.
 struct Evaluated {
     Motion motion;
-    double objective, equality, violation, worst, momentum;
+    double objective, equality, violation, worst, squares, momentum;  // squares: of the rows' violations, summed
     double *x, *coefficients;               // (size), (columns, joints)
     double *values;                         // (rows, stride)
     bool differentiated;
@@ -102,8 +102,8 @@ class Program {
         swing_joints(robot, m, motions.centre, motions.amplitude);
         turn(robot, m, at.momentum);
         at.equality = motions.duration * dot(grid.weights, m.rate, grid.nodes) - motions.change;
-        if (constraints.needs_moments) move_bodies(robot, m);
-        if (constraints.needs_places) {
+        if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
+        if (constraints.needs_places && watches) {
             copy(m.time, times, stride);
             zero(m.attitude, stride);
             for (Index k = 0; k < count; ++k)
@@ -112,6 +112,7 @@ class Program {
             place(robot, constraints, m, 0, 0);
         }
         at.violation = at.worst = std::fabs(at.equality);
+        at.squares = 0;
         for (Index row = 0; watches && row < rows; ++row) evaluate_row(at, row);
         at.objective = objective(at);
         at.differentiated = false;
@@ -341,6 +342,7 @@ class Program {
             values[k] -= back_off;
             if (!(values[k] < 0)) continue;
             at.violation -= values[k];
+            at.squares += values[k] * values[k];
             at.worst = larger(at.worst, -values[k]);
         }
     }

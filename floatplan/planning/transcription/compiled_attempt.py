@@ -130,6 +130,37 @@ def compiled_attempts(
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
+def measured(
+    model: FlightModel,
+    constraints: tuple[Constraint, ...],
+    variables: DecisionVariables,
+    motions: Array,
+    level: int,
+    rows: bool,
+) -> tuple[Array, Array] | None:
+    """Measure motions x (S, size) at the nodes of a level: the residual (S,) of (14), rad, and the rows' violations.
+
+    These (S,) are sums of squares, meaningless where ``rows`` are not wanted. None where the kernel does not know them.
+    """
+    watch = watch_of(model.flight, constraints, "")
+    if not constraints or watch is None or not all(watch.known):
+        return None
+    block, _, look = where_to_look(constraints)
+    numbers = {"rows": watch.rows, "level": level, "objective_scale": 1.0, "bodies": model.flight.bodies}
+    arrays = {"tolerance": None, "at_ends": np.zeros(len(block), np.int64), "instants": None, "x": None}
+    attempt = Filled("Attempt", look, **numbers, **arrays)
+    missed, violations = np.empty((2, len(motions)))
+    wanted = {"missed": missed, "violations": violations if rows else None}
+    drawn = Filled("Drawn", count=len(motions), motions=motions, **wanted)
+    given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
+    settings = constrained_settings(), _rules(model.flight.bodies)
+    parts = attempt.structure, drawn.structure, watch.kernel.instructions
+    if watch.kernel.draw(*watch.references, *given, *settings, *parts):
+        raise MemoryError("no memory to choose starts")
+    model.evaluated(len(motions) * model.flight.node_counts[level])
+    return missed, violations
+
+
 @lru_cache(maxsize=8)
 def _rules(bodies: int) -> Structure:
     """Every number of the search with constraints: the constant of its name."""
