@@ -53,6 +53,7 @@ class Counts:
     takeoffs: int = 50
     landings: int = 20
     in_space: int = 100
+    peers_in_space: int = 1
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
 
@@ -77,6 +78,7 @@ QUICK = Counts(
     takeoffs=6,
     landings=5,
     in_space=6,
+    peers_in_space=0,
 )
 
 

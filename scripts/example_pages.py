@@ -21,7 +21,7 @@ EXAMPLES, PAGES = ROOT / "examples", ROOT / "docs" / "examples"
 PICTURES = ROOT / "docs" / "images" / "examples"
 SHOWN = {  # the pages' order
     "A flight": ("first_flight", "handstand", "own_robot", "obstacle", "weak_motors", "falling_cat", "space_arm"),
-    "Many flights": ("sweep", "study"),
+    "Many flights": ("sweep", "study", "library"),
     "Is it true?": ("certificate", "mujoco_playback", "in_flight"),
     "From standing to standing": ("jump", "fly_a_go2"),
     "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion"),

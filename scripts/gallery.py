@@ -47,7 +47,7 @@ SPACE_TITLES = {
     "go2_barrel_roll": "Go2, barrel roll",
     "go2_half_twist": "Go2, backflip with half a twist",
     "go2_levels": "Go2, levels out, h = 0",
-    "falling_cat": "cat of Kane and Scher, h = 0",
+    "cat": "cat of Kane and Scher, h = 0",
     "free_arm": "arm like a UR5, h = 0",
     "free_panda": "Panda, h = 0",
 }

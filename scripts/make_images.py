@@ -64,6 +64,7 @@ def pictures() -> None:
         save(rendered(drawn["kinogram"]), IMAGES / f"kinogram_{name}.png")
         columns = [[rendered(drawn[figure], SHEET_DPI) for figure in column] for column in SHEET]
         save(sheet(columns), IMAGES / f"figures_{name}.png")
+    save(space_picture(["diver_full_twist", "go2_half_twist"]), IMAGES / "kinogram_space.png")
     with styled():
         save(jump_picture(jump_of("go2")), IMAGES / "jump_go2.png")
         save(rendered(flight(plan_of("handstand"))), IMAGES / "handstand.png")
@@ -140,6 +141,11 @@ def jump_picture(jump: fp.Jump) -> Image.Image:
     drawn = jump.figures()
     curves = sheet([[rendered(drawn[name])] for name in ("forces", "torque_use")])
     return sheet([[rendered(moments(jump.view, flying=5)), curves]])
+
+
+def space_picture(names: Sequence[str]) -> Image.Image:
+    """Kinograms of flights in space, side by side."""
+    return sheet([[rendered(figures(plan_of(f"space/{name}"))["kinogram"])] for name in names])
 
 
 def rendered(figure: Figure, dpi: int = DPI) -> Image.Image:

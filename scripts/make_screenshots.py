@@ -50,6 +50,9 @@ def main() -> None:
             for plan in (example, backflip):
                 name = f"report_{plan.problem.name}.png"
                 photograph_report(browser, plan, Path(folder) / "report.html", IMAGES / name)
+            twist, stunt = flown("diver_full_twist"), flown("go2_half_twist")
+            photograph_report(browser, twist, Path(folder) / "report.html", IMAGES / "report_space.png", 0.45)
+            photograph_scene(browser, stunt, Path(folder) / "scene.html", IMAGES / "scene_space.png")
             photograph_report(browser, jumped("go2"), Path(folder) / "report.html", IMAGES / "report_jump.png", 0.31)
             for plan in (backflip, example):
                 photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
@@ -64,6 +67,14 @@ def checked(name: str) -> fp.Plan:
         raise SystemExit(f"{name}: {plan.explanation}")
     record = plan.record.with_checks(certificate=certify(plan).to_dict(), replay=fp.replay(plan).to_dict())
     return plan.with_record(record)
+
+
+def flown(name: str) -> fp.Plan:
+    """Plan a flight in space, and put what a replay in MuJoCo says into its record."""
+    plan = fp.plan(fp.load_problem(ROOT / "problems" / "space" / f"{name}.toml"))
+    if not plan.ok:
+        raise SystemExit(f"{name}: {plan.explanation}")
+    return plan.with_record(plan.record.with_checks(replay=fp.replay(plan, engine="mujoco").to_dict()))
 
 
 def jumped(name: str) -> Shown:

@@ -231,7 +231,7 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
     flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 50.0}
     return {
         "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
-        "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "search": False}),
+        "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "search": False, "attempts": 4}),
         "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000}),
         "takeoff": Call(fp.takeoff, asked),
         "landing": Call(fp.landing, asked),
@@ -358,7 +358,8 @@ def test_studies(root: Path, problem: fp.Problem, tmp_path: Path, monkeypatch: p
     fp.save_problem(problem, tmp_path / "problem.toml")
     file = tmp_path / "study.toml"
     file.write_text('problem = "problem.toml"\n[vary]\n"flight.duration" = [1.3, 1.4]\n"start.orientation" = [1.2]\n')
-    options = {"folder": "out", "restart": True, "engine": "processes", "scheduler": None, "jobs": 1, "progress": None}
+    options = {"folder": "out", "restart": True, "engine": "processes", "scheduler": None, "executor": None}
+    options |= {"jobs": 1, "progress": None}
     study = fp.study(file, folder="out", jobs=1)
     found = []
     for name, call in {

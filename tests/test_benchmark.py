@@ -13,8 +13,10 @@ import pytest
 from general_flight import GeneralDynamics
 from long_cases import cases
 from needed import skip_or_fail
+from scipy.spatial.transform import Rotation
 
 import floatplan as fp
+from floatplan.motion.spatial.flight import spatial_dynamics
 
 if importlib.util.find_spec("casadi") is None:
     skip_or_fail("casadi is not installed: the extra bench")
@@ -84,6 +86,7 @@ def test_section_runs(
         takeoffs=2,
         landings=1,
         in_space=1,
+        peers_in_space=0,
         chains=(3,),
         long_chains=(3, 4),
     )
@@ -163,3 +166,18 @@ def test_peers_know_the_same_momentum(any_robot: fp.Robot) -> None:
         np.testing.assert_allclose(getattr(peer, name), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     symbolic = np.asarray(orientation_rate(any_robot.tree, momentum).map(9)(ca.DM(q.T), ca.DM(qd.T))).ravel()
     np.testing.assert_allclose(symbolic, own.rate, rtol=0, atol=1e-9 * np.abs(own.rate).max())
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_the_peer_in_space_turns_as_fast(root: Path) -> None:
+    import casadi as ca
+    from peers_space import turning_rate
+
+    robot = fp.Robot.from_urdf(root / "urdf" / "diver.urdf", base="free-flyer")
+    rng = np.random.default_rng(0)
+    q, qd = rng.uniform(-1, 1, (2, 1, len(robot.joints)))
+    turned, h = Rotation.random(random_state=1), rng.normal(size=3)
+    inertia, joint_map = spatial_dynamics(robot).momentum_maps(q)
+    expected = np.linalg.solve(inertia[0], turned.as_matrix().T @ h - joint_map[0] @ qd[0])
+    found = turning_rate(robot)(*map(ca.DM, (q[0], qd[0], turned.as_quat(), h)))
+    np.testing.assert_allclose(found.full().ravel(), expected, rtol=0, atol=1e-12)

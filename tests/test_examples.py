@@ -31,6 +31,7 @@ PROMISED = {
     "space_arm": "optimal, proved: the antenna ends at most",
     "sweep": "that plan is proved",
     "study": "resumed: 165 rows",
+    "library": "100 flips asked for, 100 planned and proved",
     "certificate": "20.001000 mm: refuted at 0.7219 s",
     "mujoco_playback": "rad from the plan",
     "in_flight": "lands as planned",
@@ -47,12 +48,13 @@ EXTRAS = {
     "fly_a_go2": ("mujoco", "casadi"),
     "from_mjcf": ("mujoco",),
     "jump": ("casadi",),
+    "library": ("pyarrow",),
     "mujoco_playback": ("mujoco",),
     "reference_motion": ("casadi",),
     "ros_trajectory": ("yaml",),
     "study": ("pyarrow",),
 }
-LONG = {"fly_a_go2", "from_mjcf", "jump", "reference_motion", "ros_trajectory", "study"}
+LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "ros_trajectory", "study"}
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def test_script_runs(
     for module in EXTRAS.get(name, ()):
         if find_spec(module) is None:
             skip_or_fail(f"{module} is not installed")
-    if name == "fly_a_go2" and robots_folder() is None:
+    if name in ("fly_a_go2", "library") and robots_folder() is None:
         skip_or_fail("example-robot-data is not installed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [f"{name}.py", *([] if name == "first_flight" else ["given"])])

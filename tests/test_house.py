@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,7 @@ import floatplan
 
 PACKAGE = Path(floatplan.__file__).parent
 SOURCE = {".py", ".pyi", ".cpp", ".hpp", ".h", ".js", ".css", ".html", ".toml", ".txt"}
-MOST_LINES = 48_584
+MOST_LINES = 50_092
 MOST_LINES_OF_A_FILE = 450
 MOST_FILES_OF_A_FOLDER = 20
 MOST_FILES_OF_THE_PACKAGE = 8  # directly in it
@@ -32,14 +32,17 @@ def lines(path: Path) -> int:
     return len(path.read_text(encoding="utf-8").splitlines())
 
 
-def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+@cache
+def functions() -> list[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
     """All functions but commands of the command line, whose parameters are its options."""
+    found = []
     for path in MODULES:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 if path.parent.name == "cli" and "Annotated[" in ast.unparse(node.args):
                     continue
-                yield f"{path.relative_to(PACKAGE)}: {node.name}", node
+                found.append((f"{path.relative_to(PACKAGE)}: {node.name}", node))
+    return found
 
 
 def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:

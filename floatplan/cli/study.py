@@ -144,10 +144,17 @@ def studio(
     Drag the robot at takeoff and landing, obstacles, sliders; Ctrl-C ends it. A robot without a problem file begins
     with the flight that floatplan init finds.
     """
+    from floatplan.cli.asked import is_robot
     from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")
-    problem = _problem(source, quiet)
+    if is_robot(source):
+        from floatplan.initial.flight import first_flight
+        from floatplan.initial.robots import chosen_robot
+
+        problem = first_flight(chosen_robot(source), seed=0, progress=common.tell(quiet)).problem
+    else:
+        problem = fp.load_problem(source)
     directory = runs_folder(problem.name, "flight") / "studio" if output is None else output
     with closing(Studio(problem, folder=str(directory), port=port, with_map=around)) as page:
         typer.echo(f"{escaped(problem.name)}: {page.address} (Ctrl-C ends it)", err=True)
@@ -158,15 +165,3 @@ def studio(
                 time.sleep(3600)
         except KeyboardInterrupt:
             raise typer.Exit(common.DONE) from None
-
-
-def _problem(source: str, quiet: bool) -> fp.Problem:
-    """The problem of a file, or the first flight of a robot."""
-    from floatplan.cli.asked import is_robot
-
-    if not is_robot(source):
-        return fp.load_problem(source)
-    from floatplan.initial.flight import first_flight
-    from floatplan.initial.robots import chosen_robot
-
-    return first_flight(chosen_robot(source), seed=0, progress=common.tell(quiet)).problem

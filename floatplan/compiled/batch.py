@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -54,6 +54,7 @@ HOPELESS = 0.1  # of violation after the coarse search: then the fine one would 
 COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
 ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
+CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
 EASY_ITERATIONS = 40  # [-] of a plain start: with fewer of them other starts promise little
 WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of random motions
@@ -78,6 +79,7 @@ AGREEMENT = 0.003  # [-] relative difference of what is left of it
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
 NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
+STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
 RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
 ENDS = ("start", "goal")
@@ -225,17 +227,30 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
     return high, (fractions - exact).astype(np.float64)
 
 
+Steps: TypeAlias = tuple[tuple[Settings, float], ...]  # and the error of the attitude that their nodes may leave, rad
+
+
 @lru_cache(maxsize=32)
 def _settings(search: Search) -> Structure:
     """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
     fine = replace(FINE, longest_step=search.longest_step)
-    steps = (ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR)
-    stages = tuple(
-        (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations) for each, error in steps
-    )
-    others: dict[str, Any] = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages}
+    steps: Steps = ((ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR))
     if search.only_draws:
-        others["polishing_steps"] = 0
+        steps = tuple((replace(each, iterations=0), error) for each, error in steps)
+    others = {"polishing_steps": 0} if search.only_draws else {}
+    return _numbers(search, steps, **others)
+
+
+@cache
+def constrained_settings() -> Structure:
+    """Return those of a search with constraints, whose first and last stages are these."""
+    coarse, fine = (COARSE, QUADRATURE_ERROR), (CAUTIOUS, QUADRATURE_ERROR)
+    return _numbers(Search(longest_step=CAUTIOUS.longest_step), (coarse, fine, fine))
+
+
+def _numbers(search: Search, steps: Steps, **others: Any) -> Structure:
+    stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
+    others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages, **others}
     return constants("Settings", vars(sqp), vars(flight), globals(), **others)
 
 

@@ -60,7 +60,8 @@ class CompiledConstraints:
     differentiated : list of int
         Of each block, how many rows have derivatives that are not just the opposite of another's.
     also : (r, terms), optional
-        The numbers of that quantity as the kernel's sums; None where there is none, or the kernel does not know it.
+        The numbers of that quantity as the kernel's sums, from number ``first_also`` on; None where there is none, or
+        the kernel does not know it.
     """
 
     def __init__(self, flight: PlanarFlight, blocks: Sequence[Block | None], also: str = "") -> None:
@@ -96,8 +97,9 @@ class CompiledConstraints:
         needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
         rows = {"kind": kind, "first": first, "second": second, "least": columns[3], "per_scale": columns[4]}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
-        about = {"obstacles": np.array(obstacles), "sums": of_sums, "opposite": opposite, "rows": self.rows}
-        self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
+        self.first_also, all_sums = len(of_sums), [of_sums] if self.also is None else [of_sums, self.also]
+        about = {"obstacles": np.array(obstacles), "sums": np.concatenate(all_sums), "opposite": opposite}
+        self.filled = Filled("Constraints", self, shapes, rows=self.rows, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
     def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> int:

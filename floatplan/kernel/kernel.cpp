@@ -222,6 +222,20 @@ EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
 
+// Follows one start of a problem with constraints to its end; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
+                               const Nodes *levels, const Settings *settings, const Exchange *rules,
+                               Attempt *attempt, Index instructions) {
+    return CHOSEN(follow_attempt(*robot, *constraints, *motions, levels, *settings, *rules, *attempt));
+}
+
+// Measures motions to choose starts from; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_draw(const Robot *robot, const Constraints *constraints, const Motions *motions,
+                            const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
+                            Drawn *drawn, Index instructions) {
+    return CHOSEN(measure_motions(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *drawn));
+}
+
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));

@@ -160,16 +160,78 @@ struct Minima {
     double *s, *least;  // (found), the same
 };
 
-// minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, from rows of C that may be active.
+// minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, with at most so many changes of the active rows.
 struct Quadratic {
     Index size, equalities, rows, changes;
-    double accuracy, tolerance;
+    double tolerance;
     const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
-    Index count;     // of the active rows
-    Index *active;   // (size + 1)
-    double *solution;       // (2 size + equalities): x and multipliers, those of active rows <= 0
+    Index count;       // of the active rows
+    Index *active;     // (size)
+    double *solution;  // (2 size + equalities): x, multipliers y of equalities and z >= 0 of active rows:
+                       // H x + g + A^T y - C^T z = 0
 };
 
+// Gauss-Legendre nodes of one level, and what motions of a form are made of there.
+struct Nodes {
+    Eights nodes;
+    const double *s, *weights, *tail;        // (nodes), (nodes), (3, nodes): the last Legendre coefficients
+    const double *value, *first, *second;    // (columns, nodes): basis of p, and its derivatives by s
+    const double *integrals;                 // (nodes, nodes): over [0, s]
+    const double *antiderivative;            // (nodes + 1, nodes): in Chebyshev polynomials of 2 s - 1
+};
+
+// The conditions (13) at one end where they follow h: rates p' by s, straight between some h, and p'' of these.
+struct End {
+    Index knots;                             // 0: they are given
+    const double *momenta, *rates;           // (knots), (knots, joints)
+    const double *curvature, *bend;          // (joints): p'' = curvature + bend p'^2
+};
+
+// A class of motions, and how the x of a search make one: z = offset + scaling x, h = momentum + axis x.
+struct Motions {
+    Index size, axes, columns, given, terms;  // axes: whether h is free; given: of the columns
+    double duration, orientation, change, momentum;
+    const double *axis;                       // (axes)
+    const double *centre, *amplitude;         // (joints)
+    const Index *first;                       // (joints + 1): where each joint's x begin; then h
+    const Index *condition;                   // (6): column of each condition (13), or -1
+    const double *boundary;                   // (joints, given)
+    const double *offset, *scaling;           // (m), (m, m): joint by joint
+    const double *series;                     // (3, terms, columns): the basis and its derivatives by Chebyshev's
+    const double *map;                        // (terms, columns): to b over the unit; null where x are whitened
+    End start, goal;
+};
+
+// What a search for a motion with constraints keeps to; see the Python constants of these names.
+struct Exchange {
+    double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
+    double longest_free_step;
+    double feasible, stalled, initial_damping, smallest_damping, largest_damping, regularisation, qp_tolerance;
+    double evaluation, differentiation, entry;
+    Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
+};
+
+// One start followed to its end.
+struct Attempt {
+    Index rows, at_once, level, closer_level, objective_sum, objective_sums;
+    double objective_scale, most_work, bodies, entries;
+    const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
+    const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing
+    const double *instants;                   // (fixed): beside the nodes, always
+    Index fixed;
+    Minima minima;                            // of where it ended
+    double *x;                                // (size): the start, then the end
+    double violation, work;                   // the largest one of (14) or of a row; 0 where all hold
+    Index status, iterations, evaluations, judged_level;
+};
+
+
+// Motions x (count, size) to choose starts from.
+struct Drawn {
+    Index count;
+    const double *motions;
+    double *missed, *violations;              // (count); violations null where they are not wanted
+};
 // What a correction leads to.
 struct Corrected {
     double miss, share;

@@ -136,7 +136,8 @@ def constants(name: str, *modules: Mapping[str, Any], **others: Any) -> Structur
 class Filled:
     """A structure of the headers with what it points to: each of its arrays, or None where there is none.
 
-    An array that is not given is that of its name of the first of the ``sources`` that has one.
+    An array that is not given is that of its name of the first of the ``sources`` that has one. A structure within it
+    is a copy of the one that is given.
     """
 
     def __init__(self, name: str, *sources: object, **values: Any) -> None:
@@ -150,9 +151,10 @@ class Filled:
             value = values.pop(field)
             if value is not None:
                 arrays[field] = np.ascontiguousarray(value, dtype) if is_read else value
-        self.structure: Any = kind(**values)
+        parts = {name: value for name, value in values.items() if isinstance(value, Filled)}
+        self.structure: Any = kind(**values | {name: part.structure for name, part in parts.items()})
         self.structure.point_to(**arrays)
-        self._kept = arrays
+        self._kept, self._parts = arrays, parts
 
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to other arrays, as they are."""

@@ -29,6 +29,15 @@ struct Solution {
     Index iterations;
 };
 
+// Level at which an integral of about `size` is exact to an error, from the tail that so many nodes leave.
+template <typename NodesAt>
+static inline Index level_of_tail(double tail, Index nodes, double error, double size, Index levels, NodesAt nodes_at) {
+    const double decay = std::log(tail) / nodes, count = std::log(error / larger(size, error)) / (2 * decay);
+    for (Index candidate = 0; candidate + 1 < levels; ++candidate)
+        if (nodes_at(candidate) >= count) return candidate;
+    return levels - 1;
+}
+
 class Planner {
   public:
     Planner(const Robot &robot, const Grid *grids, const Settings &settings, Memory &memory)
@@ -113,11 +122,8 @@ class Planner {
     // Level at which theta0(T) is exact to an error, see PlanarFlown.level_needed().
     Index level_needed(double error) {
         double tail = smaller(larger(unresolved(), settings.smallest_tail), settings.largest_tail);
-        double decay = std::log(tail) / grids[level].nodes;
-        double count = std::log(error / larger(fastest * T, error)) / (2 * decay);
-        for (Index candidate = 0; candidate + 1 < settings.levels; ++candidate)
-            if (node_counts[candidate] >= count) return candidate;
-        return settings.levels - 1;
+        return level_of_tail(tail, grids[level].nodes, error, fastest * T, settings.levels,
+                             [&](Index candidate) { return node_counts[candidate]; });
     }
 
     // sqp.hpp: from x, see exchange.solve() of planning/transcription

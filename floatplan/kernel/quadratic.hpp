@@ -1,4 +1,6 @@
-// Quadratic programs by changes of the rows that are active.
+// Quadratic programs by the dual method of Goldfarb and Idnani (Mathematical Programming 27 (1983)): from the solution
+// without rows, one violated row after the other is made active; rows that are pulled at on the way leave. With the
+// active normals N and H = L L^T the factors J = L^-T Q and R, J^T N = (R; 0), are kept up to date by rotations.
 
 // Solves M X = B, M (n, n) and B (n, columns) overwritten, by elimination with row exchanges; false where M is singular.
 static inline bool eliminate(double *matrix, double *right, Index n, Index columns = 1) {
@@ -28,77 +30,204 @@ static inline bool eliminate(double *matrix, double *right, Index n, Index colum
     return true;
 }
 
-// The conditions of optimality with the active rows as equalities; whether the solution is as accurate as is asked.
-static inline bool hold_active(Quadratic &qp, Index total, double *matrix) {
-    const Index n = qp.size;
-    double *factors = matrix + total * total, *right = factors + total * total, *solution = qp.solution;
-    zero(matrix, total * total);
-    for (Index i = 0; i < n; ++i) {
-        copy(matrix + i * total, qp.hessian + i * n, n);
-        right[i] = -qp.gradient[i];
-    }
-    for (Index k = n; k < total; ++k) {
-        const Index place = k - n, row = place < qp.equalities ? place : qp.active[place - qp.equalities];
-        const bool equality = place < qp.equalities;
-        const double *slopes = (equality ? qp.equality_rows : qp.inequality_rows) + row * n;
-        for (Index j = 0; j < n; ++j) matrix[k * total + j] = matrix[j * total + k] = slopes[j];
-        right[k] = -(equality ? qp.equality : qp.inequality)[row];
-    }
-    copy(factors, matrix, total * total);
-    copy(solution, right, total);
-    if (!eliminate(factors, solution, total)) return false;
-    double balanced = 0, unbalanced = 0, missed = 0;
-    for (Index i = 0; i < total; ++i) {
-        const double *row = matrix + i * total;
-        const double curved = dot(row, solution, n), pulled = dot(row + n, solution + n, total - n);
-        double &lacking = i < n ? unbalanced : missed;
-        lacking = std::fmax(lacking, std::fabs(curved + pulled - right[i]));
-        if (i < n) balanced = std::fmax(balanced, std::fmax(std::fabs(curved), std::fabs(right[i])));
-        if (!std::isfinite(curved + pulled)) return false;
-    }
-    return unbalanced / (1 + balanced) <= qp.accuracy && missed <= qp.accuracy;
+// Factor L of H = L L^T (n, n), below and on the diagonal of `factor`, with something added to H's diagonal; false where
+// H is not positive definite.
+static inline bool cholesky(const double *matrix, Index n, double *factor, double added = 0) {
+    for (Index i = 0; i < n; ++i)
+        for (Index j = 0; j <= i; ++j) {
+            const double left = matrix[i * n + j] + (i == j) * added - dot(factor + i * n, factor + j * n, j);
+            if (i == j && !(left > 0 && std::isfinite(left))) return false;
+            factor[i * n + j] = i == j ? std::sqrt(left) : left / factor[j * n + j];
+        }
+    return true;
 }
 
-// The row most violated by the solution that is not active; -1 where none is by more than the tolerance.
-static inline Index most_violated(const Quadratic &qp) {
-    const Index n = qp.size;
-    double least = -qp.tolerance;
-    Index worst = -1;
-    for (Index row = 0; row < qp.rows; ++row) {
-        const double *slopes = qp.inequality_rows + row * n;
-        double value = qp.inequality[row], other = 0;
-        Index j = 0;
-        for (; j + 1 < n; j += 2) {
-            value += slopes[j] * qp.solution[j];
-            other += slopes[j + 1] * qp.solution[j + 1];
-        }
-        if (j < n) value += slopes[j] * qp.solution[j];
-        if (value + other < least) {
-            bool held = false;
-            for (Index k = 0; k < qp.count; ++k) held |= qp.active[k] == row;
-            if (held) continue;
-            least = value + other;
-            worst = row;
-        }
+// Solves L L^T x = b, b (n) overwritten.
+static inline void solve_cholesky(const double *factor, Index n, double *right) {
+    for (Index i = 0; i < n; ++i) right[i] = (right[i] - dot(factor + i * n, right, i)) / factor[i * n + i];
+    for (Index i = n; i-- > 0;) {
+        right[i] /= factor[i * n + i];
+        add(-right[i], factor + i * n, i, right);
     }
-    return worst;
 }
 
-// Whether it is solved; the direction and the multipliers are the solution, its active rows those that are kept.
+class DualMethod {
+  public:
+    Index count = 0, held = 0;  // of the active ones: all, and equalities, which come first
+    Index *active;              // (size): which equality or row each is
+    double *x, *pulls;          // (size): the solution; multipliers of the active ones, those of rows >= 0
+
+    void lay_out(Arena &arena, Index size) {
+        for (double **each : {&j, &r, &factor}) arena.take(*each, size * size);
+        for (double **each : {&x, &pulls, &d, &z, &by}) arena.take(*each, size + 1);
+        arena.take(active, size + 1);
+    }
+
+    // Whether it is solved; where rows contradict one another it is not.
+    bool solve(const Quadratic &qp) {
+        n = qp.size, count = held = 0;
+        if (!start(qp)) return false;
+        for (Index e = 0; e < qp.equalities; ++e)
+            if (!hold_equality(qp, e)) return false;
+        for (Index changes = 0; changes <= qp.changes; ++changes) {
+            const Index row = most_violated(qp);
+            if (row < 0) return true;
+            if (count > n || !hold_row(qp, row, changes)) return false;
+        }
+        return false;
+    }
+
+  private:
+    static constexpr double dependent = 1e-10;  // of a normal's length: what is left of it is rounding
+    Index n = 0;
+    double *j, *r, *factor, *d, *z, *by;
+
+    // J = L^-T, and the solution without rows. What rounding has made indefinite becomes definite.
+    bool start(const Quadratic &qp) {
+        double most = 0;
+        for (Index k = 0; k < n; ++k) most = larger(most, qp.hessian[k * n + k]);
+        for (double added : {0.0, 1e-15, 1e-13, 1e-11, HUGE_VAL}) {
+            if (added == HUGE_VAL) return false;
+            if (cholesky(qp.hessian, n, factor, added * most)) break;
+        }
+        for (Index k = 0; k < n; ++k) {
+            if (!std::isfinite(qp.gradient[k])) return false;
+            x[k] = -qp.gradient[k];
+        }
+        solve_cholesky(factor, n, x);
+        zero(j, n * n);
+        for (Index c = 0; c < n; ++c) {  // column c of L^-1 is row c of L^-T
+            double *column = j + c * n;
+            for (Index i = c; i < n; ++i)
+                column[i] = ((i == c) - dot(factor + i * n + c, column + c, i - c)) / factor[i * n + i];
+        }
+        return true;
+    }
+
+    // d = J^T normal; z, the way in x that leaves the active ones as they are, and `by`, what their multipliers lose.
+    // The square of what is left of the normal, 0 where it is made of theirs.
+    double look(const double *normal) {
+        zero(d, n);
+        for (Index i = 0; i < n; ++i) add(normal[i], j + i * n, n, d);
+        const double whole = dot(d, d, n), left = dot(d + count, d + count, n - count);
+        for (Index i = 0; i < n; ++i) z[i] = dot(j + i * n + count, d + count, n - count);
+        for (Index i = count; i-- > 0;)
+            by[i] = (d[i] - dot(r + i * n + i + 1, by + i + 1, count - i - 1)) / r[i * n + i];
+        return left > dependent * dependent * whole ? left : 0;
+    }
+
+    void rotate(double *matrix, Index rows, Index one, double cosine, double sine) const {
+        for (Index i = 0; i < rows; ++i) {
+            double &a = matrix[i * n + one], &b = matrix[i * n + one + 1], old = a;
+            a = cosine * old + sine * b;
+            b = cosine * b - sine * old;
+        }
+    }
+
+    void enter(Index row, double pull) {
+        for (Index k = n - 1; k > count; --k) {
+            const double length = std::hypot(d[k - 1], d[k]);
+            if (length == 0) continue;
+            rotate(j, n, k - 1, d[k - 1] / length, d[k] / length);
+            d[k - 1] = length;
+        }
+        for (Index i = 0; i <= count; ++i) r[i * n + count] = d[i];
+        active[count] = row;
+        pulls[count++] = pull;
+    }
+
+    void leave(Index place) {
+        --count;
+        for (Index c = place; c < count; ++c) {
+            active[c] = active[c + 1], pulls[c] = pulls[c + 1];
+            for (Index i = 0; i <= c + 1; ++i) r[i * n + c] = r[i * n + c + 1];
+        }
+        for (Index c = place; c < count; ++c) {
+            double &a = r[c * n + c], &b = r[(c + 1) * n + c];
+            const double length = std::hypot(a, b);
+            if (length == 0) continue;
+            const double cosine = a / length, sine = b / length;
+            for (Index k = c + 1; k < count; ++k) {
+                double &upper = r[c * n + k], &lower = r[(c + 1) * n + k], old = upper;
+                upper = cosine * old + sine * lower;
+                lower = cosine * lower - sine * old;
+            }
+            a = length, b = 0;
+            rotate(j, n, c, cosine, sine);
+        }
+    }
+
+    bool hold_equality(const Quadratic &qp, Index e) {
+        const double *normal = qp.equality_rows + e * n, value = qp.equality[e] + dot(normal, x, n);
+        const double left = look(normal);
+        if (!std::isfinite(value)) return false;
+        if (left == 0) return std::fabs(value) <= qp.tolerance;
+        const double step = -value / left;
+        add(step, z, n, x);
+        add(-step, by, count, pulls);
+        enter(e, step);
+        ++held;
+        return true;
+    }
+
+    // Makes a violated row active; false where the others forbid that, or it takes too many changes.
+    bool hold_row(const Quadratic &qp, Index row, Index &changes) {
+        const double *normal = qp.inequality_rows + row * n;
+        double pull = 0;
+        for (; changes <= qp.changes; ++changes) {
+            const double left = look(normal), value = qp.inequality[row] + dot(normal, x, n);
+            double step = left > 0 ? -value / left : HUGE_VAL;
+            Index first = -1;
+            for (Index k = held; k < count; ++k)
+                if (by[k] > 0 && pulls[k] < step * by[k]) step = pulls[k] / by[k], first = k;
+            if (!(step < HUGE_VAL)) return false;
+            if (left > 0) add(step, z, n, x);
+            add(-step, by, count, pulls);
+            pull += step;
+            if (first < 0) {
+                enter(row, pull);
+                return true;
+            }
+            leave(first);
+        }
+        return false;
+    }
+
+    // The row most violated; -1 where none is by more than the tolerance.
+    Index most_violated(const Quadratic &qp) const {
+        double least = -qp.tolerance;
+        Index worst = -1;
+        for (Index row = 0; row < qp.rows; ++row) {
+            const double *slopes = qp.inequality_rows + row * n;
+            double value = qp.inequality[row], other = 0;
+            Index k = 0;
+            for (; k + 1 < n; k += 2) {
+                value += slopes[k] * x[k];
+                other += slopes[k + 1] * x[k + 1];
+            }
+            if (k < n) value += slopes[k] * x[k];
+            if (!(value + other >= least)) {
+                bool is_active = false;
+                for (Index a = held; a < count; ++a) is_active |= active[a] == row;
+                if (is_active) continue;
+                least = value + other;
+                worst = row;
+            }
+        }
+        return worst;
+    }
+};
+
+// Whether it is solved; the direction and the multipliers are the solution, the active rows those that it needs.
 static inline Index solve_quadratic(Quadratic &qp) {
-    const Index first = qp.size + qp.equalities, largest = first + qp.size;
-    double *matrix;
+    DualMethod method;
     Room room;
-    if (!room.make([&](Arena &arena) { arena.take(matrix, (2 * largest + 1) * largest); })) return 0;
-    for (Index change = 0; change < qp.changes && qp.count <= qp.size; ++change) {
-        if (!hold_active(qp, first + qp.count, matrix)) return 0;
-        const Index violated = most_violated(qp);
-        Index kept = 0;
-        for (Index k = 0; k < qp.count; ++k)
-            if (qp.solution[first + k] <= 0) qp.active[kept++] = qp.active[k];
-        if (kept == qp.count && violated < 0) return 1;
-        qp.count = kept;
-        if (violated >= 0) qp.active[qp.count++] = violated;
-    }
-    return 0;
+    if (!room.make([&](Arena &arena) { method.lay_out(arena, qp.size); }) || !method.solve(qp)) return 0;
+    zero(qp.solution, qp.size + qp.equalities);
+    copy(qp.solution, method.x, qp.size);
+    for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.pulls[k];
+    qp.count = method.count - method.held;
+    copy(qp.solution + qp.size + qp.equalities, method.pulls + method.held, qp.count);
+    for (Index k = 0; k < qp.count; ++k) qp.active[k] = method.active[method.held + k];
+    return 1;
 }

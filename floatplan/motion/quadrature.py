@@ -41,15 +41,15 @@ class GaussLegendre:
 
     def integrals(self, instants: Array) -> Array:
         """Matrix (len(instants), N): values at the nodes to integrals of their interpolant over [0, instant]."""
-        return chebyshev_values(2 * instants - 1, len(self.nodes)) @ self._antiderivative
+        return chebyshev_values(2 * instants - 1, len(self.nodes)) @ self.antiderivative
 
     def integral(self, values: Array) -> Array:
         """Integral over [0, s] of the interpolant of ``values`` (N,), in Chebyshev polynomials of 2 s - 1: (N+1,)."""
-        return self._antiderivative @ values
+        return self.antiderivative @ values
 
     @cached_property
     @one_thread
-    def _antiderivative(self) -> Array:
+    def antiderivative(self) -> Array:
         """Matrix (N+1, N): values at the nodes to Chebyshev coefficients (in 2 s - 1) of their interpolant's integral.
 
         The integrals of Legendre polynomials have their Chebyshev coefficients from their values at the roots of a

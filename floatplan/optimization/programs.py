@@ -2,8 +2,8 @@
 
 minimise f(x) subject to c(x) = 0 and g(x) >= 0.
 
-The QP subproblem of SQP, ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``, is solved from the rows active
-last time, by ProxQP where these are far off, else elastic; see :mod:`floatplan.optimization.sqp`.
+The QP subproblem of SQP, ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``, is solved by a dual
+method, by ProxQP where that gives up, else elastic; see :mod:`floatplan.optimization.sqp`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ REGULARISATION = 1e-12  # [-] of the elastic system, relative to the slack penal
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 ACTIVE_PER_VARIABLE = 4  # [-] inequalities of the last QP that the next begins with; at a vertex there is 1
 GENERATIONS = 12  # times that rows are added before the QP counts as infeasible
+QP_CHANGES = 400  # of active rows, by the dual method
+QP_TOLERANCE = 1e-10  # in its own unit, by which a row may be violated by what the dual method finds
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row left out of a QP may be violated by its solution
 
 
@@ -181,7 +183,7 @@ class Step(NamedTuple):
     lagrangian_gradient: Array | None = None
 
 
-FirstWay: TypeAlias = Callable[[AnyEvaluation, Array, IntArray], Step | None]
+FirstWay: TypeAlias = Callable[[AnyEvaluation, Array], Step | None]
 
 
 def solve_qp(
@@ -189,12 +191,10 @@ def solve_qp(
 ) -> Step:
     """Solve the QP of the linearised program, by :func:`elastic_qp` where there is no other way.
 
-    Mostly its ``active`` rows are nearly those of the last: a few changes, each a linear system, find its solution.
-    That is the ``first`` way, where one is given.
+    The ``first`` way, where one is given, needs no guess of the ``active`` rows.
     """
-    guess = active if active.size <= len(hessian) else active[:0]  # after an elastic step, which pulls at all rows
     return (
-        (first(current, hessian, guess) if first else None)
+        (first(current, hessian) if first else None)
         or _by_constraint_generation(current, hessian, active)
         or elastic_qp(current, hessian, slack_penalty)
     )

@@ -8,17 +8,24 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.batch import Answers, Numbers, Rows, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import CAUTIOUS, STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, starts
+from floatplan.planning.transcription.compiled_attempt import (
+    CLOSER,
+    PROMISING,
+    WATCHED_AT_MOST,
+    CompiledAttempts,
+    compiled_attempts,
+)
 from floatplan.planning.transcription.constraints import Constraint, constraints
 from floatplan.planning.transcription.exchange import Worst, local_minima, solve
 from floatplan.planning.transcription.program import (
@@ -43,15 +50,10 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
-STATUS: dict[int, str] = {batch.INFEASIBLE: "infeasible", batch.FEASIBLE: "feasible", batch.OPTIMAL: "optimal"}
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
-CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
-WATCHED_AT_MOST = 6  # level of grids
 ATTEMPTS = 300  # [-] most starts tried at each degree
-PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
-CAUTIOUS = replace(batch.FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,17 +109,29 @@ def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_
     return Followed(rows.momentum, compiled.plan(rows, Search(longest_step=longest_step)), compiled.bodies)
 
 
+class Reached(NamedTuple):
+    """A point x, why it is one to stop at (see :class:`~floatplan.optimization.sqp.Solution`), and what it took."""
+
+    x: Array
+    status: str
+    iterations: int
+    evaluations: int
+
+
 @dataclass(eq=False)
 class Outcome:
     """Where an attempt ended.
 
-    ``violation`` is the largest one of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
-    names what is minimised; ``work`` is what the attempt took, the drawing of its start included. ``starts`` were
-    followed together, of which ``solved`` hold. ``coefficients`` are b (n, k+1), where the kernel has written them.
+    ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
+    constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
+    took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
+    ``coefficients`` are b (n, k+1), where the kernel has written them.
     """
 
     variables: DecisionVariables
-    solution: Solution[Trajectory]
+    solution: Reached
+    model: FlightModel
+    level: int
     violation: float
     worst: Worst
     objective: ObjectiveName
@@ -137,10 +151,15 @@ class Outcome:
         return self.holds and self.solution.status == "optimal"
 
     @cached_property
+    def motion(self) -> Trajectory:
+        """The motion at the nodes of that grid."""
+        nodes = self.model.nodes(self.level, self.variables.polynomials.form)
+        return trajectory(self.model, self.variables, nodes, self.solution.x)
+
+    @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
-        motion = self.solution.evaluation.detail
-        return objective_value(self.objective, motion, self.solution.x)
+        return objective_value(self.objective, self.motion, self.solution.x)
 
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
@@ -162,6 +181,7 @@ class Attempts:
         self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
         (self.plain_start,) = self.first_starts(problem.degrees, 1)
         self._level = self._watching_level() if self.constraints else 0
+        self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
 
     def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
         """Return the first starts at these degrees: so many, or all where there are not so many."""
@@ -203,7 +223,10 @@ class Attempts:
     def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work - start.work
-        outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
+        if self._compiled and not stop():
+            outcome = self._follow_compiled(self._compiled, start, most_work - start.work)
+        else:
+            outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
         outcome.work = self.model.work - before
         return outcome
 
@@ -213,6 +236,13 @@ class Attempts:
         outcome = self._judge_compiled(followed, self.plain_start.variables)
         outcome.work = self.model.work - before
         return outcome
+
+    def _follow_compiled(self, compiled: CompiledAttempts, start: Start, most_work: float) -> Outcome:
+        """Follow a start in the kernel."""
+        ended = compiled.follow(start.variables, start.x, start.at_once, most_work)
+        reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
+        of_end = ended.level, ended.violation, ended.worst
+        return Outcome(start.variables, reached, self.model, *of_end, self.problem.motion.objective)
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
@@ -225,7 +255,7 @@ class Attempts:
 
         def follow(x: Array) -> Outcome:
             solution = solve(model, variables, make_objective, blocks, x, settings, stop, level)
-            return self.judge(variables, solution)
+            return self._judge_solution(variables, solution)
 
         def begins() -> Iterator[Array]:
             """The start; of those followed at once the best motion without limits as well."""
@@ -248,7 +278,7 @@ class Attempts:
                 other = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-                other = self.judge(variables, unsolved)
+                other = self._judge_solution(variables, unsolved)
             outcome = best([outcome, other]) if outcome else other
             if outcome.holds or stop():
                 break
@@ -270,21 +300,26 @@ class Attempts:
         aim = objective(self.problem, model, variables, nodes)
         evaluation = FlightProgram(model, variables, nodes, aim).evaluate(x)
         solution = Solution(x, evaluation, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self.judge(variables, solution)
+        outcome = self._judge_solution(variables, solution)
         outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
         if outcome.holds:
             outcome.coefficients = answers.coefficients[0]
         return outcome
 
-    def judge(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
-        """Check (14) and the constraints, between the instants too."""
-        motion, counts = solution.evaluation.detail, self.model.flight.node_counts
-        level = max(motion.flown.level_needed(batch.QUADRATURE_ERROR), self._level)
+    def _judge_solution(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
+        reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
+        return self.judge(variables, reached, solution.evaluation.detail)
+
+    def judge(self, variables: DecisionVariables, reached: Reached, known: Trajectory | None = None) -> Outcome:
+        """Check (14) and the constraints, between the instants too; the motion is ``known`` at some grid."""
+        counts = self.model.flight.node_counts
 
         def at_level(level: int) -> Trajectory:
             nodes = self.model.nodes(level, variables.polynomials.form)
-            return trajectory(self.model, variables, nodes, solution.x)
+            return trajectory(self.model, variables, nodes, reached.x)
 
+        motion = known or at_level(max(self._level, COMPILED_LEVEL))
+        level = max(motion.flown.level_needed(batch.QUADRATURE_ERROR), self._level)
         if motion.model is not self.model or counts[level] > motion.sampling.grid.nodes:
             motion = at_level(level)
         while motion.flown.unresolved > batch.UNRESOLVED and level < len(counts) - 1:
@@ -293,11 +328,13 @@ class Attempts:
         missed = motion.flown.missed
         if motion.flown.unresolved > batch.UNRESOLVED:
             missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, level, solution.x, motion)
+        worst = local_minima(self.model, variables, self.constraints, level, reached.x, motion)
         violation = missed if missed > ORIENTATION else 0.0
         if self.constraints:
             kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
             violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
-        if violation <= 0 and solution.status == "infeasible":
-            solution = replace(solution, status="feasible")  # kept, though not as well inside as the search aims
-        return Outcome(variables, solution, violation, worst, self.problem.motion.objective)
+        if violation <= 0 and reached.status == "infeasible":
+            reached = reached._replace(status="feasible")  # kept, though not as well inside as the search aims
+        outcome = Outcome(variables, reached, self.model, level, violation, worst, self.problem.motion.objective)
+        outcome.__dict__["motion"] = motion
+        return outcome

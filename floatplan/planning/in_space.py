@@ -13,12 +13,11 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.optimization.sqp import Solution
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts, Outcome, Reached
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions, SearchResult, expiry
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.program import FlightProgram, objective
+from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
 
@@ -28,21 +27,39 @@ TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists and of robots with few joints
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
+WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
-    """Try starts until so many of them are solved, or the budget, or the usual work, is used up.
+    """Search for a motion; where the given h leads to none, with h free too, to say with which there is one.
 
     Raises
     ------
     InputError
         The robot turns too fast for any motion of it to be integrated.
     """
+    if prepared.momentum.free:
+        return _tried(prepared, options, 1.0)
+    result = _tried(prepared, options, WITH_GIVEN)
+    if result.holding or result.interrupted:
+        return result
+    flight = replace(prepared.problem.flight, angular_momentum="free")
+    freed = Attempts(replace(prepared.problem, flight=flight), prepared.seed)
+    try:
+        other = _tried(freed, replace(options, starts=1), 1 - WITH_GIVEN)
+    except (InputError, KeyboardInterrupt):
+        return result
+    x = other.best.solution.x
+    return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
+
+
+def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchResult:
+    """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
     outcomes: list[Outcome] = []
-    expired, began = expiry(options.budget), prepared.model.work
-    most_work = DEFAULT_WORK if options.budget is None else np.inf
+    expired, began = expiry(options.budget and share * options.budget), prepared.model.work
+    most_work = share * DEFAULT_WORK if options.budget is None else np.inf
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:
@@ -123,7 +140,7 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool])
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
         outcome = _outcome(prepared, final or motion, status)
     outcome.work = prepared.model.work - before
-    return outcome if np.isfinite(outcome.solution.evaluation.detail.residual).all() else None
+    return outcome if np.isfinite(outcome.motion.residual).all() else None
 
 
 def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> Outcome:
@@ -147,6 +164,5 @@ def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], 
 def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
     variables, model = motion.lifted.variables, prepared.model
     nodes = model.nodes(LEVEL, variables.polynomials.form)
-    aim = objective(prepared.problem, model, variables, nodes)
-    evaluation = FlightProgram(model, variables, nodes, aim, prepared.constraints).evaluate(motion.x)
-    return prepared.judge(variables, Solution(motion.x, evaluation, status, 0, 0))
+    known = trajectory(model, variables, nodes, motion.x)
+    return prepared.judge(variables, Reached(motion.x, status, 0, 0), known)

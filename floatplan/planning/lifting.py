@@ -50,6 +50,7 @@ TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first 
 CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
 LEAST_GAIN = 1e-3  # [-] of the size of the motion
 STEEPEST_START = 0.9  # [-] sine of the tilt of a path
+A_SOMERSAULT = np.pi / 2  # [rad] about the first axis: a twist beside less is made without tilt
 FINENESS = 401  # [-] instants by which a bump is integrated
 
 
@@ -311,7 +312,8 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     twisting = float(angular_momentum @ first) * flight.duration * (1 / along - 1 / across) * area[-1]
     handed = float(first @ np.cross(second, third))
     change = flight.change
-    sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if twisting else 0.0
+    tilts = twisting and abs(change[0]) > A_SOMERSAULT
+    sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if tilts else 0.0
     angles = np.empty((len(s), 3))
     angles[:, 0] = change[0] * steady
     angles[:, 1] = change[1] * steady + np.arcsin(sine * np.interp(s, fine, height))
@@ -319,21 +321,16 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
 
 
-def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[LiftedMotion | None]:
-    """Yield motions to close: the one with no free part, unless it was tried already, then random ones without end.
+def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
+    """Yield motions to close: the one with no free part, then random ones without end.
 
     None for one that cannot be integrated; where nothing is free, there is but one.
     """
     rng, grid, width = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.polynomials.width
     momentum, joints = lifted.momentum, len(lifted.polynomials.free)
     borders = np.arange(CELLS) / CELLS
+    bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
     while True:
-        bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
-        if not plain:
-            bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
-            z[:, 2:] *= 0.15
-            y = rng.uniform(-0.5, 0.5, momentum.free)
-        plain = False
         x = np.concatenate((z.ravel()[lifted.polynomials.free_indices], y))
         try:
             yield lifted.fly(grid, x, path(lifted, x, borders, bump))
@@ -341,3 +338,6 @@ def starts(lifted: LiftedFlight, seed: int, plain: bool = True) -> Iterator[Lift
             yield None
         if not x.size:
             return
+        bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
+        z[:, 2:] *= 0.15
+        y = rng.uniform(-0.5, 0.5, momentum.free)

@@ -14,9 +14,8 @@ from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.compiled import batch as plain
-from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, Answers, Search
+from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, STATUS, Answers, Search
 from floatplan.errors import InputError
-from floatplan.planning.attempt import STATUS
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions

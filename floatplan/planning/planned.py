@@ -168,7 +168,10 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
         return " ".join(sentences)
     if found.ran_out_of_time and not found.ran_out_of_patience:
         sentences.append("The search ran out of time; a larger budget may help.")
-    if not reasons and found.best.variables.coefficients:
+    if found.momentum_found is not None:
+        h = _numbers(found.momentum_found, ".6g")
+        sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
+    elif not reasons and found.best.variables.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
     return " ".join(sentences)
 
@@ -194,7 +197,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
 
 def _missed_turn(found: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    missed = found.best.solution.evaluation.detail.residual[0]
+    missed = found.best.motion.residual[0]
     return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
 
 
@@ -240,7 +243,7 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     tried = found.counts["starts"]
     if not tried:
         return []
-    wrong = best.solution.evaluation.detail.flown.wrong_way if np.isfinite(missed).all() else ""
+    wrong = best.motion.flown.wrong_way if np.isfinite(missed).all() else ""
     if missed.any():
         off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
         sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")

@@ -17,9 +17,9 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
+from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.optimization.programs import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
 from floatplan.pool import in_order, one_thread, processes
@@ -38,7 +38,7 @@ DEGREE_STEP = 2  # [-]
 HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
 SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
-AGREEING = 2  # [-] solutions that are the same motion, where h is free: with no other it is taken for the best there is
+AGREEING = 2  # [-] easy solutions that are the same motion, where h is free: with no other it is taken for the best
 AGREEING_BEST = 3  # [-] of the best among others
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
 ANNOUNCED_EVERY = 1.0  # [s] words about the progress
@@ -47,12 +47,16 @@ STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solv
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Where the attempts of a search ended, in their order, and why there are no more of them."""
+    """Where the attempts of a search ended, in their order, and why there are no more of them.
+
+    Where the given h led to no plan, ``momentum_found`` (e,), kg m^2/s, is one that did.
+    """
 
     outcomes: Sequence[Outcome]
     ran_out_of_time: bool = False
     ran_out_of_patience: bool = False
     interrupted: bool = False
+    momentum_found: Array | None = None
 
     @cached_property
     def best(self) -> Outcome:
@@ -200,13 +204,13 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
     if len(solved) < max(wanted, 1):
         return False
     constrained = bool(prepared.constraints)
+    easy = [outcome.is_optimal and outcome.solution.iterations <= EASY_ITERATIONS for outcome in outcomes]
     if constrained and prepared.plain_start.variables.momentum.free:
         values = np.sort([outcomes[index].objective_value for index in solved])
         agreeing = int((values - values[0] <= AGREEMENT * values).sum())
-        enough = AGREEING if agreeing == len(values) else AGREEING_BEST
+        enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST
         return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
-    quickly = outcomes[0].is_optimal and outcomes[0].solution.iterations <= EASY_ITERATIONS  # others promise little
-    if quickly or len(solved) >= WANTED_AFTER_FAILURE:
+    if easy[0] or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
         any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST
@@ -295,18 +299,6 @@ def _attempting(
     @one_thread
     def attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
         start = prepared.numbered(degrees, given, number)
-        return _portable(prepared.attempt(start, expired, most_work)) if start else None
+        return replace(prepared.attempt(start, expired, most_work)) if start else None  # without what it caches
 
     return attempt
-
-
-def _portable(outcome: Outcome) -> Outcome:
-    """Strip an outcome of what cannot go from one process to another: its derivatives, and what its motion caches."""
-    solution = outcome.solution
-    motion = solution.evaluation.detail
-    evaluation = replace(solution.evaluation, differentiate=_no_derivatives, detail=replace(motion))
-    return replace(outcome, solution=replace(solution, evaluation=evaluation))
-
-
-def _no_derivatives() -> Derivatives:
-    raise AssertionError("the derivatives of an outcome stay in the process that computed them")

@@ -15,6 +15,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.batch import SECANT_STEPS, SPREADS, Numbers, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
+from floatplan.planning.transcription.compiled_attempt import measured
 from floatplan.planning.transcription.constraints import Constraint, applies
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
@@ -129,8 +130,16 @@ def _crossings(
 
     Where all motions turn too much, or all too little, the one nearest to the goal is the only start.
     """
+
+    def measure(x: Array, rows: bool = False) -> tuple[Array, Array]:
+        """Residuals of (14), and where the ``rows`` are wanted their squared violations."""
+        if found := measured(model, constraints, variables, x, BATCH_LEVEL, rows):
+            return found
+        together = trajectories(model, variables, BATCH_LEVEL, x)
+        return together.residual[:, 0], _violations(together, constraints if rows else (), len(x))
+
     drawn = np.concatenate((variables.plain_motion()[None, :], motions))
-    residual = trajectories(model, variables, BATCH_LEVEL, drawn).residual[:, 0]
+    residual, _ = measure(drawn)
     size = np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (residual > 0, residual < 0))
     if not (over.size and under.size):
@@ -140,15 +149,14 @@ def _crossings(
     a, b = np.resize(over, pairs), np.resize(under, pairs)
     low, high = drawn[a].copy(), drawn[b].copy()
     low_residual, high_residual = residual[a].copy(), residual[b].copy()
-    for _ in range(SECANT_STEPS):
+    for step in range(SECANT_STEPS):
         fraction = np.clip(low_residual / (low_residual - high_residual), 0.05, 0.95)
         middle = low + fraction[:, None] * (high - low)
-        together = trajectories(model, variables, BATCH_LEVEL, middle)
-        middle_residual = together.residual[:, 0]
+        middle_residual, violations = measure(middle, rows=step + 1 == SECANT_STEPS)
         above = middle_residual > 0
         low[above], low_residual[above] = middle[above], middle_residual[above]
         high[~above], high_residual[~above] = middle[~above], middle_residual[~above]
-    rank = np.argsort(_violations(together, constraints, pairs) + 1e-9 * np.linalg.norm(middle, axis=1), kind="stable")
+    rank = np.argsort(violations + 1e-9 * np.linalg.norm(middle, axis=1), kind="stable")
     yield from (Start(variables, x) for x in _apart(middle[rank], variables.metric))
 
 

@@ -41,6 +41,7 @@ CLEARANCES = ("obstacles", "self_clearance", "ground")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NO_KEY = "must not be there: a plan file has no such key"
 NOT_PROVED = "is not known, and so cannot be proved"
+UNIT = 1e-9  # [-] of the length of a quaternion, and 1
 
 number = FINITE
 non_negative = number_in(Range(0.0, math.inf, ""))
@@ -227,6 +228,13 @@ def direction(value: Any, element: str) -> None:
         raise InputError("has length zero", element=element)
 
 
+def quaternion(value: Any, element: str) -> None:
+    """Check a unit quaternion."""
+    pair(number, count=4)(value, element)
+    if not abs(math.hypot(*value) - 1) < UNIT:
+        raise InputError(f"must have length 1, not {math.hypot(*value):g}", element=element)
+
+
 def nothing(value: Any, element: str) -> None:
     """Check that there is none."""
     if value is not None:
@@ -259,7 +267,7 @@ ROBOTS = {  # by what the file is, and whether the robot flies in space
 }
 
 
-TRIPLE, ATTITUDE = pair(number, count=3), KeyedTable({"quaternion_xyzw": pair(number, count=4)}, unknown=NO_KEY)
+TRIPLE, ATTITUDE = pair(number, count=3), KeyedTable({"quaternion_xyzw": quaternion}, unknown=NO_KEY)
 IN_PLANE: Mapping[str, Check] = {
     "angular_momentum": number,
     "angular_momentum_bounds": POINT,

@@ -7,6 +7,7 @@ the joint-space inertia matrix, its attitude by a Runge-Kutta method of order 8,
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.integrate import solve_ivp
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
 from floatplan.robot.planar.model import FREE_FLYER
+from floatplan.simulation.forward import MOST_EVALUATIONS
 from floatplan.simulation.recorded_motion import ModelState, RecordedMotion
 
 TIGHT = 1e-12  # [-] per step, of the attitude
@@ -47,8 +49,11 @@ class RecordedInSpace(RecordedMotion):
 
     def attitudes(self, angular_momentum: Array) -> Any:
         """The quaternion x, y, z, w as a function of time, s, for an angular momentum (3,) in the world."""
+        evaluations = count()
 
         def rate(time: float, quaternion: Array) -> Array:
+            if next(evaluations) == MOST_EVALUATIONS:
+                raise FloatplanError("the motion's attitude could not be integrated: it turns too fast")
             rotation = _matrix(quaternion)
             omega = self.turned(self.joints(time), rotation.T @ angular_momentum)[0][3:]
             return _spun(quaternion, omega)

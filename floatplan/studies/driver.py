@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Any
 
 from floatplan.arguments import optional
@@ -153,10 +154,8 @@ class Progress:
 
     def __str__(self) -> str:
         """As it is shown."""
-        left = round(self.left)
-        minutes = f"{left // 60} min {left % 60} s" if left < 3600 else f"{left // 3600} h {left % 3600 // 60} min"
-        shown = f"{left} s" if left < 60 else minutes
-        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {shown} left"
+        left = timedelta(seconds=round(self.left))
+        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {left} left"
 
 
 class StudyRun:

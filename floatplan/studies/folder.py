@@ -100,9 +100,9 @@ class StudyFolder:
             It holds another study, or results of unknown origin.
         """
         if restart:  # what a study leaves goes, and nothing else
-            self.discard_chunks()
-            for name in (RESULTS, *MAPS, STUDY):
-                (self.path / name).unlink(missing_ok=True)
+            made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
+            for path in [*(path for path, _ in self._chunks()), *made]:
+                path.unlink(missing_ok=True)
         known = self.record()
         if known is None:
             if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
@@ -133,11 +133,6 @@ class StudyFolder:
             if name:
                 found.append((path, (int(name[1]), int(name[2]) + 1)))
         return sorted(found, key=lambda chunk: chunk[1])
-
-    def discard_chunks(self) -> None:
-        """Remove all chunks."""
-        for path, _ in self._chunks():
-            path.unlink(missing_ok=True)
 
     def keep(self, first: int, stop: int, content: bytes) -> None:
         """Write a chunk, whole or not at all."""

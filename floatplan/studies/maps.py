@@ -8,6 +8,7 @@ import base64
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib
@@ -47,6 +48,7 @@ STATUS_LOOKS = {  # colour and words
     "impossible": ("#555555", "impossible: proved that none exists"),
     "error": (ALARM, "error: the problem is wrong there"),
 }
+LONGEST_LINE = 70  # characters of a title
 DPI_OF_MAPS = 200  # [1/in]
 MOST_PAGE_ROWS = 200_000  # of a page
 MOST_BINS = 160  # along an axis of a study that is not a grid
@@ -105,7 +107,7 @@ def heatmap(shown: HeatMap) -> Figure:
         image.set(interpolation="none")
         axes.set(xlabel=shown.x[0], ylabel=shown.y[0])
         if shown.title:
-            axes.set_title(shown.title, fontsize=8)
+            axes.set_title(fill(shown.title, LONGEST_LINE), fontsize=8)
         patches = [Patch(color=colour, label=words) for _, colour, words in present]
         if (shown.status < 0).any():
             patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5, label="no row"))

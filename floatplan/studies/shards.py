@@ -6,12 +6,11 @@ from typing import Any
 
 from floatplan.errors import InputError
 from floatplan.studies.driver import started
-from floatplan.studies.file import StudyFile
+from floatplan.studies.file import StudyFile, load_study_file
 from floatplan.studies.folder import SHARDS, Shard, StudyFolder, written
 from floatplan.studies.rows import row_check
-from floatplan.studies.study import Study, asked, facts, planned_study
+from floatplan.studies.study import Study, facts, planned_study
 
-MOST_NAMED = 8  # shards, in a message
 FOREIGN = "holds no shard of this study; file, problem, robot, code and solver have to be the same"
 
 
@@ -25,12 +24,17 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     InputError
         A folder has no shard of this study; shards are missing, there twice, of unlike numbers, or not done.
     """
-    file = asked(path)
+    file = load_study_file(path)
     place = StudyFolder(folder or file.folder, (0, len(file)))
     parts = parts or sorted(each for each in (place.path / SHARDS).glob("*") if each.is_dir())
     found: dict[Shard, Path] = {}
     for part in parts:
-        shard = _shard(file, part)
+        shard = Shard(0, 0)
+        match StudyFolder(part, (0, 0)).record():
+            case {"hash": digest, "shard": [int(number), int(count)]} if digest == file.digest():
+                shard = Shard(number, count)
+        if not 1 <= shard.number <= shard.count <= len(file):
+            raise InputError(FOREIGN, source=part)
         if shard in found:
             raise InputError(f"is shard {shard}, as {found[shard]} is", source=part, advice="give one of them")
         found[shard] = part
@@ -38,25 +42,15 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     wanted = [Shard(number, count) for number in range(1, count + 1)]
     missing = [str(shard) for shard in wanted if shard not in found]
     if missing:
-        named = ", ".join(missing[:MOST_NAMED]) + (", .." if len(missing) > MOST_NAMED else "")
-        reason, advice = f"shards are missing: {named}", f"floatplan study STUDY.toml --shard {missing[0]}"
+        reason, advice = f"shards are missing: {', '.join(missing)}", f"floatplan study STUDY.toml --shard {missing[0]}"
         raise InputError(reason, source=place.path / SHARDS, advice=advice)
     tables = [_rows(file, shard, found[shard]) for shard in wanted]
     with place.locked():
         place.open(file.digest(), facts(file), restart=False)
-        place.discard_chunks()
+        place.open(file.digest(), facts(file), restart=True)  # what is there of the same study goes
         for shard, table in zip(wanted, tables, strict=True):
             place.keep(*shard.rows(len(file)), written(table))
     return planned_study(path, folder, False, started("processes", 1, None), None)
-
-
-def _shard(file: StudyFile, part: Path) -> Shard:
-    """Which shard of this study a folder has."""
-    record = StudyFolder(part, (0, 0)).record() or {}
-    match record.get("hash") == file.digest(), record.get("shard"):
-        case True, [int(number), int(count)] if 1 <= number <= count <= len(file):
-            return Shard(number, count)
-    raise InputError(FOREIGN, source=part)
 
 
 def _rows(file: StudyFile, shard: Shard, part: Path) -> Any:
@@ -65,7 +59,5 @@ def _rows(file: StudyFile, shard: Shard, part: Path) -> Any:
     with place.locked():
         left = sum(stop - first for first, stop in place.missing(row_check(file)))
         if left:
-            raise InputError(
-                f"{left} rows of shard {shard} are still to be planned", source=part, advice="run it again"
-            )
+            raise InputError(f"lacks {left} rows of shard {shard}", source=part, advice="plan it again, which goes on")
         return place.table()

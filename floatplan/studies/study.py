@@ -237,15 +237,6 @@ def study(
     return planned_study(as_path(path, "path"), given, flag(restart, "restart"), chosen, progress)
 
 
-def asked(path: Path) -> StudyFile:
-    """Read a study file, and see that what it needs is installed."""
-    arrow()
-    file = load_study_file(path)
-    if file.plan.jump:
-        casadi()
-    return file
-
-
 def planned_study(
     path: Path,
     folder: Path | None,
@@ -258,12 +249,15 @@ def planned_study(
 
     Of a shard the table has its rows, and no file; all else is as of :func:`study`.
     """
-    file = asked(path)
-    which = Shard(1, 1) if shard is None else Shard.asked(shard, len(file))
-    of_shard = {} if shard is None else {"shard": [which.number, which.count]}
-    whole = folder or file.folder
-    part = whole / SHARDS / f"{which.number}-of-{which.count}" if of_shard else whole
-    place = StudyFolder(part, which.rows(len(file)))
+    arrow()
+    file = load_study_file(path)
+    if file.plan.jump:
+        casadi()
+    place, of_shard = StudyFolder(folder or file.folder, (0, len(file))), {}
+    if shard is not None:
+        which = Shard.asked(shard, len(file))
+        of_shard = {"shard": [which.number, which.count]}
+        place = StudyFolder(place.path / SHARDS / str(which).replace("/", "-of-"), which.rows(len(file)))
     with place.locked():
         place.open(file.digest(), facts(file) | of_shard, restart)
         gaps = place.missing(row_check(file))

@@ -84,13 +84,18 @@ def test_an_older_plan_goes_with_what_was_made_of_it(floatplan: Command, go2: Pa
     assert not Path("results/report.html").exists()
 
 
+@pytest.mark.long
+def test_show_draws_pictures_of_a_jump(floatplan: Command, tmp_path: Path) -> None:
+    path = backflip().save(tmp_path / "jump.json")
+    assert floatplan("show", path, "--png", "--gif", "--speed", "9", "-o", "there").code == 0
+    assert {each.name for each in Path("there").iterdir()} == {"figures", "flight.gif"}
+    assert (Path("there") / "figures" / "moments.png").is_file()
+
+
 def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
     path = backflip().save(tmp_path / "jump.json")
     run = floatplan("show", path)
     assert (run.code, run.stdout.strip()) == (0, str(tmp_path / "report.html"))
-    assert floatplan("show", path, "--png", "--gif", "--speed", "9", "-o", "there").code == 0
-    assert {each.name for each in Path("there").iterdir()} == {"figures", "flight.gif"}
-    assert (Path("there") / "figures" / "moments.png").is_file()
     problem = backflip().problem
     nothing = Jump(problem, fp.JumpRequest(), explanation="Friction stands in the way.").save(tmp_path / "none.json")
     plan = fp.load_jump(path).flight

@@ -65,7 +65,7 @@ def test_plans_hold_by_independent_dynamics():
 def test_plans_are_those_of_the_general_path(monkeypatch):
     """From the plain start alone, with the same nodes at first."""
     monkeypatch.setattr(many, "MOST_STARTS", 1)
-    monkeypatch.setattr(exchange, "_cheap_level", lambda counts, bodies: FIRST_LEVEL)  # few nodes are no cheaper there
+    monkeypatch.setattr(exchange, "cheap_level", lambda counts, bodies: FIRST_LEVEL)  # few nodes are no cheaper there
     problems = plain_problems(48)
     compiled = fp.plan_many(problems)
     take_general_path(monkeypatch)

@@ -257,6 +257,16 @@ def test_what_is_suggested_turns_the_plain_motion_to_the_goal(diver):
     assert abs(h[1]) > 50 * np.hypot(h[0], h[2])
 
 
+def test_for_a_twist_alone_the_momentum_along_its_axis_is_suggested(diver):
+    posture = diver.position_limits.mean(axis=1)
+    start, goal = (fp.Attitude(angles=(0.2, 0.3, c), axes="yxz") for c in (0.5, 0.5 - 4 * math.pi))
+    problem = fp.Problem(diver, fp.Posture(start, posture), fp.Posture(goal, posture), fp.Flight(1.2, "suggested"))
+    plan = fp.plan(problem)
+    assert plan.ok
+    along = of_angles("yxz", np.array([[0.2, 0.3, 0.0]]))[0][:, 2]
+    assert plan.angular_momentum @ along == pytest.approx(-np.linalg.norm(plan.angular_momentum))
+
+
 @pytest.mark.parametrize("angles", [(0.4, -0.3, 0.2), (0.01, 0.8, 0.7), (0, 0, -0.9)])
 def test_small_turns_about_any_axes_need_no_joints(diver, angles):
     posture = diver.position_limits.mean(axis=1)

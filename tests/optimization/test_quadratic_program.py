@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from floatplan.compiled import quadratic
-from floatplan.compiled.quadratic import step_by_active_rows
+from floatplan.compiled.quadratic import dual_step
 from floatplan.optimization import programs
 from floatplan.optimization.programs import Derivatives, Evaluation, Step, solve_qp, solved
 
@@ -61,15 +60,21 @@ class TestQP:
         rng = np.random.default_rng(seed)
         for count in (0, 1, 3, SIZE, SIZE + 1, INEQUALITIES):
             active = np.sort(rng.choice(INEQUALITIES, count, replace=False))
-            assert is_solution(solve_qp(program, hessian, active, 1e3, step_by_active_rows), program, hessian)
+            assert is_solution(solve_qp(program, hessian, active, 1e3, dual_step), program, hessian)
 
-    @pytest.mark.parametrize("seed", range(40))
-    def test_needs_one_linear_system_from_the_right_ones(self, seed, monkeypatch):
-        program, hessian = drawn(seed)
-        active = np.flatnonzero(solve_qp(program, hessian, NO_ROWS, 1e3).multipliers.inequality > 1e-6)
-        monkeypatch.setattr(quadratic, "CHANGES", 1)
-        monkeypatch.setattr(programs, "_proxqp", raising)
-        assert is_solution(solve_qp(program, hessian, active, 1e3, step_by_active_rows), program, hessian)
+    @pytest.mark.parametrize("touched", [False, True])
+    @pytest.mark.usefixtures("without_proxqp")
+    def test_the_dual_method_needs_no_other(self, touched):
+        for seed in range(40):
+            program, hessian = drawn(seed, touched)
+            assert is_solution(solve_qp(program, hessian, NO_ROWS, 1e3, dual_step), program, hessian)
+
+    def test_the_dual_method_and_proxqp_agree(self):
+        for seed in range(40):
+            program, hessian = drawn(seed)
+            by_proxqp, step = solve_qp(program, hessian, NO_ROWS, 1e3), dual_step(program, hessian)
+            assert step is not None
+            assert step.direction == pytest.approx(by_proxqp.direction, abs=1e-6)
 
     def test_rows_that_say_the_same_twice_are_no_obstacle(self):
         program, hessian = drawn(3)
@@ -79,7 +84,7 @@ class TestQP:
         values = np.concatenate((program.inequality, program.inequality[active]))
         twice = linearised(program.gradient, program.equality, program.equality_jacobian, values, rows)
         both = np.concatenate((active, INEQUALITIES + np.arange(active.size)))
-        assert is_solution(solve_qp(twice, hessian, both, 1e3, step_by_active_rows), twice, hessian)
+        assert is_solution(solve_qp(twice, hessian, both, 1e3, dual_step), twice, hessian)
 
     @pytest.mark.usefixtures("without_proxqp")
     def test_without_inequalities_is_a_linear_system(self):
@@ -87,7 +92,7 @@ class TestQP:
         alone = linearised(
             program.gradient, program.equality, program.equality_jacobian, np.empty(0), np.empty((0, SIZE))
         )
-        assert is_solution(solve_qp(alone, hessian, NO_ROWS, 1e3, step_by_active_rows), alone, hessian)
+        assert is_solution(solve_qp(alone, hessian, NO_ROWS, 1e3, dual_step), alone, hessian)
 
     def test_that_nothing_solves_is_elastic(self):
         program, hessian = drawn(0)

@@ -176,7 +176,7 @@ def test_degrees_and_radians_are_the_same_problem(tmp_path):
     again = fp.load_problem(save_problem(problem, tmp_path / "radians.toml"))
     assert again.initial.attitude == problem.initial.attitude
     assert np.array_equal(again.initial.positions, problem.initial.positions)
-    cat = fp.load_problem(SPACE / "falling_cat.toml")
+    cat = fp.load_problem(SPACE / "cat.toml")
     same = fp.load_problem(save_problem(cat, tmp_path / "cat.toml"))
     assert same.final.attitude == cat.final.attitude
     assert cat.final.attitude.angles == pytest.approx((2 * math.pi, -math.pi / 6, 0))

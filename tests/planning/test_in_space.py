@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,6 +82,8 @@ def test_its_file_is_read_back_bit_for_bit_and_changes_are_seen(half_twist, tmp_
         ("angular_momentum", [1.0, 2.0], "angular_momentum"),
         ("angular_momentum_bounds", [0.0, 1.0], "angular_momentum_bounds"),
         ("orientation", {"start": 0.0, "end": 1.0, "goal": 2.0}, "orientation"),
+        ("orientation", {**content["orientation"], "start": {"quaternion_xyzw": [0, 0, 0, 0]}}, "must have length 1"),
+        ("orientation", {**content["orientation"], "goal": {"quaternion_xyzw": [0, 0, 3, 4]}}, "must have length 1"),
         ("com", {**content["com"], "position0": [0.0, 0.0]}, "com"),
         ("robot", {**content["robot"], "base": "planar"}, "robot"),
     ):
@@ -295,6 +298,17 @@ def test_where_nothing_is_free_one_start_is_enough():
     assert "ran out of time" not in plan.explanation
 
 
+def test_where_the_given_momentum_leads_to_no_plan_another_is_named_that_does():
+    problem = fp.load_problem(SPACE / "go2_barrel_roll.toml")
+    still = replace(problem.flight, angular_momentum=0.0)
+    asked = replace(problem, motion=fp.Motion(degree=5), flight=still, limits=fp.Limits())
+    plan = fp.plan(asked)
+    assert not plan.ok
+    (named,) = re.findall(r"With flight.angular_momentum = \[(.*)\] kg m\^2/s a plan was found", plan.explanation)
+    h = tuple(map(float, named.split(",")))
+    assert fp.plan(replace(asked, motion=fp.Motion(), flight=replace(still, angular_momentum=h))).ok
+
+
 def test_of_a_twist_the_least_torque_is_found_too():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     plan = fp.plan(replace(problem, motion=fp.Motion(degree=7, objective="torque")), budget=0.2)
@@ -388,6 +402,20 @@ def test_terms_as_large_as_those_of_high_degrees_are_read(half_twist, tmp_path):
         else:
             with pytest.raises(fp.InputError, match="terms of more than"):
                 fp.load_plan(path)
+
+
+def test_a_file_whose_motion_is_too_wild_is_told_in_one_line(half_twist, tmp_path, floatplan, monkeypatch):
+    monkeypatch.setattr("floatplan.simulation.in_space.MOST_EVALUATIONS", 400)
+    path = half_twist.save(tmp_path / "plan.json")
+    path.write_text(json.dumps({**json.loads(path.read_text()), "angular_momentum": [1e13, 0.0, 0.0]}))
+    with pytest.raises(fp.FloatplanError, match="the motion is too wild to be integrated"):
+        fp.load_plan(path).at(0.1)
+    for command, told in (("export", "too wild"), ("replay", "it turns too fast")):
+        run = floatplan(command, path, *(["-f", "csv", "-o", tmp_path / "out.csv"] if command == "export" else []))
+        assert run.code == 1
+        assert told in run.stderr
+        assert len(run.stderr.splitlines()) == 1
+    assert not (tmp_path / "out.csv").exists()
 
 
 def test_motions_of_the_highest_degree_are_fine_enough():

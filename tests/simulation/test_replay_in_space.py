@@ -57,6 +57,12 @@ def test_inertias_that_no_body_has_are_balanced_and_said(tmp_path):
     assert fp.replay(plan).balanced == {}
 
 
+def test_a_motion_that_turns_too_fast_is_not_integrated_for_ever(diver, monkeypatch):
+    monkeypatch.setattr("floatplan.simulation.in_space.MOST_EVALUATIONS", 100)
+    with pytest.raises(fp.FloatplanError, match="turns too fast"):
+        fp.replay(diver)
+
+
 def test_many_flights_are_a_table(diver, floatplan):
     plan = diver.save("plan.json")
     asked = ("replay", plan, "--perturb", "h=1%", "--seed", "4")

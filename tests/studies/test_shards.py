@@ -12,12 +12,19 @@ from pathlib import Path
 
 import pytest
 import slow_study
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.studies import driver, rows
 from floatplan.studies.folder import Shard, StudyFolder
 
 pytest.importorskip("pyarrow")
+ROOT = Path(__file__).resolve().parents[2]
+SOME = """
+[vary]
+"flight.angular_momentum" = { from = 2.8, to = 4.4, count = 12 }
+"flight.duration" = { from = 0.9, to = 1.4, count = 8 }
+"""
 WHOLE = '[vary]\n"obstacles.0.center.0" = [0.9, 1.3, 1.7, 50.0]\n'
 
 
@@ -26,11 +33,22 @@ def without_maps(monkeypatch):
     monkeypatch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A small study, planned without shards."""
+    path = tmp_path_factory.mktemp("whole") / "asked.toml"
+    path.write_text(f'problem = "{ROOT / "problems" / "somersault.toml"}"\n{SOME}')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
+        return path, fp.study(path, folder=path.parent / "whole", jobs=1)
+
+
 @pytest.fixture
-def asked(study_file, tmp_path):
+def asked(whole, tmp_path):
     """A study file, its folder, and what its rows are without shards."""
-    path = study_file()
-    return path, tmp_path / "out", timeless(fp.study(path, folder=tmp_path / "whole", jobs=1).table)
+    path = tmp_path / "asked.toml"
+    path.write_bytes(whole[0].read_bytes())
+    return path, tmp_path / "out", timeless(whole[1].table)
 
 
 @pytest.fixture
@@ -129,9 +147,9 @@ class TestMergeRefuses:
         shard("2/2")
         assert "holds no shard of this study" in refused()
 
-    def test_what_is_no_shard(self, asked, refused, tmp_path):
+    def test_what_is_no_shard(self, whole, refused, tmp_path):
         assert "holds no shard" in refused(tmp_path)
-        assert "holds no shard" in refused(tmp_path / "whole")
+        assert "holds no shard" in refused(whole[1].folder)
 
     @pytest.mark.parametrize("record", ["[]", "{}", '"x"', "["])
     def test_spoiled_records(self, shard, refused, record):
@@ -149,7 +167,7 @@ class TestMergeRefuses:
         part = shard("1/1")
         for chunk in (part / "chunks").iterdir():
             chunk.write_bytes(chunk.read_bytes()[:100])
-        assert "96 rows of shard 1/1 are still to be planned" in refused()
+        assert "lacks 96 rows of shard 1/1" in refused()
         shard("1/1")
         assert floatplan("study", "merge", path, "-o", out, "-q").code == 0
         assert timeless(fp.study(path, folder=out, jobs=1).table).equals(table)
@@ -171,7 +189,7 @@ def test_files_of_motions_are_for_the_whole_study(asked, floatplan):
     assert "merge the shards first" in run.stderr
 
 
-@pytest.mark.parametrize("kind", ["threads", "spawned"])
+@pytest.mark.parametrize("kind", cases(["threads", "spawned"], {"spawned"}))
 def test_any_executor_makes_the_same_table(asked, kind):
     path, out, table = asked
     pool: Executor = ThreadPoolExecutor(3) if kind == "threads" else ProcessPoolExecutor(1, get_context("spawn"))
@@ -252,7 +270,7 @@ def test_a_killed_shard_goes_on(asked, shard, floatplan):
     assert 0 < len(list(chunks.glob("*.parquet"))) < 48 / slow_study.ROWS, "killed in the middle"
     shard("2/2")
     run = floatplan("study", "merge", path, "-o", out)
-    assert "rows of shard 1/2 are still to be planned; run it again" in run.stderr
+    assert "rows of shard 1/2; plan it again" in run.stderr
     shard("1/2")
     assert floatplan("study", "merge", path, "-o", out, "-q").code == 0
     assert timeless(fp.study(path, folder=out, jobs=1).table).equals(table)

@@ -12,6 +12,7 @@ import pytest
 from browser import Browser
 from matplotlib.collections import LineCollection
 from needed import skip_or_fail
+from robot_samples import joint, robot_text
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -62,6 +63,23 @@ def test_solids_are_drawn_where_the_robot_has_them(diver: fp.Plan) -> None:
             assert poses.lowest(solid)[index] == pytest.approx(lowest, abs=1e-9)
     feet = poses.frame(diver.robot, "feet")
     np.testing.assert_allclose(feet[0], diver.problem.takeoff.position, atol=1e-9)
+
+
+def test_a_link_and_a_joint_may_share_a_name(tmp_path: Path) -> None:
+    """As those of many MJCF do, and of ANYmal."""
+    text = robot_text(joint("b", "a", "b", "0 0 1"), joint("knee", "b", "c"), links="abc")
+    (tmp_path / "robot.urdf").write_text(text)
+    robot, level = (
+        fp.Robot.from_urdf(tmp_path / "robot.urdf", base="free-flyer"),
+        fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)),
+    )
+    flight = fp.Flight(0.5, 0.0, takeoff=fp.Takeoff("b"), landing=fp.Landing("knee"))
+    plan = fp.plan(fp.Problem(robot, fp.Posture(level, 0.2), fp.Posture(level, 0.2), flight))
+    poses = outlines.bodies(plan, np.zeros(1))
+    np.testing.assert_allclose(poses.frame(robot, "b")[0], 0.0, atol=1e-12)
+    joint_of_c = robot.model.getJointId("knee")
+    np.testing.assert_allclose(poses.frame(robot, "knee")[0], poses.places[0, joint_of_c], atol=1e-12)
+    assert report_data(plan)["motion"]["frames"][0]["name"] == "b"
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -183,9 +201,9 @@ def test_the_page_s_robot_is_the_robot(diver: fp.Plan, browser: Browser, tmp_pat
         "return [...document.querySelectorAll('.value')].map(e => [e.dataset.key, e.dataset.value])",
     )
     numbers = {key: float(value) for key, value in browser.run(told) if value}
-    for joint in range(7):
-        assert numbers[f"velocities.{joint}"] == pytest.approx(state.velocities[joint], abs=1e-5)
-        assert numbers[f"motor_torques.{joint}"] == pytest.approx(state.motor_torques[joint], abs=1e-4)
+    for index in range(7):
+        assert numbers[f"velocities.{index}"] == pytest.approx(state.velocities[index], abs=1e-5)
+        assert numbers[f"motor_torques.{index}"] == pytest.approx(state.motor_torques[index], abs=1e-4)
     assert numbers["momentum"] == pytest.approx(54.7708, abs=1e-3)
     assert [label for label in shown_options(browser) if label in ("forces", "angular momentum")] == [
         "angular momentum"

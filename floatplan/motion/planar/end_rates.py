@@ -1,5 +1,6 @@
 """The rates at both ends of a flight: with a frame at rest where that is asked, and not into the ground."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.closed_form import ballistics, tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
 from floatplan.problem.parts import JointState
@@ -39,8 +40,23 @@ class RateCurve:
         return self.rates[piece] + slope * (momentum - self.momenta[piece]), slope
 
 
+@dataclass(frozen=True, eq=False)
+class EndRates:
+    """The rates ``given`` (2, n) rad/s at both ends; at some ends (0, 1) they follow ``curves`` instead."""
+
+    given: Array
+    curves: Mapping[int, RateCurve]
+
+    def __call__(self, angular_momentum: Array) -> tuple[Array, Array]:
+        """Rates (2, n) for h (1,), and their derivatives (2, n, 1) by it."""
+        rates, slopes = self.given.copy(), np.zeros((*self.given.shape, 1))
+        for number, curve in self.curves.items():
+            rates[number], slopes[number, :, 0] = curve(float(angular_momentum[0]))
+        return rates, slopes
+
+
 @lru_cache(maxsize=8)
-def end_rates(problem: Problem, momentum: MomentumSet) -> RatesAtEnds:
+def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     """Return the rates at both ends.
 
     Raises
@@ -59,13 +75,7 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> RatesAtEnds:
             else:
                 given[number] = _rates(problem, element, end, middle)
 
-    def rates_at(angular_momentum: Array) -> tuple[Array, Array]:
-        rates, slopes = given.copy(), np.zeros((*given.shape, 1))
-        for number, curve in curves.items():
-            rates[number], slopes[number, :, 0] = curve(float(angular_momentum[0]))
-        return rates, slopes
-
-    return rates_at
+    return EndRates(given, curves)
 
 
 def _curve(problem: Problem, element: str, end: End, middle: float, reach: float) -> RateCurve:

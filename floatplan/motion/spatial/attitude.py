@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
+from floatplan.errors import FloatplanError
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, kernel
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import exponential, of_quaternions
@@ -36,7 +37,7 @@ OUT_OF_MEMORY = 2
 NOTHING: dict[str, Any] = dict.fromkeys(STRUCTURES["Turning"].arrays)
 
 
-class IntegrationError(ArithmeticError):
+class IntegrationError(FloatplanError, ArithmeticError):
     """A motion is too wild for the cells."""
 
 

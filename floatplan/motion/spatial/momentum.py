@@ -16,7 +16,7 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import JointMotion, SinePolynomials, basis, boundary_arguments
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialBaseMotion, attitude_of, spatial_flight
-from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
+from floatplan.motion.spatial.rotations import logarithm, of_angles, unwrapped_angles
 from floatplan.problem.problem import Problem
 
 ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it and across
@@ -50,7 +50,8 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
 def suggested_momentum(problem: Problem) -> Array:
     """The h (3,), kg m^2/s, with which the plain motion reaches the goal, or turns as often about its first axis.
 
-    Where the goal's angles have turns about the third axis too, those are left to the joints.
+    Where the goal's angles have turns about the third axis too, those are left to the joints; where they have them
+    alone, h is along that.
     """
     plain, goal = _PlainMotion(problem), attitude_of(problem.final)
     start, change = attitude_of(problem.initial), plain.flight.change
@@ -58,9 +59,12 @@ def suggested_momentum(problem: Problem) -> Array:
         turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
         return plain.reaching(plain.mean_inertia(start.matrix) @ turn / problem.flight.duration)
     assert goal.axes is not None
-    axis = np.eye(3)["xyz".index(goal.axes[0])]
-    h = plain.turning(axis, change[0], goal.axes)
-    if abs(change[2]) > math.pi / 2:
+    along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
+    if np.abs(change[:2]).max() < SHORT:
+        inside = of_angles(goal.axes, np.array([[*start.angles_about(goal.axes)[:2], 0.0]]))[0]
+        return plain.turning(inside @ along[2], change, goal.axes, 2)
+    h = plain.turning(along[0], change, goal.axes, 0)
+    if abs(change[2]) > SHORT:
         return h
     found = plain.reaching(h)
     return found if np.linalg.norm(found - h) <= ALONG * np.linalg.norm(h) else h
@@ -122,22 +126,18 @@ class _PlainMotion:
             pass
         return best
 
-    def turning(self, axis: Array, angle: float, axes: str) -> Array:
-        """The h along an axis (3,) of the world with which the first angle about axes changes by so much, rad."""
+    def turning(self, axis: Array, change: Array, axes: str, which: int) -> Array:
+        """The h along an axis (3,) of the world with which one of the angles about axes changes as asked (3,), rad."""
         low, of_low = 0.0, 0.0
-        start = self.flight.initial_attitude
-        high = angle / self.flight.duration * float(axis @ self.mean_inertia(start) @ axis)
+        angle = float(change[which])
+        high = angle / self.flight.duration * float(axis @ self.mean_inertia(self.flight.initial_attitude) @ axis)
         try:
             for _ in range(STEPS):
-                of_high = self._turned(high * axis, axes)
+                angles = unwrapped_angles(axes, self.fly(high * axis).turning.way)
+                of_high = float(angles[-1, which] - angles[0, which])
                 if abs(of_high - angle) < 1e-6 or of_high == of_low:
                     break
                 low, of_low, high = high, of_high, high + (angle - of_high) * (high - low) / (of_high - of_low)
         except IntegrationError:
             pass
         return np.asarray(high * axis)
-
-    def _turned(self, h: Array, axes: str) -> float:
-        turning = self.fly(h).turning
-        angles = unwrapped_angles(axes, turning.way)
-        return float(angles[-1, 0] - angles[0, 0])

@@ -12,7 +12,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look, minima
-from floatplan.compiled.quadratic import step_by_active_rows
+from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, FirstWay, Settings, Step
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
@@ -80,7 +80,7 @@ def local_minima(
     if not constraints:
         return NOTHING_NEAR
     nodes = model.nodes(level, variables.polynomials.form)
-    block, row, look = _look(constraints)
+    block, row, look = where_to_look(constraints)
     if (watch := watch_of(model.flight, constraints, "")) and all(watch.known):
         resolves = known and known.sampling.grid.nodes == nodes.grid.nodes
         motion = known if known and resolves else trajectory(model, variables, nodes, x)
@@ -105,7 +105,7 @@ def local_minima(
 
 
 @lru_cache(maxsize=16)
-def _look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
+def where_to_look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
     """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
     lengths = [len(block.labels) for block in constraints]
     block = np.repeat(np.arange(len(lengths)), lengths)
@@ -150,7 +150,7 @@ def solve(
     back_off, extra = BACK_OFF, np.empty(0)
     always = instants_beside_nodes(variables, constraints)
     counts = model.flight.node_counts
-    for level in range(max(first_level, _cheap_level(counts, model.flight.bodies)), len(counts)):
+    for level in range(max(first_level, cheap_level(counts, model.flight.bodies)), len(counts)):
         program = program_at(level, extra, x)
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
@@ -192,11 +192,11 @@ def solve(
 
 
 def _counting(model: FlightModel) -> FirstWay:
-    """Return what solves a quadratic program if its active rows are nearly known, and counts any as work."""
+    """Return what solves a quadratic program whose rows do not contradict one another, and counts any as work."""
 
-    def step(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+    def step(current: AnyEvaluation, hessian: Array) -> Step | None:
         model.solved(len(hessian))
-        return step_by_active_rows(current, hessian, active)
+        return dual_step(current, hessian)
 
     return step
 
@@ -245,6 +245,6 @@ def _still_near(new: Array, extra: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
+def cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
     """Level of grids up to which fewer nodes would hardly be faster."""
     return max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)

@@ -74,8 +74,8 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
 
 def frame_place(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
     """Return which joint of a model carries a link's or joint's origin, and its place (3,) in that joint's frame, m."""
-    name = name if model.existFrame(name) else tree.joint[name].child
-    frame = model.frames[model.getFrameId(name)]
+    link = name if name in tree.links else tree.joint[name].child  # which has the joint's origin
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return int(frame.parentJoint), frame.placement.translation.copy()
 
 

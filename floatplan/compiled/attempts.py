@@ -1,0 +1,37 @@
+"""What the kernel is given of flights in a plane to follow starts of problems with constraints: ``exchange.hpp``."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.kernel.layout import Filled, structure_array
+from floatplan.motion.dynamics import FlightDynamics, RatesAtEnds
+from floatplan.motion.planar.end_rates import EndRates
+from floatplan.motion.planar.flight import PlanarFlight, gauss_grid
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.sine_polynomial import Form, basis
+
+
+@lru_cache(maxsize=32)
+def nodes_of_levels(form: Form) -> Any:
+    """Return the nodes of all levels, for motions of a form."""
+    filled = []
+    for count in NODE_COUNTS:
+        grid = gauss_grid(count)
+        value, first, second = (values.T for values in basis(form).values(grid.s))
+        integrals = {"antiderivative": grid.quadrature.antiderivative, "tail": grid.quadrature.transform[-3:]}
+        filled.append(Filled("Nodes", grid, nodes=count, value=value, first=first, second=second, **integrals))
+    return structure_array("Nodes", filled)
+
+
+def orientations(flight: FlightDynamics) -> dict[str, float]:
+    """Return the orientation at takeoff, and by how much it is to change, rad."""
+    assert isinstance(flight, PlanarFlight), "the kernel's flights are in a plane"
+    return {"orientation": flight.initial_orientation, "change": flight.change}
+
+
+def knots(rates: RatesAtEnds, end: int) -> Array:
+    """Return the h (K,), kg m^2/s, between which the rates at an end are straight; none where they are given."""
+    return rates.curves[end].momenta if isinstance(rates, EndRates) and end in rates.curves else np.empty(0)

@@ -1,0 +1,355 @@
+// The search from one point with inequalities: floatplan/optimization/sqp.py, with the Hessian itself, of which each
+// quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them.
+
+// Minimises the squared violations; each step is damped in the metric and in x itself (reduce_violations() there).
+class Constrained {
+  public:
+    Index iterations = 0;
+
+    Constrained(Program &program, const Settings &settings, const Exchange &rules, const Attempt &attempt)
+        : now(program.two), trial(program.two + 1), program(program), set(settings), rules(rules), attempt(attempt),
+          size(program.size) {}
+
+    void lay_out(Arena &arena, Index most_rows) {
+        qp.lay_out(arena, size);
+        for (double **each : {&hessian, &initial, &matrix, &metric}) arena.take(*each, size * size);
+        for (double **each : {&direction, &change, &gradient, &product, &right}) arena.take(*each, size);
+        for (double **each : {&gathered, &pulls}) arena.take(*each, most_rows);
+        for (Index **each : {&pulled, &pulling, &taken}) arena.take(*each, most_rows);
+        arena.take(step_pulls, most_rows);
+        arena.take(pull_of, most_rows);
+    }
+
+    Evaluated *now, *trial;
+    double *hessian;
+
+    bool is_exhausted() const { return program.work > attempt.most_work; }
+
+    void swap() { std::swap(now, trial); }
+
+    double largest_curvature() const {
+        double most = 1;
+        for (Index k = 0; k < size; ++k) most = larger(most, hessian[k * size + k]);
+        return most;
+    }
+
+    // From `now`, with a first approximation in `hessian`; optimal, feasible or infeasible.
+    Status minimise(const Stage &stage, double longest_step, bool polish) {
+        slack_penalty = set.slack_penalty * largest_curvature();
+        copy(initial, hessian, size * size);
+        double penalty = 0;
+        bool was_reset = true, is_optimal = false;
+        Index slow_steps = 0, iteration = 0;
+        pull_count = 0, equality_pull = 0;
+        while (size && iteration < stage.iterations && !is_exhausted()) {
+            ++iteration, ++iterations;
+            program.differentiate(*now);
+            find_step();
+            do find_step();
+            while (reaches_more());
+            const double slope = dot(now->gradient, direction, size), squared = dot(direction, direction, size);
+            const bool stationary = is_stationary(slope, stage);
+            is_optimal = stationary && now->worst <= stage.feasibility;
+            if (is_optimal) break;
+            const double required = set.penalty_factor * largest_pull();
+            penalty = larger(required, required + set.penalty_kept * (penalty - required));
+            if (!(squared > 0) || !(required <= set.largest_multiplier * slack_penalty)) break;
+            const double first = smaller(1.0, longest_step / larger(program.metric(direction), 1e-300));
+            const Line line = search_line(slope, first, penalty);
+            slow_steps = line.used > set.slow_evaluations ? slow_steps + 1 : 0;
+            if (!line.accepted || slow_steps == set.slow_steps) {
+                if (was_reset) break;
+                copy(hessian, initial, size * size);
+                was_reset = true, slow_steps = 0;
+                continue;
+            }
+            swap();
+            if (stationary && line.length == 1 && now->worst <= stage.feasibility) {
+                is_optimal = true;
+                break;
+            }
+            if (!elastic) update_hessian(line.length);
+            was_reset = was_reset && slow_steps > 0;
+        }
+        if (polish && size) polish_equality();
+        return now->worst <= stage.feasibility ? (is_optimal ? optimal : feasible) : infeasible;
+    }
+
+    // Least-norm steps on to (14), while the violation decreases.
+    void polish_equality() {
+        for (Index used = 0; used < set.polishing_steps && std::fabs(now->equality) > set.polished; ++used) {
+            program.differentiate(*now);
+            const double square = dot(now->row, now->row, size);
+            if (!(square > 0)) return;
+            copy(trial->x, now->x, size);
+            add(-now->equality / square, now->row, size, trial->x);
+            program.evaluate(*trial);
+            if (!(trial->worst < now->worst)) return;
+            swap();
+        }
+    }
+
+    // Minimises the squared violations from `now`, with steps damped in the metric and in x itself; what is left.
+    double reduce_violations() {
+        program.metric_matrix(metric);
+        for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
+        double damping = rules.initial_damping, squared = squares(*now), history[8] = {squared};
+        Index known = 1;
+        for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
+            const Index back = rules.stall_iterations;
+            const bool stalled = known > back && squared > rules.stalled * history[(known - 1 - back) % 8];
+            if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
+            if (damping > rules.largest_damping) break;
+            program.differentiate(*now);
+            while (damping <= rules.largest_damping) {
+                find_damped_step(damping);
+                for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + direction[k];
+                program.evaluate(*trial);
+                if (program.watches && reach(1)) continue;
+                if (squares(*trial) < squared) {
+                    swap();
+                    squared = squares(*now);
+                    damping = larger(damping / 5, rules.smallest_damping);
+                    break;
+                }
+                damping *= 4;
+            }
+            history[known++ % 8] = squared;
+        }
+        return squared;
+    }
+
+  private:
+    struct Line {
+        bool accepted;
+        double length;
+        Index used;
+    };
+
+    Program &program;
+    const Settings &set;
+    const Exchange &rules;
+    const Attempt &attempt;
+    Index size;
+    DualMethod qp;
+    double slack_penalty = 1, violation_left = 0, equality_pull = 0, step_equality_pull = 0;
+    bool elastic = false;
+    double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *gathered;
+    // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
+    Index pull_count = 0, step_count = 0, *pulled, *pulling, *taken;
+    double *pulls, *step_pulls, *pull_of;
+
+    double squares(const Evaluated &at) const {
+        const double total = at.equality * at.equality + at.squares;
+        return std::isfinite(total) ? total : HUGE_VAL;
+    }
+
+    // Values of the differentiated rows of `now`, at another point.
+    void gather(const Evaluated &at) {
+        for (Index e = 0; e < now->near; ++e) gathered[e] = at.values[now->entry[e]];
+    }
+
+    Quadratic quadratic(const double *by, const double *slope, const double *equality) {
+        return {size, 1, now->near, rules.qp_changes, rules.qp_tolerance, by, slope, equality, now->row, gathered,
+                now->slopes, 0, nullptr, nullptr};
+    }
+
+    void find_step() {
+        gather(*now);
+        violation_left = 0;
+        elastic = !qp.solve(quadratic(hessian, now->gradient, &now->equality)) || !qp.held;
+        if (elastic) return find_elastic_step();
+        copy(direction, qp.x, size);
+        step_equality_pull = -qp.pulls[0];
+        step_count = qp.count - 1;
+        for (Index k = 0; k < step_count; ++k) {
+            pulling[k] = now->entry[qp.active[k + 1]];
+            step_pulls[k] = qp.pulls[k + 1];
+        }
+    }
+
+    // With a slack in every row and a quadratic penalty on them, by Newton's method on those that are violated.
+    void find_elastic_step() {
+        const double penalty = slack_penalty;
+        for (Index e = 0; e < now->near; ++e) taken[e] = gathered[e] < 0;
+        for (Index iteration = 0; iteration < rules.elastic_iterations; ++iteration) {
+            copy(matrix, hessian, size * size);
+            for (Index k = 0; k < size; ++k) {
+                matrix[k * size + k] += rules.regularisation * penalty;
+                right[k] = -now->gradient[k] - penalty * now->row[k] * now->equality;
+                add(penalty * now->row[k], now->row, size, matrix + k * size);
+            }
+            for (Index e = 0; e < now->near; ++e)
+                if (taken[e]) add_normal(now->slopes + e * size, penalty, gathered[e]);
+            copy(direction, right, size);
+            if (!eliminate(matrix, direction, size)) zero(direction, size);
+            bool same = true;
+            for (Index e = 0; e < now->near; ++e) {
+                const Index violated = dot(now->slopes + e * size, direction, size, gathered[e]) < 0;
+                same &= violated == taken[e];
+                taken[e] = violated;
+            }
+            if (same) break;
+        }
+        const double left = now->equality + dot(now->row, direction, size);
+        step_equality_pull = penalty * left;
+        violation_left = std::fabs(left);
+        step_count = 0;
+        for (Index e = 0; e < now->near; ++e) {
+            const double value = dot(now->slopes + e * size, direction, size, gathered[e]);
+            if (!(value < 0)) continue;
+            violation_left -= value;
+            pulling[step_count] = now->entry[e];
+            step_pulls[step_count++] = -penalty * value;
+        }
+    }
+
+    void add_normal(const double *row, double weight, double value) {
+        for (Index k = 0; k < size; ++k) add(weight * row[k], row, size, matrix + k * size);
+        add(-weight * value, row, size, right);
+    }
+
+    // Least squares of the linearised violations and the damping. Rows that hold now and would be violated by the step
+    // join those that are violated now.
+    void find_damped_step(double damping) {
+        zero(direction, size);
+        for (Index k = 0; k < size * size; ++k) matrix[k] = damping * metric[k];
+        zero(right, size);
+        add_normal(now->row, 1, now->equality);
+        for (Index e = 0; e < now->near; ++e) taken[e] = 0;
+        bool moved = false;
+        for (Index pass = 0; pass < rules.passes; ++pass) {
+            bool more = false;
+            for (Index e = 0; e < now->near; ++e) {
+                const double value = now->values[now->entry[e]], *slopes = now->slopes + e * size;
+                if (taken[e] || !(dot(slopes, direction, size, value) < 0)) continue;
+                taken[e] = more = true;
+                add_normal(slopes, 1, value);
+            }
+            if (moved && !more) return;
+            copy(direction, right, size);
+            if (!cholesky(matrix, size, initial)) return zero(direction, size);
+            solve_cholesky(initial, size, direction);
+            moved = true;
+        }
+    }
+
+    double largest_pull() const {
+        double most = std::fabs(step_equality_pull);
+        for (Index k = 0; k < step_count; ++k) most = larger(most, step_pulls[k]);
+        return most;
+    }
+
+    bool is_stationary(double slope, const Stage &stage) const {
+        double predicted = step_equality_pull * now->equality - slope;
+        for (Index k = 0; k < step_count; ++k) predicted -= step_pulls[k] * now->values[pulling[k]];
+        return !elastic && std::fabs(predicted) <= stage.optimality * (1 + std::fabs(now->objective));
+    }
+
+    // Backtracks for the l1 merit function; at first with a correction of the second order.
+    Line search_line(double slope, double first, double penalty) {
+        const double merit = now->objective + penalty * now->violation;
+        slope = smaller(slope - penalty * (now->violation - violation_left), 0.0);
+        const double rounding = 1e-13 * (1 + std::fabs(merit));
+        Line line{false, first, 0};
+        auto is_better = [&] {
+            ++line.used;
+            return trial->objective + penalty * trial->violation - merit <= set.armijo * line.length * slope + rounding;
+        };
+        while (line.length > set.shortest_step * first) {
+            for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + line.length * direction[k];
+            program.evaluate(*trial);
+            line.accepted = is_better();
+            if (line.accepted) break;
+            const double rise = trial->objective + penalty * trial->violation - merit;
+            if (line.length == first && program.watches && trial->violation > now->violation && correct()) {
+                line.accepted = is_better();
+                if (line.accepted) break;
+            }
+            const double lowest = -slope * line.length / (2 * (rise - slope * line.length));
+            line.length *= smaller(set.shortening[1], larger(set.shortening[0], lowest));
+        }
+        return line;
+    }
+
+    // Whether the step, were all linear, would violate rows without derivatives, which a look along it tells: they are
+    // differentiated.
+    bool reaches_more() {
+        if (!program.watches || !program.rows) return false;
+        const double share = 1e-6 / larger(1.0, std::sqrt(dot(direction, direction, size)));
+        for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + share * direction[k];
+        program.evaluate(*trial);
+        return reach(share);
+    }
+
+    // Differentiates the rows that a step would violate of which the trial is a share; whether there are new ones.
+    bool reach(double share) {
+        const Index before = now->near;
+        for (Index e = 0; e < program.rows * program.stride; ++e) {
+            const double here = now->values[e];
+            if (now->place[e] < 0 && here + (trial->values[e] - here) / share < 0) program.slopes_of(*now, e);
+        }
+        return now->near > before;
+    }
+
+    // Moves the trial by the shortest step back on to the constraints, to first order, with the derivatives before it.
+    bool correct() {
+        reach(1);
+        gather(*trial);
+        zero(matrix, size * size);
+        for (Index k = 0; k < size; ++k) matrix[k * size + k] = 1;
+        zero(right, size);
+        if (!qp.solve(quadratic(matrix, right, &trial->equality))) return false;
+        add(1, qp.x, size, trial->x);
+        program.evaluate(*trial);
+        return true;
+    }
+
+    // Multipliers go towards those of the step; rows pulled at by either are kept.
+    void follow_pulls(double length) {
+        equality_pull += length * (step_equality_pull - equality_pull);
+        Index kept = 0;
+        for (Index k = 0; k < pull_count; ++k) pull_of[pulled[k]] = 0;
+        for (Index k = 0; k < step_count; ++k) pull_of[pulling[k]] = step_pulls[k];
+        for (Index k = 0; k < pull_count; ++k) {
+            const Index entry = pulled[k];
+            const double pull = pulls[k] + length * (pull_of[entry] - pulls[k]);
+            pull_of[entry] = -1;  // done
+            if (pull != 0) pulled[kept] = entry, pulls[kept++] = pull;
+        }
+        for (Index k = 0; k < step_count; ++k)
+            if (pull_of[pulling[k]] != -1 && step_pulls[k] != 0)
+                pulled[kept] = pulling[k], pulls[kept++] = length * step_pulls[k];
+        pull_count = kept;
+    }
+
+    // Damped BFGS, Nocedal and Wright (6.19), (18.14), (18.15), along the step that was accepted.
+    void update_hessian(double length) {
+        const Evaluated &before = *trial;
+        follow_pulls(length);
+        program.differentiate(*now);
+        for (Index k = 0; k < size; ++k) {
+            change[k] = now->x[k] - before.x[k];
+            gradient[k] = now->gradient[k] - before.gradient[k] + equality_pull * (now->row[k] - before.row[k]);
+        }
+        for (Index k = 0; k < pull_count; ++k) {
+            add(-pulls[k], program.slopes_of(*now, pulled[k]), size, gradient);
+            add(pulls[k], program.slopes_of(*trial, pulled[k]), size, gradient);
+        }
+        multiply(hessian, size, size, change, 1, product);
+        const double approximated = dot(change, product, size);
+        double measured = dot(change, gradient, size);
+        if (approximated < 1e-20) return;
+        if (measured < set.damping * approximated) {
+            const double damping = (1 - set.damping) * approximated / (approximated - measured);
+            for (Index k = 0; k < size; ++k) gradient[k] = damping * gradient[k] + (1 - damping) * product[k];
+            measured = dot(change, gradient, size);
+        }
+        if (!(dot(gradient, gradient, size) < set.largest_curvature * slack_penalty * measured))
+            return copy(hessian, initial, size * size);
+        for (Index k = 0; k < size; ++k) {
+            add(gradient[k] / measured, gradient, size, hessian + k * size);
+            add(-product[k] / approximated, product, size, hessian + k * size);
+        }
+    }
+};

@@ -1,0 +1,210 @@
+// One start followed to its end, as planning/transcription/exchange.py and planning/attempt.py do: the program at some
+// instants is solved; where rows are low between them, instants join, until none is violated; nodes become more as the
+// motion asks for them.
+
+class Follower {
+  public:
+    Follower(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
+             const Settings &settings, const Exchange &rules, Attempt &attempt)
+        : program(robot, constraints, motions, levels, settings, rules, attempt),
+          search(program, settings, rules, attempt), set(settings), rules(rules), attempt(attempt),
+          most_nodes(levels[settings.levels - 1].nodes) {}
+
+    void lay_out(Arena &arena) {
+        const Index most = most_nodes + rules.most_instants;
+        program.lay_out(arena, most_nodes);
+        search.lay_out(arena, attempt.rows * ((most + 7) / 8 * 8));
+        for (double **each : {&extra, &watched}) arena.take(*each, 2 * rules.most_instants + attempt.minima.instants);
+        for (double **each : {&start, &ended, &best}) arena.take(*each, program.size);
+    }
+
+    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails; false
+    // without memory.
+    bool follow() {
+        copy(start, attempt.x, program.size);
+        attempt.violation = HUGE_VAL;
+        if (attempt.at_once) {
+            solve(start, attempt.level);
+            judge();
+        }
+        const Index level = attempt.at_once ? attempt.level : attempt.closer_level;
+        for (int way = 0; way < 1 + attempt.at_once && !is_over(); ++way) {
+            if (way == 1) {  // from the best motion without limits
+                program.watches = false;
+                solve(start, level);
+                program.watches = true;
+                copy(start, search.now->x, program.size);
+            }
+            program.back_off = rules.back_off;
+            extra_count = 0;
+            begin(level, start);
+            status = infeasible;
+            if (search.reduce_violations() < rules.promising) {
+                copy(ended, search.now->x, program.size);
+                solve(ended, level);
+            }
+            judge();
+        }
+        if (!is_best) {
+            begin(0, best);
+            judge();
+        }
+        copy(attempt.x, best, program.size);
+        attempt.iterations = search.iterations;
+        attempt.evaluations = program.evaluations;
+        attempt.work = program.work;
+        return !failed;
+    }
+
+  private:
+    Program program;
+    Constrained search;
+    const Settings &set;
+    const Exchange &rules;
+    Attempt &attempt;
+    Index most_nodes, extra_count = 0;
+    Status status = infeasible;
+    bool is_best = false, failed = false;
+    double *extra, *watched, *start, *ended, *best;
+
+    bool is_over() const { return attempt.violation <= 0 || search.is_exhausted() || failed; }
+
+    // Watches the nodes of a level, the instants that always are, and those that have joined; evaluates x there.
+    void begin(Index level, const double *x) {
+        Index count = 0;
+        for (const double *from : {attempt.instants, (const double *)extra})
+            for (Index k = 0; k < (from == extra ? extra_count : attempt.fixed); ++k) watched[count++] = from[k];
+        std::sort(watched, watched + count);
+        count = std::unique(watched, watched + count) - watched;
+        program.watch(level, watched, count < rules.most_instants ? count : rules.most_instants);
+        if (x != search.now->x) copy(search.now->x, x, program.size);
+        program.evaluate(*search.now);
+    }
+
+    // Minimises the objective subject to (14) and to the rows at all times.
+    void solve(const double *x, Index level) {
+        program.back_off = rules.back_off;
+        extra_count = 0;
+        if (level < rules.cheap_level) level = rules.cheap_level;
+        for (begin(level, x); !(program.unresolved(*search.now) < set.coarsely_resolved) && level + 1 < set.levels;)
+            begin(++level, search.now->x);
+        program.guess_hessian(*search.now, search.hessian);
+        const Index before = search.iterations;
+        bool is_last = false;
+        for (Index round = 0; round < set.most_rounds && !failed; ++round) {
+            const double longest = program.watches ? set.longest_step : rules.longest_free_step;
+            status = search.minimise(set.stages[is_last ? 2 : 0], longest, is_last);
+            if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
+            Index needed = program.level_needed(*search.now, set.stages[2].quadrature_error);
+            if (needed < level) needed = level;
+            bool finished = is_last && needed == level;
+            if (search.iterations - before > set.most_iterations) break;
+            if (status == infeasible && (is_last || !(search.now->worst <= set.hopeless))) {
+                if (!(program.watches && program.back_off > 0 && search.now->worst < rules.tight)) break;
+                program.back_off = 0;
+                finished = false;
+            }
+            is_last = true;
+            if (needed > level) begin(level = needed, search.now->x);
+            if (program.watches && look_between() && finished) break;
+            if (program.watches) begin(level, search.now->x);
+            else if (finished) break;
+        }
+    }
+
+    // Gives up the objective of a nearly feasible motion to make it feasible, where that can be done.
+    void make_feasible() {
+        const double square = search.now->worst * search.now->worst;
+        copy(ended, search.now->x, program.size);
+        if (!(search.reduce_violations() <= square)) {
+            copy(search.now->x, ended, program.size);
+            program.evaluate(*search.now);
+            return;
+        }
+        const bool turned = std::fabs(search.now->equality) <= set.tolerance / 2;
+        status = turned && search.now->worst <= program.back_off / 4 ? feasible : infeasible;
+    }
+
+    // Whether no row is nearer to its limit between the instants; those where one is low join, and of the ones that had
+    // joined before those stay that are beside a new one.
+    bool look_between() {
+        Minima &minima = attempt.minima;
+        failed = program.look(*search.now, minima);
+        bool holds = true;
+        Index news = 0;
+        for (Index found = 0; found < minima.found; ++found) {
+            const double s = minima.s[found], least = minima.least[found];
+            if (!(s > rules.given && s < 1 - rules.given)) continue;
+            const double room = program.back_off > 0 ? program.back_off : -attempt.tolerance[minima.row[found]];
+            if (least < rules.inside_enough * room) holds = false;
+            if (least < rules.watched && news < rules.most_instants) watched[news++] = s;
+        }
+        const Index all = news;
+        for (Index k = 0; k < extra_count && all; ++k) {
+            bool near = false;
+            for (Index j = 0; j < all; ++j) near |= std::fabs(extra[k] - watched[j]) < rules.beside;
+            if (near && news < 2 * rules.most_instants) watched[news++] = extra[k];
+        }
+        std::sort(watched, watched + news);
+        extra_count = 0;
+        for (Index k = 0; k < news; ++k)
+            if ((k == 0 || watched[k] - watched[k - 1] > rules.same_instant) && extra_count < rules.most_instants)
+                extra[extra_count++] = watched[k];
+        return holds;
+    }
+
+    // Checks (14) and the rows, between the instants too; keeps what violates least.
+    void judge() {
+        Evaluated &now = *search.now;
+        program.watches = false;
+        extra_count = 0;
+        Index level = program.level_needed(now, set.stages[2].quadrature_error);
+        if (level < attempt.level) level = attempt.level;
+        for (begin(level, now.x); program.unresolved(now) > set.unresolved && level + 1 < set.levels;)
+            begin(++level, now.x);
+        program.watches = true;
+        const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
+        failed = program.look(now, attempt.minima) || failed;
+        double violation = missed <= set.tolerance ? 0 : missed;
+        for (Index found = 0; found < attempt.minima.found; ++found) {
+            const double least = attempt.minima.least[found];
+            if (least < -attempt.tolerance[attempt.minima.row[found]]) violation = larger(violation, -least);
+        }
+        is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL);
+        if (!is_best) return;
+        copy(best, now.x, program.size);
+        attempt.violation = violation;
+        attempt.judged_level = level;
+        attempt.status = violation <= 0 && status == infeasible ? feasible : status;
+    }
+};
+
+static inline Index follow_attempt(const Robot &robot, const Constraints &constraints, const Motions &motions,
+                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                   Attempt &attempt) {
+    Follower follower(robot, constraints, motions, levels, settings, rules, attempt);
+    Room room;
+    if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
+    return !follower.follow();
+}
+
+// By how much each of many motions x (count, size) misses (14), and the sums of its squared violations, at the nodes of
+// attempt.level; these only where they are wanted.
+static inline Index measure_motions(const Robot &robot, const Constraints &constraints, const Motions &motions,
+                                    const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                    Attempt &attempt, Drawn &drawn) {
+    Program program(robot, constraints, motions, levels, settings, rules, attempt);
+    Room room;
+    if (!room.make([&](Arena &arena) { program.lay_out(arena, levels[attempt.level].nodes); })) return 1;
+    program.back_off = 0;
+    program.watches = drawn.violations != nullptr;
+    program.watch(attempt.level, nullptr, 0);
+    Evaluated &at = program.two[0];
+    for (Index number = 0; number < drawn.count; ++number) {
+        copy(at.x, drawn.motions + number * program.size, program.size);
+        program.evaluate(at);
+        drawn.missed[number] = at.equality;
+        if (drawn.violations) drawn.violations[number] = at.squares;
+    }
+    return 0;
+}

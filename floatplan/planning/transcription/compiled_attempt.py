@@ -1,0 +1,215 @@
+"""One start of a problem with constraints in a plane, followed to its end by the kernel: ``exchange.hpp``.
+
+What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, distinct
+from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
+from floatplan.compiled.batch import FINE, STATUS, constrained_settings
+from floatplan.compiled.constraints import CompiledConstraints
+from floatplan.kernel.layout import Filled, Structure, constants
+from floatplan.motion.dynamics import FlightDynamics
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
+from floatplan.optimization import programs, sqp
+from floatplan.planning.transcription import exchange, program, trajectory
+from floatplan.planning.transcription.constraints import Constraint, window_ends
+from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
+from floatplan.planning.transcription.program import (
+    IntegralOfSquares,
+    changes_at_ends,
+    instants_beside_nodes,
+    objective,
+    watch_of,
+)
+from floatplan.planning.transcription.trajectory import FlightModel
+from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_unit
+from floatplan.problem.problem import Problem
+from floatplan.tables import OBJECTIVE_TABLE
+
+REACH = 1.1  # of a row's scale: rows above have no derivatives, unless a step reaches them
+MOST_INSTANTS = 256  # beside the nodes
+PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
+CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
+WATCHED_AT_MOST = 6  # level of grids
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """Where a start ended: x, its status, and the local minima of its rows, at the nodes of a level.
+
+    ``violation`` is the largest one of (14), rad, or of a row; 0 where everything holds.
+    """
+
+    x: Array
+    status: str
+    violation: float
+    worst: Worst
+    level: int
+    iterations: int
+    evaluations: int
+
+
+class CompiledAttempts:
+    """A problem with constraints made ready for the kernel; grids of a ``level`` at least watch them."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        model: FlightModel,
+        constraints: tuple[Constraint, ...],
+        watch: CompiledConstraints,
+        level: int,
+    ) -> None:
+        self._problem, self._model, self._constraints, self._watch = problem, model, constraints, watch
+        self._block, self._row, self._look = where_to_look(constraints)
+        self._tolerance = np.array([block.tolerance for block in constraints])[self._block]
+        self._level = level
+        most = len(self._look.grid) * watch.rows
+        self._found_row, self._found_s, self._found_least = np.empty(most, np.int64), np.empty(most), np.empty(most)
+        found = {"row": self._found_row, "s": self._found_s, "least": self._found_least}
+        numbers = {"instants": len(self._look.grid), "near": self._look.near, "span": self._look.span}
+        self._minima = Filled("Minima", self._look, **numbers, **found)
+
+    def follow(self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float) -> Ended:
+        """Follow a start to its end, ``at_once`` straight to the objective; it ends when it has done the most work."""
+        watch, found = self._watch, x.copy()
+        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
+        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
+        levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
+        work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
+        counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
+        arrays = {"at_ends": at_ends, "instants": instants, "x": found, "tolerance": self._tolerance}
+        numbers = {**self._aim(variables), **levels, **work, **counts}
+        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
+        motions = _motions(self._model.flight, variables, watch.also is None)
+        grids, ended = nodes_of_levels(variables.polynomials.form), attempt.structure
+        settings = constrained_settings(), _rules(self._model.flight.bodies)
+        given = *watch.references, motions.structure, grids, *settings, ended
+        if watch.kernel.attempt(*given, watch.kernel.instructions):
+            raise MemoryError("no memory to follow a start")
+        self._model.work += ended.work
+        kept = slice(0, ended.minima.found)
+        row = self._found_row[kept]
+        worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
+        counted = ended.judged_level, ended.iterations, ended.evaluations
+        return Ended(found, STATUS[ended.status], ended.violation, worst, *counted)
+
+    @cached_property
+    def _window_ends(self) -> tuple[float, ...]:
+        return window_ends(self._constraints)
+
+    def _aim(self, variables: DecisionVariables) -> dict[str, Any]:
+        """Which of the kernel's sums the objective is of, and its scale."""
+        if self._watch.also is None:
+            return {"objective_sum": 0, "objective_sums": 0, "objective_scale": 1.0}
+        nodes = self._model.nodes(self._level, variables.polynomials.form)
+        aim = objective(self._problem, self._model, variables, nodes)
+        assert isinstance(aim, IntegralOfSquares), "it has a quantity"
+        sums = {"objective_sum": self._watch.first_also, "objective_sums": len(self._watch.also)}
+        return {**sums, "objective_scale": aim.scale}
+
+
+def compiled_attempts(
+    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], level: int
+) -> CompiledAttempts | None:
+    """Make a problem ready; None where the kernel does not know all of its rows, or its objective."""
+    quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
+    watch = watch_of(model.flight, constraints, quantity)
+    if not constraints or watch is None or not all(watch.known) or (quantity and watch.also is None):
+        return None
+    return CompiledAttempts(problem, model, constraints, watch, level)
+
+
+def measured(
+    model: FlightModel,
+    constraints: tuple[Constraint, ...],
+    variables: DecisionVariables,
+    motions: Array,
+    level: int,
+    rows: bool,
+) -> tuple[Array, Array] | None:
+    """Measure motions x (S, size) at the nodes of a level: the residual (S,) of (14), rad, and the rows' violations.
+
+    These (S,) are sums of squares, meaningless where ``rows`` are not wanted. None where the kernel does not know them.
+    """
+    watch = watch_of(model.flight, constraints, "")
+    if not constraints or watch is None or not all(watch.known):
+        return None
+    block, _, look = where_to_look(constraints)
+    numbers = {"rows": watch.rows, "level": level, "objective_scale": 1.0, "bodies": model.flight.bodies}
+    arrays = {"tolerance": None, "at_ends": np.zeros(len(block), np.int64), "instants": None, "x": None}
+    attempt = Filled("Attempt", look, **numbers, **arrays)
+    missed, violations = np.empty((2, len(motions)))
+    wanted = {"missed": missed, "violations": violations if rows else None}
+    drawn = Filled("Drawn", count=len(motions), motions=motions, **wanted)
+    given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
+    settings = constrained_settings(), _rules(model.flight.bodies)
+    parts = attempt.structure, drawn.structure, watch.kernel.instructions
+    if watch.kernel.draw(*watch.references, *given, *settings, *parts):
+        raise MemoryError("no memory to choose starts")
+    model.evaluated(len(motions) * model.flight.node_counts[level])
+    return missed, violations
+
+
+@lru_cache(maxsize=8)
+def _rules(bodies: int) -> Structure:
+    """Every number of the search with constraints: the constant of its name."""
+    modules = sqp, programs, trajectory, program, exchange
+    others = {"cheap_level": cheap_level(NODE_COUNTS, bodies), "longest_free_step": FINE.longest_step}
+    return constants("Exchange", *map(vars, modules), globals(), **others)
+
+
+@lru_cache(maxsize=64)
+def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+    """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
+    polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
+    form, series = polynomials.form, basis(polynomials.form).series
+    condition = [form.given.index(each) if each in form.given else -1 for each in range(CONDITIONS)]
+    written = of_coefficients and following is not None
+    map_ = powers_map(form, polynomials.duration) / whitened_unit(polynomials) if written else None
+    ends = [_end(following, end, momentum.centre) for end in (0, 1)]
+    return Filled(
+        "Motions",
+        variables,
+        polynomials,
+        size=variables.size,
+        axes=momentum.free,
+        columns=series.shape[2],
+        given=len(form.given),
+        terms=series.shape[1],
+        duration=polynomials.duration,
+        **orientations(flight),
+        momentum=float(momentum.centre[0]),
+        axis=momentum.axes.ravel(),
+        first=np.cumsum([0, *polynomials.free]),
+        condition=condition,
+        boundary=polynomials.given_boundary,
+        series=series,
+        map=map_,
+        start=ends[0],
+        goal=ends[1],
+    )
+
+
+def _end(following: Boundary | None, end: int, middle: Array) -> Filled:
+    """How the conditions (13) at one end follow h."""
+    momenta = knots(following.rates, end) if following else np.empty(0)
+    if following is None or not len(momenta):
+        return Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
+    p, _, curvature = following(middle)[:, 3 * end : 3 * end + 3].T
+    rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in momenta.tolist()])
+    at_middle = following(middle)[:, 3 * end + 1]
+    movable = (np.abs(np.cos(p)) > EDGE) & ~following.free[end]
+    bend = np.where(movable, np.tan(p), 0.0)
+    curvature = curvature - bend * at_middle**2
+    return Filled("End", knots=len(rates), momenta=momenta, rates=rates, curvature=curvature, bend=bend)
