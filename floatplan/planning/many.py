@@ -30,7 +30,7 @@ AT_ONCE = 8  # problems that a process is given at a time
 LONGER = "search=True searches longer"
 # Plain problems of one robot, joint ranges and degrees: their indices (M,) among all, one of them, the numbers of some.
 _Batch: TypeAlias = tuple[IntArray, Problem, Callable[[IntArray], plain.Numbers]]
-PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.4 s
+PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.05 s in a plane
 UNSOLVED = 16  # [-] starts at a degree: no row of the studies pole and weak_motors that is solved takes more
 
 

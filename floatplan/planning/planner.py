@@ -35,7 +35,7 @@ def plan(
         budget ends them.
     budget : float, optional
         Seconds, by the clock, after which the search ends with the best motion so far; left out, so much work as takes
-        about 7 s, counted without a clock: the same problem and seed then have the same answer everywhere.
+        about 7 s at most, counted without a clock: the same problem and seed then have the same answer everywhere.
     jobs : int
         Processes among which the starts are shared; they find what one finds, sooner.
     progress : callable, optional

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_cases import cases
 from robot_samples import inertial, joint, robot_text
 
 import floatplan as fp
-from floatplan.simulation.replay import replays
+from floatplan.simulation.replay import landing_rows, replays
 
 SPACE = Path(__file__).parents[2] / "problems" / "space"
 
@@ -64,21 +65,24 @@ def test_a_motion_that_turns_too_fast_is_not_integrated_for_ever(diver, monkeypa
 
 
 def test_many_flights_are_a_table(diver, floatplan):
-    plan = diver.save("plan.json")
-    asked = ("replay", plan, "--perturb", "h=1%", "--seed", "4")
-    content = json.loads(floatplan(*asked, "--runs", "2", "--json").stdout)
-    assert [each["engine"] for each in content["flights"]] == ["pinocchio"] * 2
-    single = json.loads(floatplan(*asked, "--json").stdout)
-    assert content["flights"][0]["orientation_error"] == single["orientation_error"]
-    worst = np.degrees(max(each["orientation_error"] for each in content["flights"]))
-    told = floatplan(*asked, "--runs", "2")
+    """Each has the next seed; none begins after the time given."""
+    first, second = replays(diver, 2, 4, budget=60.0, perturb="h=1%")
+    assert second.orientation_error == fp.replay(diver, perturb="h=1%", seed=5).orientation_error
+    assert (
+        landing_rows([first, second])[0][2]
+        == f"{np.degrees(max(first.orientation_error, second.orientation_error)):.3g} deg"
+    )
+    asked = ("replay", diver.save("plan.json"), "--perturb", "h=1%", "--seed", "4", "--runs", "2", "--budget", "1e-9")
+    told = floatplan(*asked)
     assert told.code == 0
-    assert "0 of 2 landed" in told.stdout
-    assert f"{worst:.3g} deg" in told.stdout
-    refused = floatplan(*asked, "--runs", "2", "--save")
+    assert "0 of 1 landed, of 2 asked for" in told.stdout
+    assert landing_rows([first])[0][1] in told.stdout
+    content = json.loads(floatplan(*asked, "--json").stdout)
+    assert content["asked"] == 2
+    assert [each["orientation_error"] for each in content["flights"]] == [first.orientation_error]
+    refused = floatplan(*asked, "--save")
     assert refused.code == 2
     assert "--save" in refused.stderr
-    assert len(replays(diver, 5, 0, budget=1e-9)) == 1
 
 
 @pytest.mark.parametrize(
@@ -95,7 +99,7 @@ def test_what_is_not_yet_for_flights_in_space_is_refused_in_a_line(diver, floatp
     assert "not yet for flights in space" in " ".join(refused.stderr.split())
 
 
-@pytest.mark.parametrize("command", ["takeoff", "bounds", "jump", "studio"])
+@pytest.mark.parametrize("command", cases(["takeoff", "bounds", "jump", "studio"], ["studio"]))
 def test_so_it_is_of_a_problem(floatplan, command):
     refused = floatplan(command, SPACE / "diver_half_twist.toml")
     assert refused.code == 2

@@ -195,8 +195,9 @@ def _counting(model: FlightModel) -> FirstWay:
     """Return what solves a quadratic program whose rows do not contradict one another, and counts any as work."""
 
     def step(current: AnyEvaluation, hessian: Array) -> Step | None:
-        model.solved(len(hessian))
-        return dual_step(current, hessian)
+        found = dual_step(current, hessian)
+        model.solved(len(hessian), 0 if found else int(np.count_nonzero(current.inequality < 0)))
+        return found
 
     return step
 

@@ -26,6 +26,7 @@ EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
 DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
 ENTRY = 0.5  # [instants of one body] of a Jacobian
 CUBED = 0.15  # [instants of one body] of a quadratic program, times the cube of the number of its variables
+HARD = 0.09  # [instants of one body] of one whose rows contradict one another, times that of variables and rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +70,10 @@ class FlightModel:
         """Count a Jacobian."""
         self.work += DIFFERENTIATION + ENTRY * entries
 
-    def solved(self, variables: int) -> None:
-        """Count a quadratic program; those of flights in a plane are small beside the evaluations."""
+    def solved(self, variables: int, contradicting: int) -> None:
+        """Count a quadratic program, with so many rows if they contradict one another; in a plane they are small."""
         if self.flight.tangent > 1:
-            self.work += CUBED * variables**3
+            self.work += CUBED * variables**3 + (HARD * (variables + contradicting) ** 3 if contradicting else 0.0)
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
