@@ -201,7 +201,7 @@ def first_flight(
     for each in turns:
         what = {0: "without a turn", 1: "with a whole turn"}.get(abs(each), f"with {abs(each)} whole turns")
         say(f"jump {what}")
-        answer = _jump(chosen, each, asked, seed)
+        answer = _jump(chosen, each, asked, seed, helps=each == turns[-1])
         if isinstance(answer, FirstFlight):
             return replace(answer, reasons=tuple(reasons))
         reasons.append(f"A jump {what} was not found: {answer}")
@@ -241,8 +241,8 @@ def _no_jump(chosen: ChosenRobot) -> list[str]:
     return []
 
 
-def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int) -> FirstFlight | str:
-    """A jump's flight that is planned again from its problem in round numbers; or why there is none.
+def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool) -> FirstFlight | str:
+    """A jump's flight that is planned again from its problem in round numbers; or why there is none, and what helps.
 
     Raises
     ------
@@ -251,11 +251,15 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int) -> FirstFlig
     """
     try:
         problem = jump_problem(chosen, turns * int(chosen.robot.plane.turn), asked)
-        found = jump(problem, seed=seed, starts=1, helps=False)
+        found = jump(problem, seed=seed, starts=1, helps=helps)
         if not found.ok or found.flight is None:
             return found.explanation
         problem = flight_of_jump(found, found.flight)
         flight = plan(problem, seed=seed, prove=True)
+        if flight.ok and flight.warnings:
+            landing = Landing(problem.landing.frame)
+            problem = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
+            flight = plan(problem, seed=seed, prove=True)
     except InputError as error:
         asked.refuse_own(error)
         return f"{error}."

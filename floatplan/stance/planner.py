@@ -58,7 +58,8 @@ def jump(
     progress : callable, optional
         Told in a few words what is done.
     helps : bool
-        Whether it is tried what would help where no jump is found, which takes as long again at most, or little more.
+        Whether it is told what stands in the way where no jump is found, and tried what would help, which takes as
+        long again at most, or little more.
 
     Returns
     -------
@@ -90,13 +91,13 @@ def jump(
     until = 2 * process_time() - began
     if answer is not None:
         gives = broken(asked, answer.check.figures)
-    elif best is not None:
+    elif best is not None and helps:
         say("what stands in the way")
         gives = in_the_way(*best, asked)
         words = [sentence(each, problem) for each in gives] or [best[1].worst[1]]
         answer = _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(words)}.")
     else:
-        return _not_found(problem, asked, "No jump was found.")
+        return _not_found(problem, asked, f"No jump was found in {tried} starts.")
     if not (gives and helps):
         return answer
     told = replace(answer, explanation=f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")

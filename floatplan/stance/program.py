@@ -29,7 +29,6 @@ from floatplan.stance.phases import Meeting, Phase, instants, unsteady
 from floatplan.stance.rows import (
     BALANCE,
     CLEAR,
-    LEAST_FORCE,
     MEETS,
     PRESSED,
     RELEASE,
@@ -54,7 +53,7 @@ IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "m
 ONE_SIDE = {"max_hessian_perturbation": 1e6, "adaptive_mu_globalization": "never-monotone-mode"}
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 400
+ITERATIONS = 160  # where there is a solution, 40 to 125 find it
 AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
 
 
@@ -180,7 +179,7 @@ class JumpProgram:
 
     def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
         """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
-        box[0, 1::2] = LEAST_FORCE * self.node.weight * phase.firm
+        box[0, 1::2] = self.node.bounds.pressed * self.node.weight * phase.firm
         seam, stays = -1 if phase.side == "takeoff" else 0, [contact.name for contact in inner.contacts]
         for row, contact in enumerate(phase.others):
             if contact.vertical:
@@ -386,7 +385,7 @@ class JumpProgram:
         other = copy(self)
         vars(other).pop("stated", None)
         other.node, other.separation = copy(self.node), separation
-        other._iterations = min(self._iterations, AROUND) if separation.lines else self._iterations
+        other._iterations = AROUND if separation.lines else self._iterations
         other.node.held = held
         return other
 

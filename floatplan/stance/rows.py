@@ -39,6 +39,7 @@ class Bounds:
     position : (n, 2) rad
     friction : coefficient
     held : share of the efforts of joints that are held
+    pressed : least vertical force over the weight, where more than one contact stands
     """
 
     torque: Array
@@ -49,6 +50,7 @@ class Bounds:
     position: Array
     friction: float
     held: float = 1.0
+    pressed: float = LEAST_FORCE
 
 
 @dataclass
@@ -211,7 +213,7 @@ class NodeRows:
                 rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
         if phase.others:  # else it may pull a little between nodes
-            rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
+            rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, PRESSED))
         rows += [*self._torque_rows(moments), *self._held_rows(phase.contacts, [own, *pairs])]
         ground = -phase.anchor.depth
         near = np.flatnonzero(self.watched.low | (CLEAR in self.held)).tolist()

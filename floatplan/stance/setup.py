@@ -30,7 +30,7 @@ from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
 from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
-from floatplan.stance.rows import Bounds, NodeRows
+from floatplan.stance.rows import LEAST_FORCE, Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
 MOST = 2  # [-] contacts of a phase
@@ -55,6 +55,7 @@ class Room:
     clear : beyond the clearance that is asked for, m
     range : from the ends of joint ranges, rad
     apart : beyond margins of obstacles and links, m
+    pressed : least vertical force over the weight, where more than one contact stands
     """
 
     torque: float
@@ -64,6 +65,7 @@ class Room:
     clear: float = 0.0
     range: float = 0.1
     apart: float = ROOM
+    pressed: float = LEAST_FORCE
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -79,6 +81,7 @@ class Room:
         clear = self.clear + DEEPER * max(0.0, -figures.get("ground", 0.0))
         apart = self.apart - min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         more = {"finer": FINER * self.finer, "clear": clear, "apart": apart}
+        more["pressed"] = self.pressed + max(0.0, -figures.get("pull", 0.0))
         return replace(self, torque=torque, velocity=velocity, friction=friction, **more)
 
 
@@ -160,6 +163,7 @@ class Setup:
             position=inside(bent, room.range),
             friction=room.friction * request.friction,
             held=room.torque,
+            pressed=room.pressed,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
