@@ -1,7 +1,6 @@
 // The search from one point with inequalities: floatplan/optimization/sqp.py, with the Hessian itself, of which each
 // quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them.
 
-// Minimises the squared violations; each step is damped in the metric and in x itself (reduce_violations() there).
 class Constrained {
   public:
     Index iterations = 0;

@@ -53,6 +53,7 @@ from floatplan.tables import Objective as ObjectiveName
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
+SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
 
@@ -163,10 +164,18 @@ class Outcome:
 
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
-    """Return the outcome of the least violation, of equals the best, of these the first; others have no objective."""
+    """Return the outcome of the least violation, of equals the best; others have no objective.
+
+    Of several that ended at the same motion it is one that is known to be optimal, the first of these.
+    """
     least = min(outcome.violation for outcome in outcomes)
     nearest = [outcome for outcome in outcomes if outcome.violation == least]
-    return min(nearest, key=lambda outcome: outcome.objective_value) if len(nearest) > 1 else nearest[0]
+    if len(nearest) == 1:
+        return nearest[0]
+    lowest = min(nearest, key=lambda outcome: outcome.objective_value)
+    most = lowest.objective_value + SAME * abs(lowest.objective_value)
+    same = (outcome for outcome in nearest if outcome.is_optimal and outcome.objective_value <= most)
+    return lowest if lowest.is_optimal else min(same, key=lambda outcome: outcome.objective_value, default=lowest)
 
 
 class Attempts:

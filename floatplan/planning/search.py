@@ -20,7 +20,7 @@ from floatplan.arguments import SEED, Check, Checked, function, optional, positi
 from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
+from floatplan.planning.attempt import ATTEMPTS, SAME, Attempts, Followed, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
@@ -36,7 +36,6 @@ ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
 RAISED = 2  # [-] nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2  # [-]
 HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
-SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
 AGREEING = 2  # [-] easy solutions that are the same motion, where h is free: with no other it is taken for the best
 AGREEING_BEST = 3  # [-] of the best among others

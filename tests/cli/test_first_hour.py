@@ -34,7 +34,7 @@ class TestRobots:
     def test_each_can_be_named_as_it_is_listed(self, floatplan: Command) -> None:
         listed = json.loads(floatplan("robots", "--json").stdout)
         own = [facts for facts in listed["robots"] if "example-robot-data" not in facts["robot"]]
-        left_open = {"diver.urdf"}  # in which plane; it is for flights in space
+        left_open = {"cat.urdf", "diver.urdf"}  # in which plane; they are for flights in space
         assert {Path(facts["robot"]).name for facts in own} == {path.name for path in URDF.iterdir()} - left_open
         for facts in own:
             assert floatplan("info", facts["robot"]).code == 0

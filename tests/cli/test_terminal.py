@@ -53,11 +53,11 @@ def in_terminal(*arguments: str | Path, cwd: Path) -> tuple[str, str]:
 
 @pytest.fixture
 def long_search(tmp_path: Path) -> Path:
-    """A problem with a tenth of the torque that it needs, which nothing proves at once."""
-    text = (PROBLEMS / "new_configuration.toml").read_text(encoding="utf-8")
+    """A twist with hardly any torque, which nothing proves at once: searches in space are long."""
+    text = (PROBLEMS / "space/diver_half_twist.toml").read_text(encoding="utf-8")
     path = tmp_path / "long.toml"
-    text = text.replace("../urdf", str(ROOT / "urdf")).split("[limits]")[0]
-    path.write_text(f'{text}\n[limits]\nposition = "full"\ntorque = 0.2\n', encoding="utf-8")
+    text = text.replace("../../urdf", str(ROOT / "urdf")).split("[limits]")[0]
+    path.write_text(f"{text}\n[limits]\ntorque = 0.2\n", encoding="utf-8")
     return path
 
 
@@ -118,8 +118,11 @@ class TestLog:
         assert "obstacle: flight proved" in run.stdout
         assert not logging.getLogger("floatplan").handlers
 
-    def test_names_what_is_violated(self, floatplan: Callable[..., Any], long_search: Path) -> None:
-        run = floatplan("plan", long_search, "-v", "--no-figures", "--budget", "1", "-o", "out")
+    def test_names_what_is_violated(self, floatplan: Callable[..., Any], tmp_path: Path) -> None:
+        text = (PROBLEMS / "torque_limited.toml").read_text(encoding="utf-8").replace("../urdf", str(ROOT / "urdf"))
+        path = tmp_path / "weak.toml"
+        path.write_text(re.sub(r"torque = .*", "torque = 0.2", text), encoding="utf-8")
+        run = floatplan("plan", path, "-v", "--no-figures", "--budget", "1", "-o", "out")
         assert run.code == 1
         first = run.stderr.splitlines()[0]
         assert re.search(r"violation [\d.]+ of torque of q\d at [\d.]+ s; best violation [\d.]+$", first), first
