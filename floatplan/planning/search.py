@@ -141,8 +141,7 @@ def search(
     try:
         for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), most):
             outcomes.append(outcome)
-            if LOG.isEnabledFor(logging.INFO):
-                LOG.info("%s", _said(prepared, outcomes))
+            log_attempt(prepared, outcomes)
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced, counts = time.monotonic(), SearchResult(outcomes).counts
                 tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
@@ -158,8 +157,13 @@ def search(
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
 
+def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
+    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
+    if LOG.isEnabledFor(logging.INFO):
+        LOG.info("%s", _said(prepared, outcomes))
+
+
 def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
-    """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
     outcome = outcomes[-1]
     degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
     start = sum(each.starts for each in outcomes)
@@ -167,6 +171,8 @@ def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
     least = f"best violation {min(each.violation for each in outcomes):.3g}"
     if outcome.holds:
         return f"{steps}; {outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
+    if outcome.violation == np.inf:
+        return f"{steps}; no motion to the goal"
     of = " rad of the goal's orientation"
     if -outcome.worst.least >= outcome.violation:
         block, row, _, s = outcome.worst.lowest
