@@ -29,7 +29,7 @@ from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE
 
 STARTS = 3
-ITERATIONS = 130  # of IPOPT, of each program
+ITERATIONS = 250  # of IPOPT, of each program
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand

@@ -29,9 +29,6 @@ FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
 NEARLY = 1e-3  # [-] what is off without counting
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150}
 ORACLES = ("quality-function", "probing")  # of which the second finds what the first does not, and the other way about
-# It ends where the least sum hardly changes any more.
-IPOPT |= {"acceptable_obj_change_tol": 1e-3, "acceptable_iter": 6, "acceptable_constr_viol_tol": NEARLY}
-IPOPT |= dict.fromkeys(("acceptable_tol", "acceptable_dual_inf_tol", "acceptable_compl_inf_tol"), 1e10)
 IPOPT |= {"mu_min": 1e-4, "adaptive_mu_globalization": "never-monotone-mode", "mumps_pivot_order": 0}
 
 

@@ -349,14 +349,6 @@ def test_ctrl_c_ends_a_search_with_the_nearest_motion(monkeypatch):
     assert "was interrupted" in plan.explanation
 
 
-@pytest.mark.long
-def test_pictures_of_flights_in_space_say_that_there_are_none(half_twist, tmp_path):
-    for shown in (half_twist.figures, lambda: half_twist.show(tmp_path / "report.html", browse=False)):
-        with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
-            shown()
-    assert not list(tmp_path.iterdir())
-
-
 def test_many_plans_are_not_yet_of_flights_in_space(half_twist):
     with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
         fp.plan_many([half_twist.problem])
