@@ -15,7 +15,7 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.attempt import Attempts, Outcome, Reached
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
-from floatplan.planning.search import DEFAULT_WORK, SearchOptions, SearchResult, expiry, log_attempt
+from floatplan.planning.search import ANNOUNCED_EVERY, DEFAULT_WORK, SearchOptions, SearchResult, expiry, log_attempt
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
@@ -73,7 +73,7 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
                 log_attempt(prepared, outcomes)
             if solved >= options.starts or stop():
                 break
-            if options.progress and time.monotonic() - announced > 1:
+            if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced = time.monotonic()
                 options.progress(f"{len(outcomes)} starts tried, {solved} solved")
     except KeyboardInterrupt:

@@ -14,6 +14,7 @@ from generated_problems import mixed_problem, random_problem
 from robot_samples import GYMNAST, URDF_FOLDER, flipped_axes, other_plane
 
 import floatplan as fp
+from floatplan.planning import search
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
@@ -330,9 +331,10 @@ class TestArguments:
             fp.plan(example_a, **{name: value})
         assert caught.value.element == name
 
-    def test_progress_is_told(self, impossible):
+    def test_progress_is_told(self, impossible, monkeypatch):
+        monkeypatch.setattr(search, "ANNOUNCED_EVERY", 0.0)
         told = []
-        fp.plan(impossible["a tenth of the torque"][0], budget=1.5, progress=told.append)
+        fp.plan(impossible["a tenth of the torque"][0], budget=SHORT, progress=told.append)
         assert told
         assert "starts tried" in told[-1]
 
