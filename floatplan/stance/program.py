@@ -49,8 +49,8 @@ SMOOTH, STEADY = 0.03, 1e-3  # [-] of squared torques, beside the factor; of suc
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
-# of IPOPT, where the flight is known: more takes seconds an iteration; and a guess that nearly holds is soon a solution
-ONE_SIDE = {"max_hessian_perturbation": 1e6, "adaptive_mu_globalization": "never-monotone-mode"}
+IPOPT["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
+ONE_SIDE = {"adaptive_mu_globalization": "never-monotone-mode"}  # where the flight is known: guesses that nearly hold
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 250  # 40 to 125 find a first solution where there is one, more those near what stands in the way
