@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import ComplexArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.robot import Robot
 
@@ -135,28 +135,32 @@ class PlanarModel:
         forces : points of the robot, and the forces that the ground exerts there, N
         """
         ca, tree = casadi(), self.robot.tree
-        pulled, _ = self._levers(self.centers, tree.mass)
-        x, z = self.places(pulled @ self.weights(self.centers, reference), 2)
-        weight = 0.0 if reference is None else self.gravity * pulled.sum(axis=1)
-        moments = self._work(x - np.imag(weight), z + np.real(weight))
+        moments = self.work(self.centers, tree.mass, Spot(0, 0j), reference)
         inertia = tree.inertia * ca.mtimes(self._rates, self.a)
         for spot, (horizontal, vertical) in forces:
-            lever, rolled = self._levers([spot])
-            real, imaginary = self._constant(lever.real), self._constant(lever.imag)
-            across, along = real * horizontal - imaginary * vertical, real * vertical + imaginary * horizontal
-            moments -= self._work(across, along) + self._constant(rolled.real) * horizontal
+            (lever, rolled), (c, s) = np.split(self.weights([spot], Spot(0, 0j))[0], 2), self.rotations[0]
+            real, imaginary, rolled = map(self._constant, (lever.real, lever.imag, rolled.real))
+            across, along = real * horizontal + imaginary * vertical, real * vertical - imaginary * horizontal
+            moments -= tree.turn * (c * along - s * across) + rolled * horizontal
         moments += inertia
         return moments if tree.rotors is None else moments + ca.mtimes(self._constant(tree.rotors), self.a[1:])
 
-    def _levers(self, spots: Sequence[Spot], mass: Any = 1.0) -> tuple[ComplexArray, ComplexArray]:
-        """Conjugate weights of points from the base's origin, times masses, and rho (m, points)."""
-        turned, rolled = np.split(self.weights(spots, Spot(0, 0j)), 2, axis=1)
-        return turned.conj().T * mass, rolled.T
+    def work(
+        self, spots: Sequence[Spot], mass: Array, hinge: Spot | None, reference: Spot | None, derivative: int = 2
+    ) -> Any:
+        """Virtual work (m,) with the bodies' angles of masses times accelerations less gravity, at points.
 
-    def _work(self, across: Any, along: Any) -> Any:
-        """Virtual work (m,) with the bodies' angles of forces times levers, which turn with the bodies."""
-        c, s = self.rotations[0]
-        return self.robot.tree.turn * (c * along - s * across)
+        Parameters
+        ----------
+        spots, mass : where, and (points,) kg
+        hinge : is at rest in the virtual motion; the centre of mass where there is none
+        reference : as of :meth:`moments`
+        derivative : 2, or 1 for velocities in place of accelerations
+        """
+        (c, s), pulled = self.rotations[0], mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
+        x, z = self.places(pulled @ self.weights(spots, reference), derivative)
+        weight = (0.0 if reference is None else self.gravity) * pulled.sum(axis=1)
+        return self.robot.tree.turn * (c * (z + weight.real) - s * (x - weight.imag))
 
     def motor_torques(self, moments: Any) -> Any:
         """Torques (motors,) N m, each motor's own, of moments Q."""
@@ -165,9 +169,7 @@ class PlanarModel:
     def momentum(self) -> Any:
         """Angular momentum about the centre of mass and the plane's normal, kg m^2/s."""
         ca, tree = casadi(), self.robot.tree
-        weights = self.weights(self.centers)
-        turned = self._first.T @ weights[:, : len(tree.mass)].conj().T * tree.mass
-        orbital = ca.sum1(self._work(*self.places(turned @ weights, 1)))
+        orbital = ca.sum1(self.work(self.centers, tree.mass, None, None, 1))
         return orbital + ca.dot(ca.DM(tree.inertia), ca.mtimes(self._rates, self.v))
 
     def momentum_about(self, spot: Spot) -> tuple[Any, Any, Any]:
