@@ -28,12 +28,12 @@ class ManyPeaks:
     """Of N plans, over all times.
 
     ``motor_torque`` (N, m) N m, and ``joints``, (N, n) rad/s or rad/s^2 by limit, are largest magnitudes; ``clearance``
-    (N,) m is the least distance to an obstacle, infinite where none exists, None if not asked for.
+    (N,) m is the least distance to an obstacle, infinite where none exists or none was asked for.
     """
 
     motor_torque: Array
     joints: dict[str, Array]
-    clearance: Array | None
+    clearance: Array
 
 
 def can_measure(problem: Problem) -> bool:
@@ -64,23 +64,24 @@ def many_peaks(
     counts = {"count": count, "levels": len(NODES), "columns": size, "motors": motors, "orders": orders}
     ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
     plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
+    clearance = np.full(count, np.inf)
     constraints, distances = _distances([] if isinstance(of, Problem) else of)
-    batch = Filled("Peaks", resolved=RESOLVED, peaks=peaks, **counts, **ranges, **plans, **distances)
+    found_here = {"resolved": RESOLVED, "peaks": peaks, "clearance": clearance}
+    batch = Filled("Peaks", **found_here, **counts, **ranges, **plans, **distances)
     robot = unscaled_robot(like.robot.tree)[1].structure
     among = constraints.filled.structure if constraints else None
     if found.peaks(robot, _interpolations(size, NODES), among, batch.structure, found.instructions):
         raise MemoryError("no memory to measure plans")
     of_motors, *of_joints = np.split(peaks, range(motors, peaks.shape[1], n), axis=1)
-    return ManyPeaks(of_motors, dict(zip(ORDERS, of_joints, strict=False)), distances["clearance"])
+    return ManyPeaks(of_motors, dict(zip(ORDERS, of_joints, strict=False)), clearance)
 
 
 def _distances(problems: Sequence[Problem]) -> tuple[CompiledConstraints | None, dict[str, Any]]:
     """Rows of the distances to obstacles, and what of each problem is its own."""
-    clearance = np.full(len(problems), np.inf) if problems else None
-    own = dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
+    own: dict[str, Any] = dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
     if not (problems and problems[0].obstacles):
         nothing = dict.fromkeys(("grid", "low", "high", "row", "s", "least"))
-        return None, own | {"clearance": clearance, "minima": Filled("Minima", **nothing)}
+        return None, own | {"minima": Filled("Minima", **nothing)}
     like, grid = problems[0], np.linspace(0, 1, INSTANTS)
     blocks = [DistanceRows(each, 0.0, 1.0) for each in like.obstacles]
     constraints = CompiledConstraints(planar_flight(like), blocks)
@@ -106,7 +107,6 @@ def _distances(problems: Sequence[Problem]) -> tuple[CompiledConstraints | None,
         "low": low,
         "high": high,
         "minima": minima,
-        "clearance": clearance,
     }
 
 

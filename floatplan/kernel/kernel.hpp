@@ -158,7 +158,7 @@ struct Peaks {
     const double *turns;  // (links, motors)
     const double *centre, *amplitude, *duration, *momentum, *coefficients;
     double *peaks;        // (motors + orders joints)
-    // Of distances to obstacles, where `clearance` is not null: what of the constraints is a row's own, and when.
+    // Where distances to obstacles are measured: what of their constraints is a row's own, and when.
     Index numbers;        // of a row's obstacles
     const double *orientation, *path, *obstacles, *low, *high;  // (), (5), (numbers), (rows), (rows)
     Minima minima;

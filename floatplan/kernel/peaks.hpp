@@ -12,7 +12,6 @@ class Measured {
         arena.take(b, peaks.columns * robot.joints);
         arena.take(powers, 3 * peaks.columns * close.stride);
         arena.take(values, quantities() * nodes);
-        if (!peaks.clearance) return;
         arena.take(series, (2 * peaks.columns + 1) * robot.joints);
         for (double **each : {&turned, &at_nodes}) arena.take(*each, nodes + 2);
     }

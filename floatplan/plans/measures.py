@@ -114,7 +114,7 @@ def limits_of_motors(problem: Problem) -> dict[str, Array]:
     """Return the limit (m,) of each motor, by the names of limits: that asked for, else the URDF's, else infinite."""
     robot = problem.robot
     leaders, ratios, _ = zip(*(_coupling(robot, joint) for joint in robot.motors), strict=True)
-    found = {}
+    found: dict[str, Array] = {}
     for row in USED:
         if row.of == "motors":
             asked = np.minimum(problem.motor_torque_limits, problem.motor_stall)

@@ -155,7 +155,8 @@ def _searched(study: StudyFile, problems: Family, first: int) -> list[dict[str, 
     """Plan rows, and measure those that are solved together."""
     rows, solved = [], {}
     for index in range(len(problems)):
-        began, more = time.perf_counter(), {}
+        began = time.perf_counter()
+        more: dict[str, Any] = {}
         seed = row_seed(study.samples.seed, first + index)
         try:
             problem = problems[index]
@@ -183,8 +184,9 @@ def _measured_alone(
     if robot.in_plane is None or limits[0].keys() > {"torque", *ORDERS} or not all(map(can_measure, problems)):
         for problem, answer, seed in zip(problems, answers, seeds, strict=True):
             plan = replace(answer, certificate=None).plan(problem, seed)
-            use, clearance = largest_use(plan.utilisation), plan.peaks.clearance
-            yield _figures(answer, plan.peaks.motor_torque, use or np.nan, np.nan if clearance is None else clearance)
+            least = plan.peaks.clearance
+            least = np.nan if least is None else least
+            yield _figures(answer, plan.peaks.motor_torque, largest_use(plan.utilisation) or np.nan, least)
         return
     columns = max(answer.coefficients.shape[1] for answer in answers)
     coefficients = np.zeros((len(answers), len(robot.joints), columns))
