@@ -33,6 +33,7 @@ ITERATIONS = 250  # of IPOPT, of each program
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
+SAME = 1e-5  # [rad] solutions of starts that are nearer are one
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 WORDS = dict(zip(SHARES, ("torque of {}", "torque-speed curve of {}", "{}'s rate", "torque of {}, held"), strict=True))
@@ -119,14 +120,15 @@ def launch(
         return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
-    answers = list[Launch]()
+    answers, found = list[Launch](), list[Array]()
     program = partial(setup.program, iterations=ITERATIONS)
     first = program(ROOM)
     for start in range(starts):
         drawn = np.random.default_rng((seed, start)).uniform(*DRAWN, len(first.phases) - 1)
         guess = plainest(first, met, v, drawn if start >= len(LASTS) else LASTS[start])
         solution = solved(first, guess)
-        if solution[1].converged:
+        if solution[1].converged and not any(np.abs(each - solution[1].y).max() < SAME for each in found):
+            found.append(solution[1].y)
             answers.append(corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end)))
             if answers[-1].ok:
                 break
@@ -195,7 +197,7 @@ def _answer(
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
     mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")}  # by more nodes
-    return answer, mended if broken else None
+    return answer, ({} if ratio > 1 else mended) if broken else None  # beyond the limits the least factor is asked
 
 
 def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Launch | None]:

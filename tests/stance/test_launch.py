@@ -55,11 +55,11 @@ def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: 
 def test_the_factor_that_is_told_is_nearly_the_least(root: Path) -> None:
     """With a weight of squared torques ten times as large it is 2.7, where the program's nodes alone need 1.86.
 
-    What is told is 2.26, of the stricter programs that try to keep the cone between the nodes.
+    Of programs that are stricter, as where limits suffice, it is 2.26.
     """
     found = launch(fp.plan(root / "problems" / "gallery" / "go2.toml"), starts=1)
     assert (found.ok, found.limit, found.impossible) == (False, "torque", False)
-    assert 1.8 < found.ratio < 2.3
+    assert 1.8 < found.ratio < 2.1
     assert found.sentences[0].startswith(
         f"Takeoff: no stance was found within the limits (least factor {found.ratio:.2f}"
     )
