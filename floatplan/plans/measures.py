@@ -28,6 +28,7 @@ Kind: TypeAlias = Literal[
 ]
 
 ROUNDING = 1e-9  # [rad] of joint ranges
+ROUNDED = 1e-4  # [m/s] of a frame that would be at rest, were a file's numbers not round
 OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
 
@@ -165,7 +166,7 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
     problem = plan.problem
     return (
         *_ground(plan),
-        *_contacts(contacts),
+        *_contacts(plan, contacts),
         *_ranges_and_rates(problem.robot, plan.peaks),
         *_torques(plan),
         *_turns(problem),
@@ -202,9 +203,13 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
 
 
-def _contacts(contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
+def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
     """Frames that no joint rates within the limits, or such as no robot's are, let leave or meet the ground at rest."""
     for contact in contacts:
+        instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
+        state = plan.at(instant)
+        if contact.ratio == math.inf and contact.speed(state.orientation_rate, state.velocities) < ROUNDED:
+            continue
         if not contact.ok:
             subject, rate, limit = contact.joint or contact.frame, contact.rate, contact.limit
             message = contact.verdict.rstrip(".")
@@ -216,7 +221,6 @@ def _contacts(contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
             )
         else:
             continue
-        instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
         message += "; floatplan takeoff tells what would help."
         yield PlanWarning(contact.end, subject, rate, limit, "rad/s", instant, message)
 

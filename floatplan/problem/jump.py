@@ -64,9 +64,9 @@ class JumpSide(Keyed):
         for name in dict.fromkeys(name for group in groups for name in group):
             stands = [name in group or name.partition(".")[0] in group for group in groups]
             if "101" in "".join(key for key, _ in groupby(str(int(each)) for each in stands)):
-                return f"{name!r} would leave the ground and return"
+                return f"{name!r} would leave the ground and return; let it stand without a break"
             if 1 <= len(groups) <= MOST_PHASES and not stands[self.outer]:
-                return f"{name!r} would {self.wrong}"
+                return f"{name!r} would {self.wrong}; name it in the {'last' if self.outer else 'first'} phase too"
         if not 1 <= len(groups) <= MOST_PHASES or not all(groups):
             return "must be one or two phases, each with a frame at least"
         return ""

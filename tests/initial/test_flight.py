@@ -123,3 +123,14 @@ def afloat_turn(robot: fp.Robot, start: np.ndarray, goal: np.ndarray) -> float:
     shares = (np.arange(2000) + 0.5) / 2000
     rows = tree_dynamics(robot.tree).momentum_map(start + shares[:, None] * (goal - start))
     return float(-np.mean(rows[:, 1:] @ (goal - start) / rows[:, 0]))
+
+
+@pytest.mark.parametrize(("rate", "kinds"), [(1210.06, []), (1211.0, ["ground", "takeoff", "landing"])])
+def test_a_foot_at_rest_but_for_round_numbers_is_no_warning(root: Path, rate: float, kinds: list[str]) -> None:
+    """The base and one joint have two rates for three conditions: they are met by the momentum of a jump alone."""
+    robot = fp.Robot.from_urdf(root / "urdf" / "acrobat.urdf", plane="xz")
+    angle, bent, rate, change = np.deg2rad([136.318, -102.263, rate, 628.761]).tolist()
+    ends = fp.Posture(angle, [bent], [rate], [change]), fp.Posture(3 * np.pi - angle, [-bent], [rate], [-change])
+    foot = {"takeoff": fp.Takeoff("foot"), "landing": fp.Landing("foot")}
+    problem = fp.Problem(robot, *ends, fp.Flight(0.605615, 4.20297, horizontal_velocity=-1.01873, **foot))
+    assert [warning.kind for warning in fp.plan(problem).warnings] == kinds

@@ -126,6 +126,11 @@ class Contact(Outlined):
         """Whether the limits allow the rates, or nothing stands on the ground."""
         return self.found is None or (self.found.exist and (self.ratio is None or self.ratio <= 1 + RELATIVE))
 
+    def speed(self, orientation_rate: float, rates: Array) -> float:
+        """Of the frame, m/s, by direction at most, with such rates of base and joints (n,), rad/s."""
+        equations = equations_at(self.problem.robot, *at_end(self.problem, self.end))
+        return float(np.abs(equations.matrix[1:] @ np.append(orientation_rate, rates) + equations.com_velocity).max())
+
     @cached_property
     def sentences(self) -> tuple[str, ...]:
         """The verdict for a person; where it is bad, also what was tried and would help."""
