@@ -162,7 +162,8 @@ struct Minima {
 
 // minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, with at most so many changes of the active rows.
 struct Quadratic {
-    Index size, equalities, rows, changes;
+    Index size, equalities, rows;
+    Index changes;     // of active rows: how many there may be, and afterwards, how many there were
     double tolerance;
     const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
     Index count;       // of the active rows

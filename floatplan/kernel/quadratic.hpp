@@ -54,6 +54,7 @@ static inline void solve_cholesky(const double *factor, Index n, double *right) 
 class DualMethod {
   public:
     Index count = 0, held = 0;  // of the active ones: all, and equalities, which come first
+    Index changes = 0;          // of rows that became active or left
     Index *active;              // (size): which equality or row each is
     double *x, *pulls;          // (size): the solution; multipliers of the active ones, those of rows >= 0
 
@@ -65,14 +66,14 @@ class DualMethod {
 
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
-        n = qp.size, count = held = 0;
+        n = qp.size, count = held = changes = 0;
         if (!start(qp)) return false;
         for (Index e = 0; e < qp.equalities; ++e)
             if (!hold_equality(qp, e)) return false;
-        for (Index changes = 0; changes <= qp.changes; ++changes) {
+        for (; changes <= qp.changes; ++changes) {
             const Index row = most_violated(qp);
             if (row < 0) return true;
-            if (count > n || !hold_row(qp, row, changes)) return false;
+            if (count > n || !hold_row(qp, row)) return false;
         }
         return false;
     }
@@ -171,7 +172,7 @@ class DualMethod {
     }
 
     // Makes a violated row active; false where the others forbid that, or it takes too many changes.
-    bool hold_row(const Quadratic &qp, Index row, Index &changes) {
+    bool hold_row(const Quadratic &qp, Index row) {
         const double *normal = qp.inequality_rows + row * n;
         double pull = 0;
         for (; changes <= qp.changes; ++changes) {
@@ -222,7 +223,9 @@ class DualMethod {
 static inline Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
     Room room;
-    if (!room.make([&](Arena &arena) { method.lay_out(arena, qp.size); }) || !method.solve(qp)) return 0;
+    const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size); }) && method.solve(qp);
+    qp.changes = method.changes;
+    if (!solved) return 0;
     zero(qp.solution, qp.size + qp.equalities);
     copy(qp.solution, method.x, qp.size);
     for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.pulls[k];

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_EXPLANATION = 300  # [characters] in a representation
+SAME, SAME_PEAK = 1e-6, 2e-3  # [-] numbers that a file holds, and its motion has; peaks are found on a grid
+SMALL = 1e-3  # [N m; rad/s] peaks are not told more finely relative to themselves
+ENDS = ("start", "end", "goal")
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
 ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
 
@@ -235,12 +238,56 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
     problem = problem_from_dict(dict(record.problem), robot, source, written=record.problem_file)
     com = record.com
     with naming(source):
-        return Plan(
+        plan = Plan(
             problem=problem,
             ballistics=Ballistics(read_only(com["position0"]), read_only(com["velocity0"]), float(com["gravity"])),
             as_recorded=record,
             **{name: getattr(record, name) for name in (*MOTION, *ANSWER)},
         )
+        if record.in_space:
+            _check_stated(plan, record)
+        return plan
+
+
+def _check_stated(plan: Plan, record: PlanRecord) -> None:
+    """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
+    problem, peaks = plan.problem, plan.peaks
+    state, h = plan.at([0.0, plan.duration]), problem.flight.angular_momentum
+    ends = {"start": problem.initial, "goal": problem.final}
+    compared: list[tuple[str, Any, Any, float]] = [
+        ("angular_momentum", record.angular_momentum, record.angular_momentum if isinstance(h, str) else h, SAME),
+        ("com", record.com, vars(ballistics(problem)), SAME),
+        *(
+            (f"problem.{name}.{key}", getattr(ends[name], key), getattr(state, key)[index], SAME)
+            for index, name in enumerate(ends)
+            for key in ("positions", "velocities", "accelerations")
+        ),
+        *(
+            ("orientation." + name, record.orientation[name], plan.whole.orientation_at_ends[name], SAME)
+            for name in ENDS
+        ),
+        ("objective.value", record.objective["value"], plan.objective_value, SAME_PEAK),
+        ("torque_peak", record.torque_peak, peaks.torque, SAME_PEAK),
+        ("velocity_peak", record.velocity_peak, peaks.velocity, SAME_PEAK),
+    ]
+    if record.motor_torque_peak is not None:
+        of_motors = dict(zip(plan.robot.motors, peaks.motor_torque.tolist(), strict=True))
+        compared.append(("motor_torque_peak", record.motor_torque_peak, of_motors, SAME_PEAK))
+    for element, stated, found, same in compared:
+        if not _alike(stated, found, same):
+            raise InputError("is not that of the file's motion", element=element, advice="plan again")
+    limited = ((peaks.velocity, problem.velocity_limits), (peaks.motor_torque, problem.motor_torque_limits))
+    kept = all((peak <= limit * (1 + SAME)).all() for peak, limit in limited)
+    if record.ok and not (plan.whole.missed < SAME and kept):
+        raise InputError("is true, but the motion misses the goal or a limit", element="ok", advice="plan again")
+
+
+def _alike(stated: Any, found: Any, same: float) -> bool:
+    """Whether numbers are those found, in mappings under the same keys; differences relative to at least ``LEAST``."""
+    if isinstance(found, Mapping):
+        return stated.keys() == found.keys() and all(_alike(stated[key], found[key], same) for key in found)
+    scale = np.maximum(np.abs(found), 1.0 if same == SAME else SMALL)
+    return bool((np.abs(np.asarray(stated) - np.asarray(found)) <= same * scale).all())
 
 
 def given_plan(plan: Plan | str | Path) -> Plan:
