@@ -52,8 +52,7 @@ class Program {
         arena.take(basis, 3 * most * size);
         for (double **each : {&s, &times}) arena.take(*each, most);
         arena.take(integrals, most * most_nodes);
-        arena.take(polynomials, most_nodes + 1);
-        arena.take(combined, motions.columns * n);
+        arena.take(until, most_nodes);
         arena.take(boundary, 2 * n * motions.given);
         arena.take(weights, 2 + 2 * n + robot.links);
         arena.take(slope, size);
@@ -83,7 +82,8 @@ class Program {
                 copy(to[order] + c * stride, from[order] + c * N, N);
                 zero(to[order] + c * stride + N, stride - N);
             }
-        if (constraints.needs_places) copy(integrals, grid.integrals, N * N);
+        for (Index j = 0; constraints.needs_places && j < N; ++j)
+            copy(integrals + j * stride, grid.integrals + j * N, N);
         for (Index k = N; k < count; ++k) add_instant(k, grid);
         combine_basis(to);
         for (Evaluated &each : two) {
@@ -106,9 +106,9 @@ class Program {
         if (constraints.needs_places && watches) {
             copy(m.time, times, stride);
             zero(m.attitude, stride);
+            for (Index j = 0; j < grid.nodes; ++j) add(m.rate[j], integrals + j * stride, count, m.attitude);
             for (Index k = 0; k < count; ++k)
-                m.attitude[k] = motions.orientation +
-                                motions.duration * dot(integrals + k * grid.nodes, m.rate, grid.nodes);
+                m.attitude[k] = motions.orientation + motions.duration * m.attitude[k];
             place(robot, constraints, m, 0, 0);
         }
         at.violation = at.worst = std::fabs(at.equality);
@@ -152,7 +152,7 @@ class Program {
             const Nodes &grid = levels[level];
             zero(attitude, size);
             for (Index j = 0; j < grid.nodes; ++j)
-                add(motions.duration * integrals[k * grid.nodes + j], at.drift + j * size, size, attitude);
+                add(motions.duration * integrals[j * stride + k], at.drift + j * size, size, attitude);
             at.has_attitude[k] = 1;
         }
         differentiate_row(robot, constraints, at.motion, at.variables, row, k, attitude, slopes);
@@ -240,7 +240,7 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
-    double *value, *first, *second, *basis, *s, *times, *integrals, *polynomials, *combined, *boundary, *weights;
+    double *value, *first, *second, *basis, *s, *times, *integrals, *until, *boundary, *weights;
     double *slope, *series, *written;
 
     // What an instant beside the nodes needs: the basis there, and integrals until then.
@@ -251,13 +251,14 @@ class Program {
             chebyshev_sums(motions.series + order * terms * columns, terms, columns, s[k], stride, to[order] + k);
         if (!constraints.needs_places) return;
         const double x = 2 * s[k] - 1;
-        double *integral = integrals + k * N, before = 1, now = x;
-        zero(integral, N);
+        double before = 1, now = x;
+        zero(until, N);
         for (Index c = 0; c <= N; ++c) {
-            add(before, grid.antiderivative + c * N, N, integral);
+            add(before, grid.antiderivative + c * N, N, until);
             const double next = 2 * x * now - before;
             before = now, now = next;
         }
+        for (Index j = 0; j < N; ++j) integrals[j * stride + k] = until[j];
     }
 
     // The basis of p as x combine it, joint by joint.
