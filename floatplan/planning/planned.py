@@ -8,6 +8,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from floatplan.planning.search import SearchOptions, SearchResult, expiry, searc
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import COUNTS, Answer
+from floatplan.plans.plans import Answer
 from floatplan.pool import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
@@ -72,7 +73,8 @@ class Searched:
     @property
     def answer(self) -> Answer:
         """In numbers."""
-        best, counts = self.result.best, self.result.counts
+        best = self.result.best
+        counts: dict[str, Any] = self.result.counts
         nothing = "impossible" if self.reasons else "not_found"
         return Answer(
             status=best.solution.status if best.holds else nothing,
@@ -80,7 +82,7 @@ class Searched:
             angular_momentum=float(best.variables.angular_momentum(best.solution.x)[0]),
             residual=best.missed,
             coefficients=best.written,
-            **{name: counts[name] for name in COUNTS},
+            **counts,
             message=explain(self.prepared, self.result, self.reasons),
         )
 

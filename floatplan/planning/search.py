@@ -267,7 +267,7 @@ def _outcomes(
             nearest = _nearest(tried)
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
             numbers = range(together.starts if together else 0, attempts)
-            tried: list[Outcome] = []
+            tried = []
             for outcome in in_order(pool, [(degrees, raised, number) for number in numbers], here):
                 if outcome is None:  # there are not so many starts
                     break

@@ -5,7 +5,7 @@ there is one that turns just enough. A batch of random motions is evaluated at o
 starts that violate the constraints least are followed first.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
@@ -118,7 +118,9 @@ def starts_among(
     if model.flight.tangent == 1:
         drawn = np.concatenate((variables.plain_motion()[None, :], motions))
         rules = {"level": BATCH_LEVEL, "steps": SECANT_STEPS, "least_share": LEAST_SHARE}
-        chosen = crossings(model, constraints, variables, drawn, most=STARTS_PER_BATCH, apart=APART, **rules)
+        chosen: Iterable[Array] = crossings(
+            model, constraints, variables, drawn, most=STARTS_PER_BATCH, apart=APART, **rules
+        )
     else:
         together = trajectories(model, variables, BATCH_LEVEL, motions)
         missed = (together.residual**2).sum(axis=1) + _violations(together, constraints, len(motions))
@@ -126,7 +128,7 @@ def starts_among(
     yield from (Start(variables, x) for x in chosen)
 
 
-def _apart(ranked: Array, metric: Array) -> Sequence[Array]:
+def _apart(ranked: Array, metric: Array) -> list[Array]:
     """The first of the ranked motions, and each next one that is ``APART`` from all before it."""
     chosen: list[Array] = []
     for x in ranked:
