@@ -17,6 +17,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address, kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
+from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
@@ -93,7 +94,7 @@ class CompiledConstraints:
         opposite = _opposite(kind, first, of_sums)
         is_differentiated = opposite < 0
         self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
-        self.path = np.array([*path.position0, *path.velocity0, path.gravity])
+        self.path = path_numbers(path)
         needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
         rows = {"kind": kind, "first": first, "second": second, "least": columns[3], "per_scale": columns[4]}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
@@ -141,6 +142,16 @@ class CompiledConstraints:
                 begin = begins[quantity]
                 rows[:, begin : begin + weights.shape[1]] += weights
         return rows
+
+
+def path_numbers(path: Ballistics) -> Array:
+    """Return what the kernel is given of the path of the centre of mass."""
+    return np.array([*path.position0, *path.velocity0, path.gravity])
+
+
+def obstacle_numbers(obstacle: Obstacle) -> list[float]:
+    """Return what the kernel is given of an obstacle, piece by piece."""
+    return [number for piece in obstacle.pieces for number in _written_obstacle(piece)[1]]
 
 
 def can_write(obstacle: Obstacle) -> bool:

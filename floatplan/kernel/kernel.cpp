@@ -178,10 +178,10 @@ EXPORT Index floatplan_plan(const Robot *robot, const Grid *grids, const Index *
     return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
 }
 
-// Measures a batch of plans; returns 0, or 1 where there was no memory for it.
-EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, Peaks *peaks,
-                                    Index instructions) {
-    return CHOSEN(measure_batch(*robot, interpolations, *peaks));
+// Measures a batch of plans, their distances to obstacles where there are constraints; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, const Constraints *constraints,
+                             Peaks *peaks, Index instructions) {
+    return CHOSEN(measure_batch(*robot, interpolations, constraints, *peaks));
 }
 
 // Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.

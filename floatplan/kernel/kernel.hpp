@@ -86,17 +86,8 @@ struct Batch {
 // Chebyshev nodes s on [0, 1].
 struct Interpolation {
     Eights nodes;
-    const double *s, *tail;                   // (nodes), (3, nodes): the last Chebyshev coefficients from values there
+    const double *s, *map;                    // (nodes), (nodes, nodes): Chebyshev coefficients from values there
     const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
-};
-
-// One row for each plan; coefficients (joints, columns) in powers of seconds.
-struct Peaks {
-    Index count, levels, columns, motors, velocities;  // velocities: whether they are measured too
-    double resolved;
-    const double *turns, *centre, *amplitude;  // (links, motors), (joints), rad
-    const double *duration, *momentum, *coefficients;
-    double *peaks;  // (motors), or (motors + joints)
 };
 
 enum RowKind : Index {
@@ -160,6 +151,20 @@ struct Minima {
     Index found, looked;  // looked: at so many instants beside the grid
     Index *row;  // (found), of instants times rows
     double *s, *least;  // (found), the same
+};
+
+// One row for each plan; coefficients (joints, columns) in powers of seconds; centre and amplitude (joints), rad.
+struct Peaks {
+    Index count, levels, columns, motors, orders;  // orders: how many derivatives of the joints are measured too
+    double resolved;
+    const double *turns;  // (links, motors)
+    const double *centre, *amplitude, *duration, *momentum, *coefficients;
+    double *peaks;        // (motors + orders joints)
+    // Where distances to obstacles are measured: what of their constraints is a row's own, and when.
+    Index numbers;        // of a row's obstacles
+    const double *orientation, *path, *obstacles, *low, *high;  // (), (5), (numbers), (rows), (rows)
+    Minima minima;
+    double *clearance;
 };
 
 // minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, with at most so many changes of the active rows. C is

@@ -26,13 +26,13 @@ static inline double legendre_tail(const double *tail, const double *values, Ind
 class Program {
   public:
     Index size, rows, level = -1, stride = 0, evaluations = 0;
-    double work = 0;
+    double work = 0, back_off;
     bool watches = true;  // whether rows count
 
     Program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
             const Settings &settings, const Exchange &rules, const Attempt &attempt)
-        : size(motions.size), rows(attempt.rows), robot(robot), constraints(constraints), motions(motions),
-          levels(levels), settings(settings), rules(rules), attempt(attempt), n(robot.joints),
+        : size(motions.size), rows(attempt.rows), back_off(rules.back_off), robot(robot), constraints(constraints),
+          motions(motions), levels(levels), settings(settings), rules(rules), attempt(attempt), n(robot.joints),
           free(motions.first[robot.joints]) {}
 
     void lay_out(Arena &arena, Index most_nodes) {
@@ -137,8 +137,8 @@ class Program {
         at.has_attitude = false;
         if (!watches || !rows) return;
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
-        for (Index entry = 0; entry < rows * stride; entry += 8)
-            if (is_below(at.values + entry, rules.reach)) pack_of(at, entry);
+        for (Index entry = 0; entry < rows * stride; entry += LANES)
+            if (any(load(at.values + entry) < all(rules.reach))) pack_of(at, entry);
         work += rules.differentiation + rules.entry * count * size * attempt.entries;
     }
 
@@ -248,12 +248,6 @@ class Program {
     double *value, *first, *second, *basis, *s, *times, *integrals, *outside, *boundary, *weights, *pack;
     double *slope, *series, *written;
     MinimaRoom between;
-
-    static bool is_below(const double *values, double limit) {
-        Bits below{};
-        for (int lane = 0; lane < 8; lane += LANES) below |= load(values + lane) < all(limit);
-        return any(below);
-    }
 
     // What instants beside the nodes need: the basis there, and integrals until then.
     void add_instants(Index k, const Nodes &grid) {
@@ -447,7 +441,4 @@ class Program {
                 for (Index a = 0; hessian && a < size; ++a) add(slope[a], slope, size, hessian + a * size);
             }
     }
-
-  public:
-    double back_off = rules.back_off;
 };

@@ -171,14 +171,23 @@ def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
 
 def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
     path, study = done
-    real = rows.plan_many
+    together, alone = rows.plan_many, rows.planned_alone
 
     def failing(problems, **options):
-        if any(abs(value - 4.4) < 1e-9 for value in problems.arrays["flight.angular_momentum"]):
+        for value in problems.arrays["flight.angular_momentum"]:
+            fail_at(value)
+        return together(problems, **options)
+
+    def failing_alone(problem, seed, **options):
+        fail_at(problem.flight.angular_momentum)
+        return alone(problem, seed, **options)
+
+    def fail_at(momentum):
+        if abs(momentum - 4.4) < 1e-9:
             raise ZeroDivisionError("a bug")
-        return real(problems, **options)
 
     monkeypatch.setattr(rows, "plan_many", failing)
+    monkeypatch.setattr(rows, "planned_alone", failing_alone)
     again = fp.study(path, folder=tmp_path / "out", jobs=1)
     assert again.statuses["error"] == 8
     bad = [row for row in again.table.to_pylist() if row["status"] == "error"]
