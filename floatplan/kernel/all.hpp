@@ -15,7 +15,6 @@
 #include "program.hpp"
 #include "constrained.hpp"
 #include "exchange.hpp"
-#include "crossings.hpp"
 #include "prediction.hpp"
 #include "correcting.hpp"
 #include "flight.hpp"

@@ -186,11 +186,7 @@ struct Nodes {
     Eights nodes;
     const double *s, *weights, *tail;        // (nodes), (nodes), (3, nodes): the last Legendre coefficients
     const double *value, *first, *second;    // (columns, nodes): basis of p, and its derivatives by s
-<<<<<<< HEAD
-    const double *integrals;                 // (nodes, nodes): of what is at each node, over [0, s] of all
-=======
     const double *integrals;                 // (nodes, nodes): of what is 1 at one alone, over [0, s]
->>>>>>> main
     const double *antiderivative;            // (nodes + 1, nodes): in Chebyshev polynomials of 2 s - 1
 };
 
@@ -235,18 +231,17 @@ struct Attempt {
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): the start, then the end
-    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; that of (14)
+    double violation, work;                   // the largest one of (14) or of a row; 0 where all hold
     Index status, iterations, evaluations, judged_level;
 };
 
-// Motions x (count, size), between which starts are found.
-struct Drawn {
-    Index count, steps, most, found;          // of the secant method; of starts
-    double apart, least_share;                // of two starts, in the metric; of a step, from either side
-    const double *motions;
-    double *starts;                           // (most, size)
-};
 
+// Motions x (count, size) to choose starts from.
+struct Drawn {
+    Index count;
+    const double *motions;
+    double *missed, *violations;              // (count); violations null where they are not wanted
+};
 // What a correction leads to.
 struct Corrected {
     double miss, share;

@@ -50,13 +50,8 @@ class Program {
         for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
         arena.take(basis, 3 * size * most);
         for (double **each : {&s, &times}) arena.take(*each, most);
-<<<<<<< HEAD
-        arena.take(integrals, most * most_nodes);
-        arena.take(until, most_nodes);
-=======
         arena.take(integrals, most_nodes * most);
         arena.take(outside, rows * most);
->>>>>>> main
         arena.take(boundary, 2 * n * motions.given);
         arena.take(weights, 8 * (2 + 2 * n + robot.links));
         arena.take(pack, 8 * size);
@@ -85,20 +80,10 @@ class Program {
         const double *from[3] = {grid.value, grid.first, grid.second};
         double *to[3] = {value, first, second};
         for (int order = 0; order < 3; ++order)
-<<<<<<< HEAD
-            for (Index c = 0; c < columns; ++c) {
-                copy(to[order] + c * stride, from[order] + c * N, N);
-                zero(to[order] + c * stride + N, stride - N);
-            }
-        for (Index j = 0; constraints.needs_places && j < N; ++j)
-            copy(integrals + j * stride, grid.integrals + j * N, N);
-        for (Index k = N; k < count; ++k) add_instant(k, grid);
-=======
             for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
         if (constraints.needs_places)
             for (Index j = 0; j < N; ++j) copy(integrals + j * stride, grid.integrals + j * N, N);
         for (Index k = N; k < count; k += LANES) add_instants(k, grid);
->>>>>>> main
         combine_basis(to);
         find_outside();
         for (Evaluated &each : two) {
@@ -120,19 +105,12 @@ class Program {
         if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
         if (constraints.needs_places && watches) {
             copy(m.time, times, stride);
-<<<<<<< HEAD
-            zero(m.attitude, stride);
-            for (Index j = 0; j < grid.nodes; ++j) add(m.rate[j], integrals + j * stride, count, m.attitude);
-            for (Index k = 0; k < count; ++k)
-                m.attitude[k] = motions.orientation + motions.duration * m.attitude[k];
-=======
             for (Index k = 0; k < count; k += LANES) {
                 Vector turned = all(0);
                 for (Index j = 0; j < grid.nodes; ++j)
                     turned = add_product(m.rate[j], load(integrals + j * stride + k), turned);
                 store(m.attitude + k, all(motions.orientation) + all(motions.duration) * turned);
             }
->>>>>>> main
             place(robot, constraints, m, 0, 0);
         }
         at.violation = at.worst = std::fabs(at.equality);
@@ -164,19 +142,6 @@ class Program {
         work += rules.differentiation + rules.entry * count * size * attempt.entries;
     }
 
-<<<<<<< HEAD
-    // Derivatives (size) of one entry of the values.
-    const double *slopes_of(Evaluated &at, Index entry) {
-        if (at.place[entry] >= 0) return at.slopes + at.place[entry] * size;
-        const Index row = entry / stride, k = entry % stride;
-        double *slopes = at.slopes + at.near * size, *attitude = at.attitude + k * size;
-        if (constraints.kind[row] > share_row && !at.has_attitude[k]) {
-            const Nodes &grid = levels[level];
-            zero(attitude, size);
-            for (Index j = 0; j < grid.nodes; ++j)
-                add(motions.duration * integrals[j * stride + k], at.drift + j * size, size, attitude);
-            at.has_attitude[k] = 1;
-=======
     // Derivatives (size, 8) of the 8 entries of the values about one.
     const double *pack_of(Evaluated &at, Index entry) {
         Index &place = at.place[entry / 8];
@@ -190,7 +155,6 @@ class Program {
             if (constraints.kind[row] > share_row && !at.has_attitude) differentiate_attitude(at);
             for (Index k = begin; k < begin + 8; k += LANES)
                 differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
->>>>>>> main
         }
         at.first[at.packs] = entry / 8 * 8;
         place = at.packs++;
@@ -281,11 +245,7 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
-<<<<<<< HEAD
-    double *value, *first, *second, *basis, *s, *times, *integrals, *until, *boundary, *weights;
-=======
     double *value, *first, *second, *basis, *s, *times, *integrals, *outside, *boundary, *weights, *pack;
->>>>>>> main
     double *slope, *series, *written;
     MinimaRoom between;
 
@@ -295,19 +255,6 @@ class Program {
         double *to[3] = {value, first, second};
         const Vector at = load(s + k);
         for (int order = 0; order < 3; ++order)
-<<<<<<< HEAD
-            chebyshev_sums(motions.series + order * terms * columns, terms, columns, s[k], stride, to[order] + k);
-        if (!constraints.needs_places) return;
-        const double x = 2 * s[k] - 1;
-        double before = 1, now = x;
-        zero(until, N);
-        for (Index c = 0; c <= N; ++c) {
-            add(before, grid.antiderivative + c * N, N, until);
-            const double next = 2 * x * now - before;
-            before = now, now = next;
-        }
-        for (Index j = 0; j < N; ++j) integrals[j * stride + k] = until[j];
-=======
             chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, to[order] + k);
         if (constraints.needs_places) chebyshev_sums(grid.antiderivative, N + 1, N, at, stride, integrals + k);
     }
@@ -320,7 +267,6 @@ class Program {
                 const bool applies = k < count && moves && s[k] >= attempt.low[row] && s[k] <= attempt.high[row];
                 outside[row * stride + k] = applies ? 0 : HUGE_VAL;
             }
->>>>>>> main
     }
 
     // The basis of p as x combine it, joint by joint.
