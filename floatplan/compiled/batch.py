@@ -1,8 +1,6 @@
 """Plans without inequalities for many problems of one robot: arrays in, arrays out.
 
 Which problems it can plan, and their numbers as arrays, is here too: those of a family without making its problems.
-
-Of many plans of one robot the largest torques and rates, over all times, are measured too.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.compiled.bodies import Bodies, filled_grid, filled_robot, unscaled_robot
+from floatplan.compiled.bodies import Bodies, filled_grid, filled_robot
 from floatplan.kernel.layout import (
     ENUMERATIONS,
     STRUCTURES,
@@ -33,7 +31,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compen
 from floatplan.motion.planar import flight
 from floatplan.motion.planar.bounds import inertia_extremes, monotonic_midpoints
 from floatplan.motion.planar.flight import PlanarFlight
-from floatplan.motion.quadrature import NODE_COUNTS, chebyshev_nodes, coefficient_map
+from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import boundary_arguments
 from floatplan.optimization import sqp
 from floatplan.optimization.programs import Settings
@@ -80,8 +78,6 @@ TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its 
 NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
 STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
-RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
 ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")
 OF_STATES = ("orientation", *QUANTITIES)
@@ -252,59 +248,6 @@ def _numbers(search: Search, steps: Steps, **others: Any) -> Structure:
     stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
     others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages, **others}
     return constants("Settings", vars(sqp), vars(flight), globals(), **others)
-
-
-@dataclass(frozen=True, eq=False)
-class ManyPeaks:
-    """Largest magnitudes of N plans: ``motor_torque`` (N, m) N m; ``velocity`` (N, n) rad/s, None if not asked for."""
-
-    motor_torque: Array
-    velocity: Array | None
-
-
-def many_peaks(
-    like: Problem, duration: Array, angular_momentum: Array, coefficients: Array, velocities: bool = True
-) -> ManyPeaks:
-    """Measure N plans with the robot and the joint ranges of a problem; each as if it were alone.
-
-    Parameters
-    ----------
-    like : Problem
-    duration : (N,) s
-    angular_momentum : (N,) kg m^2/s
-    coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
-    velocities : whether to measure them too
-    """
-    found = kernel()
-    count, n, size = coefficients.shape
-    motors = len(like.robot.motors)
-    peaks = np.empty((count, motors + n if velocities else motors))
-    low, high = like.position_limits.T
-    interpolations = _interpolations(size, NODES)
-    counts = {"count": count, "levels": len(NODES), "columns": size, "motors": motors, "velocities": velocities}
-    ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
-    plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
-    batch = Filled("Peaks", resolved=RESOLVED, peaks=peaks, **counts, **ranges, **plans)
-    robot = unscaled_robot(like.robot.tree)[1].structure
-    if found.peaks(robot, interpolations, batch.structure, found.instructions):
-        raise MemoryError("no memory to measure plans")
-    return ManyPeaks(peaks[:, :motors], peaks[:, motors:] if velocities else None)
-
-
-@lru_cache(maxsize=16)
-def _interpolations(size: int, counts: tuple[int, ...]) -> Any:
-    """Powers of s and their derivatives at the nodes, and the last Chebyshev coefficients from values there."""
-    found = []
-    k = np.arange(size)
-    for nodes in counts:
-        s = chebyshev_nodes(nodes)
-        powers = np.vander(s, size, increasing=True)
-        slope, curvature = np.zeros((2, *powers.shape))
-        slope[:, 1:] = powers[:, :-1] * k[1:]
-        curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
-        of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
-        found.append(Filled("Interpolation", nodes=nodes, s=s, tail=coefficient_map(nodes)[-3:], **of_powers))
-    return structure_array("Interpolation", found)
 
 
 def is_planar(flight: FlightDynamics) -> bool:

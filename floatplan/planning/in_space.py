@@ -132,23 +132,19 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool],
 
     None where that cannot be integrated.
     """
-    before = prepared.model.work
-
-    def is_over() -> bool:
-        return stop() or prepared.model.work - before > most_work
-
+    model, before = prepared.model, prepared.model.work
     motion, flight = close(start), start.lifted.flight
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and _is_followed(prepared):
         try:
-            outcome = _within_limits(prepared, descend(motion), is_over)
+            outcome = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
         except IntegrationError:
             outcome = _outcome(prepared, motion, "infeasible")
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
         outcome = _outcome(prepared, final or motion, status)
-    outcome.work = prepared.model.work - before
+    outcome.work = model.work - before
     return outcome if np.isfinite(outcome.motion.residual).all() else None
 
 

@@ -86,8 +86,7 @@ def plan_many(
     search, prove = flag(search, "search"), flag(prove, "prove")
     problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
     plans = Plans.of(problems, *_shape(problems), seed)
-    whole = replace(options, jobs=1, attempts=None)
-    brief = whole if search else replace(options, jobs=1, patience=PATIENCE)
+    brief, whole = _efforts(options, search)
     batches, alone = _sorted_out(problems)
     for batch in batches:
         alone += _plan_batch(plans, batch, options)
@@ -99,6 +98,21 @@ def plan_many(
         solved = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
         _finish(plans, [(index, plans.answer(index)) for index in solved], whole, jobs)
     return plans
+
+
+def planned_alone(
+    problem: Problem, seed: int, *, starts: int = 1, search: bool = False, prove: bool = False, attempts: int = UNSOLVED
+) -> Answer:
+    """Plan one flight by a search of its own, as :func:`plan_many` does; errors as :func:`floatplan.plan`."""
+    brief, whole = _efforts(SearchOptions(seed=seed, starts=starts, attempts=attempts, near_miss=False), search)
+    answer = _searched(problem, brief)
+    return _proved(problem, answer, whole) if prove and answer.status in SOLVED else answer
+
+
+def _efforts(options: SearchOptions, search: bool) -> tuple[SearchOptions, SearchOptions]:
+    """How to search for what is not planned in a batch, and the whole search."""
+    whole = replace(options, jobs=1, attempts=None)
+    return whole if search else replace(options, jobs=1, patience=PATIENCE), whole
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:

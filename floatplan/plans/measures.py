@@ -5,7 +5,7 @@ asked for or not: it is a warning beside the verdict.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -105,8 +105,24 @@ class Utilisation:
 
 def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
     """Return how much of its limits each motor uses, worst first."""
-    rows = (_of_motor(problem, peaks, index) for index in range(len(problem.robot.motors)))
+    limits = limits_of_motors(problem) if problem.robot.motors else {}
+    rows = (_of_motor(problem, peaks, limits, index) for index in range(len(problem.robot.motors)))
     return tuple(sorted(rows, key=lambda row: -row.worst))
+
+
+def limits_of_motors(problem: Problem) -> dict[str, Array]:
+    """Return the limit (m,) of each motor, by the names of limits: that asked for, else the URDF's, else infinite."""
+    robot = problem.robot
+    leaders, ratios, _ = zip(*(_coupling(robot, joint) for joint in robot.motors), strict=True)
+    found: dict[str, Array] = {}
+    for row in USED:
+        if row.of == "motors":
+            asked = np.minimum(problem.motor_torque_limits, problem.motor_stall)
+        else:
+            asked = np.abs(ratios) * problem.joint_limits[row.key][list(leaders)]
+        of_urdf = np.array(getattr(robot, f"motor_{row.key}_limits")) if row.in_urdf else np.inf
+        found[row.key] = np.where(np.isfinite(asked), asked, of_urdf)
+    return found
 
 
 def largest_use(rows: Sequence[Utilisation]) -> float | None:
@@ -120,7 +136,7 @@ def limits_shown(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
     return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
 
 
-def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
+def _of_motor(problem: Problem, peaks: Peaks, limits: Mapping[str, Array], index: int) -> Utilisation:
     robot = problem.robot
     joint = robot.motors[index]
     leader, ratio, offset = _coupling(robot, joint)
@@ -131,12 +147,10 @@ def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
     for row in USED:
         if row.of == "motors":
             peak, when = peaks.motor_torque[index], peaks.motor_torque_instant[index]
-            asked = min(problem.motor_torque_limits[index], problem.motor_stall[index])
         else:
             peak, when = abs(ratio) * peaks.joints[row.key][leader], peaks.joint_instants[row.key][leader]
-            asked = abs(ratio) * problem.joint_limits[row.key][leader]
-        of_urdf = getattr(robot, f"motor_{row.key}_limits")[index] if row.in_urdf else math.inf
-        limit = next((float(each) for each in (asked, of_urdf) if math.isfinite(each)), None)
+        own = float(limits[row.key][index])
+        limit = own if math.isfinite(own) else None
         use = None if limit is None else float(peak) / limit
         if (use or 0.0) > largest:
             largest, instant = use or 0.0, float(when)

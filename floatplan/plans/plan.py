@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
@@ -22,7 +22,7 @@ from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, PlanRecord, check_asked
+from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, JOINTS_AT_ENDS, PlanRecord, check_asked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_EXPLANATION = 300  # [characters] in a representation
-SAME, SAME_PEAK = 1e-6, 2e-3  # [-] numbers that a file holds, and its motion has; peaks are found on a grid
-SMALL = 1e-3  # [N m; rad/s] peaks are not told more finely relative to themselves
-ENDS = ("start", "end", "goal")
+SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are found on a grid
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
 ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
 
@@ -251,43 +249,37 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
 
 def _check_stated(plan: Plan, record: PlanRecord) -> None:
     """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
-    problem, peaks = plan.problem, plan.peaks
-    state, h = plan.at([0.0, plan.duration]), problem.flight.angular_momentum
-    ends = {"start": problem.initial, "goal": problem.final}
-    compared: list[tuple[str, Any, Any, float]] = [
-        ("angular_momentum", record.angular_momentum, record.angular_momentum if isinstance(h, str) else h, SAME),
-        ("com", record.com, vars(ballistics(problem)), SAME),
-        *(
-            (f"problem.{name}.{key}", getattr(ends[name], key), getattr(state, key)[index], SAME)
-            for index, name in enumerate(ends)
-            for key in ("positions", "velocities", "accelerations")
-        ),
-        *(
-            ("orientation." + name, record.orientation[name], plan.whole.orientation_at_ends[name], SAME)
-            for name in ENDS
-        ),
-        ("objective.value", record.objective["value"], plan.objective_value, SAME_PEAK),
-        ("torque_peak", record.torque_peak, peaks.torque, SAME_PEAK),
-        ("velocity_peak", record.velocity_peak, peaks.velocity, SAME_PEAK),
-    ]
-    if record.motor_torque_peak is not None:
-        of_motors = dict(zip(plan.robot.motors, peaks.motor_torque.tolist(), strict=True))
-        compared.append(("motor_torque_peak", record.motor_torque_peak, of_motors, SAME_PEAK))
-    for element, stated, found, same in compared:
-        if not _alike(stated, found, same):
-            raise InputError("is not that of the file's motion", element=element, advice="plan again")
+    problem, peaks, h = plan.problem, plan.peaks, plan.problem.flight.angular_momentum
+    state = plan.at([0.0, plan.duration])
+    found = {
+        "problem": {
+            end: {name: getattr(state, name)[index] for name in JOINTS_AT_ENDS}
+            for index, end in enumerate(("start", "goal"))
+        },
+        "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
+        "com": vars(ballistics(problem)),
+        "orientation": plan.whole.orientation_at_ends,
+        "objective": {"value": plan.objective_value},
+        "torque_peak": peaks.torque,
+        "velocity_peak": peaks.velocity,
+        "motor_torque_peak": dict(zip(plan.robot.motors, peaks.motor_torque, strict=True)),
+    }
+    for element in _unlike(vars(record), found):
+        raise InputError("is not that of the file's motion", element=element, advice="plan again")
     limited = ((peaks.velocity, problem.velocity_limits), (peaks.motor_torque, problem.motor_torque_limits))
     kept = all((peak <= limit * (1 + SAME)).all() for peak, limit in limited)
     if record.ok and not (plan.whole.missed < SAME and kept):
         raise InputError("is true, but the motion misses the goal or a limit", element="ok", advice="plan again")
 
 
-def _alike(stated: Any, found: Any, same: float) -> bool:
-    """Whether numbers are those found, in mappings under the same keys; differences relative to at least ``LEAST``."""
-    if isinstance(found, Mapping):
-        return stated.keys() == found.keys() and all(_alike(stated[key], found[key], same) for key in found)
-    scale = np.maximum(np.abs(found), 1.0 if same == SAME else SMALL)
-    return bool((np.abs(np.asarray(stated) - np.asarray(found)) <= same * scale).all())
+def _unlike(stated: Any, found: Mapping[str, Any], within: str = "") -> Iterator[str]:
+    """Which numbers, by their keys, are not those found; peaks are as near as a grid tells them."""
+    for key, value in found.items():
+        element, own = within + key, stated.get(key)
+        if isinstance(value, Mapping):
+            yield from _unlike(own or {}, value, f"{element}.")
+        elif own is None or not np.allclose(own, value, rtol=OF_GRIDS if "peak" in element else SAME, atol=SAME):
+            yield element
 
 
 def given_plan(plan: Plan | str | Path) -> Plan:

@@ -2,7 +2,7 @@
 
 import pickle
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -12,14 +12,16 @@ import numpy as np
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import is_plain_family, many_peaks
-from floatplan.errors import FloatplanError, printable
-from floatplan.planning.many import plan_many
-from floatplan.plans.measures import largest_use
+from floatplan.compiled.batch import is_plain_family
+from floatplan.compiled.peaks import ORDERS, ManyPeaks, can_measure, many_peaks
+from floatplan.errors import FloatplanError, InputError, printable
+from floatplan.planning.many import plan_many, planned_alone
+from floatplan.plans.measures import largest_use, limits_of_motors
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.pool import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
 from floatplan.stance.check import RATE
 from floatplan.stance.planner import jump
 from floatplan.studies.file import OF_JUMPS, StudyFile, Values, versions
@@ -30,6 +32,7 @@ from floatplan.tables import OBJECTIVE_TABLE
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 VERDICTS = ("", "proved", "undecided", "refuted")
 LONGEST_EXPLANATION = 400  # characters
+AT_ONCE = 64  # rows that are measured together
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,8 @@ def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
     problems = study.problems(values)
     columns = _together(study, problems) if is_plain_family(problems) and not study.plan.jump else None
     if columns is None:
-        rows = [_alone(study, problems[index : index + 1], first + index) for index in range(len(problems))]
+        parts = range(0, len(problems), AT_ONCE)
+        rows = [row for at in parts for row in _one_by_one(study, problems[at : at + AT_ONCE], first + at)]
         columns = {name: [row[name] for row in rows] for name in rows[0]}
     return PlannedChunk(written(_table(study, first, values, columns)), time.perf_counter() - began)
 
@@ -121,41 +125,85 @@ def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, A
     limits_rates = bool(np.isfinite(velocity_limits).any())
     duration = problems.arrays.get("flight.duration", np.full(len(plans), base.flight.duration))
     measured = many_peaks(
-        base, duration[found], plans.angular_momentum[found], plans.coefficients[found], velocities=limits_rates
+        base, duration[found], plans.angular_momentum[found], plans.coefficients[found], orders=int(limits_rates)
     )
     peaks[found] = measured.motor_torque
-    shares = [measured.motor_torque / base.robot.motor_torque_limits]
-    if measured.velocity is not None:
-        of_motors = measured.velocity @ np.abs(base.robot.motor_ratios).T
-        shares.append(of_motors / velocity_limits)
-    most = np.concatenate(shares, axis=1).max(axis=1)
-    use[found] = np.where(most > 0, most, np.nan)
+    use[found] = _use(base.robot, measured, limits_of_motors(base))
     return peaks, use
 
 
-def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
-    """Plan one row by the whole search, with a seed of its own; an error of any kind is the row's alone."""
-    began = time.perf_counter()
-    measured: dict[str, Any] = {}
+def _use(robot: Robot, measured: ManyPeaks, limits: Mapping[str, Array]) -> Array:
+    """The largest share (N,) of a limit that a motor uses; NaN where none has a limit. Limits are (m,) or (N, m)."""
+    of_motors = {name: peaks @ np.abs(robot.motor_ratios).T for name, peaks in measured.joints.items()}
+    of_motors["torque"] = measured.motor_torque
+    most = np.concatenate([peaks / limits[name] for name, peaks in of_motors.items()], axis=1).max(axis=1, initial=0)
+    return np.where(most > 0, most, np.nan)
+
+
+def _one_by_one(study: StudyFile, problems: Family, first: int) -> list[dict[str, Any]]:
+    """Plan rows by a search each, with seeds of their own; an error of any kind is a row's alone."""
     try:
-        seed = row_seed(study.samples.seed, index)
-        if study.plan.jump:
-            answer, measured = _jumped(problem[0], seed, study.plan)
-            return _row(study, answer, 1e3 * (time.perf_counter() - began)) | measured
-        plans = plan_many(problem, seed=seed, **study.plan.effort)
-        answer = plans.answer(0)
-        if plans.ok[0]:
-            plan = replace(answer, certificate=None).plan(problem[0], seed)
-            peaks, use = plan.peaks, largest_use(plan.utilisation)
-            measured = {
-                "objective": answer.objective,
-                "peaks": peaks.motor_torque,
-                "utilisation": np.nan if use is None else use,
-                "clearance": np.nan if peaks.clearance is None else peaks.clearance,
-            }
+        return _searched(study, problems, first)
     except Exception as error:  # a row that no code foresaw loses no other
-        answer = Answer("error", message=f"{type(error).__name__}: {error}")
-    return _row(study, answer, 1e3 * (time.perf_counter() - began)) | measured
+        if len(problems) == 1:
+            return [_row(study, Answer("error", message=f"{type(error).__name__}: {error}"), np.nan)]
+        parts = [(problems[index : index + 1], first + index) for index in range(len(problems))]
+        return [row for part, index in parts for row in _one_by_one(study, part, index)]
+
+
+def _searched(study: StudyFile, problems: Family, first: int) -> list[dict[str, Any]]:
+    """Plan rows, and measure those that are solved together."""
+    rows, solved = [], {}
+    for index in range(len(problems)):
+        began = time.perf_counter()
+        more: dict[str, Any] = {}
+        seed = row_seed(study.samples.seed, first + index)
+        try:
+            problem = problems[index]
+            if study.plan.jump:
+                answer, more = _jumped(problem, seed, study.plan)
+            else:
+                answer = planned_alone(problem, seed, **study.plan.effort)
+                if answer.status in SOLVED and answer.verdict != "refuted":
+                    solved[index] = problem, answer, seed
+        except InputError as error:
+            answer = Answer("error", message=str(error))
+        rows.append(_row(study, answer, 1e3 * (time.perf_counter() - began)) | more)
+    if solved:
+        for index, found in zip(solved, _measured_alone(*zip(*solved.values(), strict=True)), strict=True):
+            rows[index] |= found
+    return rows
+
+
+def _measured_alone(
+    problems: Sequence[Problem], answers: Sequence[Answer], seeds: Sequence[int]
+) -> Iterator[dict[str, Any]]:
+    """Objective, peaks, utilisation and clearance of plans; by the kernel where it knows all of that."""
+    robot = problems[0].robot
+    limits = [limits_of_motors(problem) for problem in problems]
+    if robot.in_plane is None or limits[0].keys() > {"torque", *ORDERS} or not all(map(can_measure, problems)):
+        for problem, answer, seed in zip(problems, answers, seeds, strict=True):
+            plan = replace(answer, certificate=None).plan(problem, seed)
+            least = plan.peaks.clearance
+            least = np.nan if least is None else least
+            yield _figures(answer, plan.peaks.motor_torque, largest_use(plan.utilisation) or np.nan, least)
+        return
+    columns = max(answer.coefficients.shape[1] for answer in answers)
+    coefficients = np.zeros((len(answers), len(robot.joints), columns))
+    for of, answer in zip(coefficients, answers, strict=True):
+        of[:, : answer.coefficients.shape[1]] = answer.coefficients
+    durations, momenta = (
+        [problem.flight.duration for problem in problems],
+        [each.angular_momentum for each in answers],
+    )
+    measured = many_peaks(problems, np.array(durations), np.array(momenta), coefficients, orders=len(ORDERS))
+    use = _use(robot, measured, {name: np.array([each[name] for each in limits]) for name in limits[0]})
+    clearance = np.where(np.isfinite(measured.clearance), measured.clearance, np.nan)
+    yield from map(_figures, answers, measured.motor_torque, use.tolist(), clearance.tolist())
+
+
+def _figures(answer: Answer, torque: Array, utilisation: float, clearance: float) -> dict[str, Any]:
+    return {"objective": answer.objective, "peaks": torque, "utilisation": utilisation, "clearance": clearance}
 
 
 def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:

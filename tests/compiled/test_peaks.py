@@ -10,9 +10,9 @@ from long_cases import cases
 from plain_problems import problem_of, random_robot
 
 import floatplan as fp
-from floatplan.compiled import batch
-from floatplan.compiled.batch import many_peaks
+from floatplan.compiled import peaks
 from floatplan.compiled.bodies import Bodies
+from floatplan.compiled.peaks import many_peaks
 from floatplan.kernel.layout import kernel
 from floatplan.plans.plans import Answer
 
@@ -56,7 +56,7 @@ def test_peaks_are_those_of_the_plans_at_many_instants(groups, every):
         for row in range(SMOOTH):
             torque, velocity = measured_densely(like, duration[row], float(momentum[row]), coefficients[row])
             np.testing.assert_allclose(found.motor_torque[row], torque, rtol=5e-5, atol=1e-6 * torque.max())
-            np.testing.assert_allclose(found.velocity[row], velocity, rtol=5e-5, atol=1e-6 * velocity.max())
+            np.testing.assert_allclose(found.joints["velocity"][row], velocity, rtol=5e-5, atol=1e-6 * velocity.max())
             assert (found.motor_torque[row] >= torque * (1 - 1e-8)).all()
 
 
@@ -67,12 +67,13 @@ def test_all_sets_of_instructions_measure_the_same(groups, monkeypatch):
         for group, expected in zip(groups, widest, strict=True):
             measured = many_peaks(*group)
             np.testing.assert_allclose(measured.motor_torque, expected.motor_torque, rtol=1e-9)
-            np.testing.assert_allclose(measured.velocity, expected.velocity, rtol=1e-9)
+            np.testing.assert_allclose(measured.joints["velocity"], expected.joints["velocity"], rtol=1e-9)
 
 
 def test_rates_are_measured_only_where_they_are_asked_for(groups):
-    found = many_peaks(*groups[3], velocities=False)
-    assert found.velocity is None
+    found = many_peaks(*groups[3], orders=0)
+    assert not found.joints
+    assert np.isinf(found.clearance).all()
     smooth = slice(0, SMOOTH)  # wild motions have more nodes where their rates need them
     np.testing.assert_allclose(found.motor_torque[smooth], many_peaks(*groups[3]).motor_torque[smooth], rtol=1e-9)
 
@@ -80,8 +81,8 @@ def test_rates_are_measured_only_where_they_are_asked_for(groups):
 def test_all_three_numbers_of_nodes_are_needed(groups, monkeypatch):
     """Else the table above would not try them: with fewer of them peaks are missed."""
     full = [many_peaks(*group).motor_torque for group in groups]
-    for fewer in (batch.NODES[:1], batch.NODES[:2]):
-        monkeypatch.setattr(batch, "NODES", fewer)
+    for fewer in (peaks.NODES[:1], peaks.NODES[:2]):
+        monkeypatch.setattr(peaks, "NODES", fewer)
         missed = [1 - many_peaks(*group).motor_torque / most for group, most in zip(groups, full, strict=True)]
         assert max(each.max() for each in missed) > 1e-9
 
@@ -93,7 +94,7 @@ def test_a_plan_s_peaks_do_not_depend_on_its_neighbours(groups):
         one = slice(row, row + 1)
         alone = many_peaks(like, duration[one], momentum[one], coefficients[one])
         np.testing.assert_array_equal(alone.motor_torque[0], together.motor_torque[row])
-        np.testing.assert_array_equal(alone.velocity[0], together.velocity[row])
+        np.testing.assert_array_equal(alone.joints["velocity"][0], together.joints["velocity"][row])
 
 
 def test_joints_of_lower_degree_may_be_padded(groups):
@@ -118,3 +119,24 @@ def test_coupled_joints_and_mirrored_planes_are_in_the_table(groups):
     assert any(len(robot.motors) > len(robot.joints) for robot in robots)
     assert {robot.tree.turn for robot in robots} == {-1.0, 1.0}
     assert any(not Bodies(robot.tree, *np.ones((2, len(robot.joints)))).is_real for robot in robots)
+
+
+def test_rates_and_distances_are_those_of_the_plans():
+    """Of problems that differ in obstacles, ranges and durations, moving obstacles and windows among them."""
+    base = fp.load_problem("problems/obstacle.toml")
+    circle = base.obstacles[0]
+    bar = fp.Bar(start=(2.0, 0.5), end=(2.6, 1.9), radius=0.1, margin=0.0, window=(0.3, 0.9), velocity=(0.4, -0.2))
+    problems, plans = [], []
+    for number, at in enumerate([(1.485, 3.342), (0.9, 2.0), (2.5, 3.0), (3.6, 0.965)]):
+        obstacles = (replace(circle, center=at), replace(bar, end=(2.6, 1.9 + 0.1 * number)))
+        flight = replace(base.flight, duration=1.4 + 0.05 * number)
+        problem = replace(base, obstacles=obstacles, flight=flight)
+        problems.append(problem)
+        free = fp.plan(replace(problem, obstacles=()))
+        plans.append(replace(free, problem=problem))
+    of_plans = zip(*((plan.duration, plan.angular_momentum) for plan in plans), strict=True)
+    found = many_peaks(problems, *map(np.array, of_plans), np.array([plan.coefficients for plan in plans]), orders=2)
+    for row, plan in enumerate(plans):
+        np.testing.assert_allclose(found.clearance[row], plan.peaks.clearance, rtol=0, atol=1e-9)
+        for name, largest in found.joints.items():
+            np.testing.assert_allclose(largest[row], plan.peaks.joints[name], rtol=1e-7)

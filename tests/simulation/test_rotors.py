@@ -13,7 +13,7 @@ from plain_problems import problem_of
 from robot_samples import joint, robot_text
 
 import floatplan as fp
-from floatplan.compiled.batch import many_peaks
+from floatplan.compiled.peaks import many_peaks
 from floatplan.simulation.forward import JointTorques
 from floatplan.simulation.recorded_motion import SLOW, RecordedMotion, reduced_model
 

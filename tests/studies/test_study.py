@@ -171,14 +171,23 @@ def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
 
 def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
     path, study = done
-    real = rows.plan_many
+    together, alone = rows.plan_many, rows.planned_alone
 
     def failing(problems, **options):
-        if any(abs(value - 4.4) < 1e-9 for value in problems.arrays["flight.angular_momentum"]):
+        for value in problems.arrays["flight.angular_momentum"]:
+            fail_at(value)
+        return together(problems, **options)
+
+    def failing_alone(problem, seed, **options):
+        fail_at(problem.flight.angular_momentum)
+        return alone(problem, seed, **options)
+
+    def fail_at(momentum):
+        if abs(momentum - 4.4) < 1e-9:
             raise ZeroDivisionError("a bug")
-        return real(problems, **options)
 
     monkeypatch.setattr(rows, "plan_many", failing)
+    monkeypatch.setattr(rows, "planned_alone", failing_alone)
     again = fp.study(path, folder=tmp_path / "out", jobs=1)
     assert again.statuses["error"] == 8
     bad = [row for row in again.table.to_pylist() if row["status"] == "error"]
@@ -410,17 +419,20 @@ class TestFolder:
         assert (tmp_path / "mine").read_text() == "mine"
 
 
+MOMENT = 0.02  # [s] in which a chunk is planned and written
+
+
 def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     path, study = done
     rng = random.Random(5)
     chunks, kept = tmp_path / "out" / "chunks", 0
     for _ in range(4):
-        process = slow_study.started(str(path), str(tmp_path / "out"))
         wanted = kept + rng.randint(1, 4)
+        process = slow_study.started(str(path), str(tmp_path / "out"), wanted + 1)
         while process.is_alive() and kept < wanted:
-            time.sleep(0.005)
+            time.sleep(0.001)
             kept = len(list(chunks.glob("*.parquet")))
-        time.sleep(rng.uniform(0, slow_study.PAUSE))
+        time.sleep(rng.uniform(0, MOMENT))
         process.kill()
         process.join()
         assert process.exitcode == -signal.SIGKILL

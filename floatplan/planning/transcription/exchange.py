@@ -5,7 +5,7 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -195,11 +195,7 @@ def _counting(model: FlightModel) -> SolveQp:
     """Return what solves quadratic programs by the dual method, by ProxQP where that fails, and counts them as work."""
 
     def solve(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
-        size, rows = len(hessian), len(current.inequality)
-
-        def first(current: AnyEvaluation, hessian: Array) -> Step | None:
-            return dual_step(current, hessian, lambda changes: model.solved(size, rows, changes))
-
+        first = partial(dual_step, counted=partial(model.solved, len(hessian), len(current.inequality)))
         return solve_qp(current, hessian, active, slack_penalty, first, model.iterated)
 
     return solve

@@ -1,0 +1,126 @@
+"""What many plans of one robot use of their limits over all times, measured by the kernel: ``peaks.hpp``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.compiled.bodies import unscaled_robot
+from floatplan.compiled.constraints import CompiledConstraints, DistanceRows, can_write, obstacle_numbers, path_numbers
+from floatplan.kernel.layout import Filled, kernel, structure_array
+from floatplan.motion.flight import ballistics
+from floatplan.motion.planar.flight import planar_flight
+from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
+from floatplan.problem.problem import Problem
+
+NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
+RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
+INSTANTS = 129  # of the first look for the least distance
+ORDERS = ("velocity", "acceleration")  # of joints, as limits are named
+
+
+@dataclass(frozen=True, eq=False)
+class ManyPeaks:
+    """Of N plans, over all times.
+
+    ``motor_torque`` (N, m) N m, and ``joints``, (N, n) rad/s or rad/s^2 by limit, are largest magnitudes; ``clearance``
+    (N,) m is the least distance to an obstacle, infinite where none exists or none was asked for.
+    """
+
+    motor_torque: Array
+    joints: dict[str, Array]
+    clearance: Array
+
+
+def can_measure(problem: Problem) -> bool:
+    """Whether the kernel knows all obstacles of a problem."""
+    return all(map(can_write, problem.obstacles))
+
+
+def many_peaks(
+    of: Problem | Sequence[Problem], duration: Array, angular_momentum: Array, coefficients: Array, orders: int = 1
+) -> ManyPeaks:
+    """Measure N plans; each as if it were alone.
+
+    Parameters
+    ----------
+    of : Problem, or N problems of one robot with obstacles of the same kinds
+        Of one alone, with the joint ranges of all, no distances are measured.
+    duration : (N,) s
+    angular_momentum : (N,) kg m^2/s
+    coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
+    orders : how many of the joints' derivatives to measure too
+    """
+    found, problems = kernel(), [of] if isinstance(of, Problem) else of
+    count, n, size = coefficients.shape
+    like, motors = problems[0], len(problems[0].robot.motors)
+    peaks = np.empty((count, motors + orders * n))
+    low, high = np.array([np.broadcast_to(each.position_limits, (n, 2)) for each in problems]).T.swapaxes(1, 2)
+    low, high = (np.broadcast_to(each, (count, n)) for each in (low, high))
+    counts = {"count": count, "levels": len(NODES), "columns": size, "motors": motors, "orders": orders}
+    ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
+    plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
+    clearance = np.full(count, np.inf)
+    constraints, distances = _distances([] if isinstance(of, Problem) else of)
+    found_here = {"resolved": RESOLVED, "peaks": peaks, "clearance": clearance}
+    batch = Filled("Peaks", **found_here, **counts, **ranges, **plans, **distances)
+    robot = unscaled_robot(like.robot.tree)[1].structure
+    among = constraints.filled.structure if constraints else None
+    if found.peaks(robot, _interpolations(size, NODES), among, batch.structure, found.instructions):
+        raise MemoryError("no memory to measure plans")
+    of_motors, *of_joints = np.split(peaks, range(motors, peaks.shape[1], n), axis=1)
+    return ManyPeaks(of_motors, dict(zip(ORDERS, of_joints, strict=False)), clearance)
+
+
+def _distances(problems: Sequence[Problem]) -> tuple[CompiledConstraints | None, dict[str, Any]]:
+    """Rows of the distances to obstacles, and what of each problem is its own."""
+    own: dict[str, Any] = dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
+    if not (problems and problems[0].obstacles):
+        nothing = dict.fromkeys(("grid", "low", "high", "row", "s", "least"))
+        return None, own | {"minima": Filled("Minima", **nothing)}
+    like, grid = problems[0], np.linspace(0, 1, INSTANTS)
+    blocks = [DistanceRows(each, 0.0, 1.0) for each in like.obstacles]
+    constraints = CompiledConstraints(planar_flight(like), blocks)
+    rows = np.diff(constraints.block_first)
+    windows = np.array(
+        [
+            [np.array(each.window or (0.0, np.inf)) / problem.flight.duration for each in problem.obstacles]
+            for problem in problems
+        ]
+    )
+    windows[..., 1] = np.minimum(windows[..., 1], 1)
+    low, high = np.repeat(windows, rows, axis=1).transpose(2, 0, 1)
+    room = {"row": np.empty(INSTANTS * constraints.rows, np.int64)}
+    room |= {name: np.empty(INSTANTS * constraints.rows) for name in ("s", "least")}  # type: ignore[misc]
+    span = 1 / (INSTANTS - 1)
+    minima = Filled("Minima", instants=INSTANTS, near=np.inf, span=span, grid=grid, low=None, high=None, **room)
+    obstacles = np.array([list(chain(*map(obstacle_numbers, problem.obstacles))) for problem in problems])
+    return constraints, {
+        "orientation": np.array([problem.initial.orientation for problem in problems]),
+        "path": np.array([path_numbers(ballistics(problem)) for problem in problems]),
+        "obstacles": obstacles,
+        "numbers": obstacles.shape[1],
+        "low": low,
+        "high": high,
+        "minima": minima,
+    }
+
+
+@lru_cache(maxsize=16)
+def _interpolations(size: int, counts: tuple[int, ...]) -> Any:
+    """Powers of s and their derivatives at the nodes, and the Chebyshev coefficients from values there."""
+    found = []
+    k = np.arange(size)
+    for nodes in counts:
+        s = chebyshev_nodes(nodes)
+        powers = np.vander(s, size, increasing=True)
+        slope, curvature = np.zeros((2, *powers.shape))
+        slope[:, 1:] = powers[:, :-1] * k[1:]
+        curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
+        of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
+        found.append(Filled("Interpolation", nodes=nodes, s=s, map=coefficient_map(nodes), **of_powers))
+    return structure_array("Interpolation", found)
