@@ -21,8 +21,8 @@ def nodes_of_levels(form: Form) -> Any:
     for count in NODE_COUNTS:
         grid = gauss_grid(count)
         value, first, second = (values.T for values in basis(form).values(grid.s))
-        integrals = {"antiderivative": grid.quadrature.antiderivative, "integrals": grid.integrals.T}
-        integrals["tail"] = grid.quadrature.transform[-3:]
+        integrals = {"antiderivative": grid.quadrature.antiderivative, "tail": grid.quadrature.transform[-3:]}
+        integrals |= {"integrals": grid.integrals[:count].T}
         filled.append(Filled("Nodes", grid, nodes=count, value=value, first=first, second=second, **integrals))
     return structure_array("Nodes", filled)
 
