@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENT = 60.0  # [s] of search: a slow machine is no reason to fail
+LITTLE = 20  # times less work than usual
+UNASKED = (
+    "floatplan.planning.search.ANNOUNCED_EVERY",
+    "floatplan.planning.in_space.ANNOUNCED_EVERY",
+    "floatplan.cli.study.EVERY",
+)
 TREES = {  # plane, normal and seed of trees that stay well enough in their plane
     "tree xz": ("xz", "y", 20),
     "tree zy": ("zy", "x", 21),
@@ -58,8 +65,14 @@ def root() -> Path:
 
 @pytest.fixture
 def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run]:
-    """Run the command line in an empty working directory; any exception that it lets through fails the test."""
+    """Run the command line in an empty working directory; any exception that it lets through fails the test.
+
+    What it says of its progress after a while, on a slow machine alone, it says where a test asks for it.
+    """
     from floatplan.cli.commands import app
+
+    for seconds in UNASKED:
+        monkeypatch.setattr(seconds, math.inf)
 
     here = tmp_path / "here"
     here.mkdir()
@@ -72,6 +85,15 @@ def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         return Run(result.exit_code, result.stdout, result.stderr)
 
     return run
+
+
+@pytest.fixture
+def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches end after less work than usual: the same on every machine, unlike a budget of seconds."""
+    from floatplan.planning.search import DEFAULT_WORK
+
+    for room in ("search", "in_space"):
+        monkeypatch.setattr(f"floatplan.planning.{room}.DEFAULT_WORK", DEFAULT_WORK / LITTLE)
 
 
 @pytest.fixture(scope="session")

@@ -123,10 +123,15 @@ def large() -> bytes:
     return bytes(300_000_000)
 
 
-def test_they_end_amid_an_answer() -> None:
-    """Whoever waits for the rest of what a dead process was sending waits for ever."""
+def ended_amid_an_answer() -> bool:
+    """Let a process go while it answers; whether it still did."""
     with processes(1, ()) as executor:
         asked: Future[bytes] = executor.submit(large)
-        while not executor._result_queue._reader.poll():  # type: ignore[attr-defined]
-            assert not asked.done()
+        while not executor._result_queue._reader.poll() and not asked.done():  # type: ignore[attr-defined]
             time.sleep(0.001)
+        return not asked.done()
+
+
+def test_they_end_amid_an_answer() -> None:
+    """Whoever waits for the rest of what a dead process was sending waits for ever."""
+    assert any(ended_amid_an_answer() for _ in range(20))  # on a busy machine the answer may be there before the look

@@ -291,7 +291,7 @@ class Update:
         """What a motion, and its changes y, are made of where it is looked at."""
         values = self.views.functions.values(grid.s)
         free = np.stack([part[:, CONDITIONS:] @ self.views.whitening for part in values])
-        basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1)
+        basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1).swapaxes(1, 2)
         of_basis = {name: part.T for name, part in zip(("value", "first", "second"), values, strict=True)}
         return {"s": grid.s, "integrals": grid.integrals[grid.nodes :], "basis": basis, **of_basis}
 

@@ -58,7 +58,7 @@ class JumpSide(Keyed):
             if low > high:
                 yield f"durations[{index}]", f"low {low} s is above high {high} s"
         if self.contacts is not None and self.durations and len(self.durations) != len(self.contacts):
-            yield "durations", f"{len(self.durations)} pairs for {len(self.contacts)} phases of contacts"
+            yield "durations", f"{len(self.durations)} given for {len(self.contacts)} phases of contacts"
 
     def _fault(self, groups: Groups) -> str:
         for name in dict.fromkeys(name for group in groups for name in group):

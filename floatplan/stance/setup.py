@@ -286,19 +286,19 @@ def _side(
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot, takes_off = problem.robot, side == "takeoff"
     place = f"jump.{side}.contacts"
-    contacts = [_contacts(robot, names, wanted, place, request.feet) for names in groups]
-    if any(len(each) > MOST for each in contacts):
-        raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
-    outer = contacts[0 if takes_off else -1]
     asked = request.takeoff.from_ if takes_off else request.landing.to
-    tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
-    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits), Room.range)))
     own = isinstance(asked, Mapping)
     named = ("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place
     for joint, at, (low, high) in zip(robot.joints, wanted[1:], problem.position_limits, strict=True):
         if own and not low <= at <= high:
             reason = f"{at:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
             raise InputError(reason, element=f"{named}.{joint}")
+    contacts = [_contacts(robot, names, wanted, place, request.feet) for names in groups]
+    if any(len(each) > MOST for each in contacts):
+        raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
+    outer = contacts[0 if takes_off else -1]
+    tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
+    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits), Room.range)))
     floating = "" if own else in_the_air(robot, outer, wanted, FAR)
     found = None if floating else standing_posture(robot, outer, wanted, limits)
     is_other = own and found is not None and np.abs(found - wanted)[1:].max() > NEAR
@@ -320,7 +320,7 @@ def _bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple[float, 
     """Bounds of the durations of a side's phases, s."""
     given = getattr(request, side).durations
     if given is not None and len(given) != phases:
-        reason = f"{len(given)} pairs for {phases} phases of contacts"
+        reason = f"{len(given)} given for {phases} phases of contacts"
         raise InputError(reason, element=f"jump.{side}.durations", advice="give one for each phase")
     return [None] * phases if given is None else [(low, high) for low, high in given]
 

@@ -109,6 +109,8 @@ def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
     ]
     if use is not None:
         facts.append(("most used limit", f'<b style="color:{colour_of(use)}">{use:.0%}</b>'))
+    if jump is not None:
+        facts.append(("friction used", f"{jump.check.figures['friction']:.2f}"))
     if answer.clearance is not None and jump is None:
         facts.append(("least clearance", f"{1e3 * answer.clearance:.4g} mm"))
     return facts

@@ -157,7 +157,7 @@ def _bands(view: JumpView) -> str:
     bands = []
     for phase, colours in zip(view.jump.phases, phase_colours(view), strict=True):
         lasts = phase.end - phase.begin
-        words = f"{', '.join(phase.contacts) or 'flight'}: {lasts:.3f} s"
+        words = f"{lasts:.3f} s: {', '.join(phase.contacts) or 'flight'}"
         place = f"left:{100 * phase.begin / view.duration:.2f}%;width:{100 * lasts / view.duration:.2f}%"
         ink = "" if phase.contacts else ";color:#1d2126;text-shadow:none"
         look = f"{place};background:{stripes(colours)}{ink}"

@@ -14,6 +14,7 @@ from floatplan.problem.parts import JointState, Obstacle
 from floatplan.tables import LimitKey
 
 Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
+Part: TypeAlias = Literal["duration", "angular_momentum", "start", "goal"]
 
 BY_HAND = "by hand"
 AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
@@ -69,6 +70,25 @@ def phases(ends: Sequence[float] | None, flight: int = 0) -> Edit:
         lasting = replace(problem.flight, duration=lasts[flight]) if pairs else problem.flight
         jump = replace(asked, takeoff=takeoff, landing=landing, fixed=fixed)
         return replace(problem, flight=lasting, jump=jump)
+
+    return edit
+
+
+def keep(part: Part, found: fp.Plan | None) -> Edit:
+    """Let a jump keep a part of the flight that was found; None leaves it a guess."""
+
+    def edit(problem: fp.Problem) -> fp.Problem:
+        asked = problem.jump or fp.JumpRequest()
+        others = [each for each in asked.fixed if each != part]
+        jump = replace(asked, fixed=others if found is None else [*others, part])
+        if found is None:
+            return replace(problem, jump=jump)
+        if part in ("start", "goal"):
+            state = end_state(found.problem, part)
+            kept: Any = {part: fp.Posture(state.orientation, state.positions)}
+        else:
+            kept = {"flight": replace(problem.flight, **{part: getattr(found, part)})}
+        return replace(problem, jump=jump, **kept)
 
     return edit
 

@@ -115,9 +115,11 @@ class Inputs:
         dropdown = self._gui.add_dropdown(label, offered, initial_value=present, hint=hint)
         self.add(dropdown, get, label, lambda word: self._session.edit(edit(word)))
 
-    def tick(self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[bool], Edit]) -> None:
+    def tick(
+        self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[bool], Edit], hint: str | None = None
+    ) -> None:
         """Add a tick."""
-        tick = self._gui.add_checkbox(label, get(self._session.view.problem))
+        tick = self._gui.add_checkbox(label, get(self._session.view.problem), hint=hint)
         self.add(tick, get, label, lambda wanted: self._session.edit(edit(wanted)))
 
     def add(self, handle: Any, get: Callable[[fp.Problem], Any], about: str, act: Callable[[Any], object]) -> None:

@@ -144,7 +144,7 @@ class Controls:
             self._session.refuse(f"time: {instant:g} s is not within the flight, 0 to {longest:g} s")
             self.time.value = 0.0
 
-    def _posture(self, end: str) -> None:
+    def _posture(self, end: edits.Part) -> None:
         problem, path = self._session.view.problem, f"{end}.orientation"
         turn, hint = edits.number_at(problem, path), "360° more is one somersault more."
         self.inputs.slider("base, °", (path,), turn - TURNS, turn + TURNS, DEGREE, hint)
@@ -153,6 +153,22 @@ class Controls:
         root, hint = self._stage.ghosts[end].root, "Drag its links to change it."
         shown = self._gui.add_checkbox(f"show the {end}", initial_value=root.visible, hint=hint)
         on(shown.on_update, lambda _: setattr(root, "visible", shown.value))
+
+        self._keep(end, f"keep the {end}", lambda: setattr(shown, "value", True))
+
+    def _keep(self, part: edits.Part, label: str, also: Callable[[], None] = lambda: None) -> None:
+        """A tick by which a jump keeps a part of its flight, as it was found; without, what is asked is a guess."""
+        if self._jump is None:
+            return
+
+        def edit(wanted: bool) -> edits.Edit:
+            answer = self._session.view.answer
+            if wanted:
+                also()
+            return edits.keep(part, answer.plan if wanted and answer else None)
+
+        hint = "As it was found, or is changed then. Without, it is a guess from which the jump is sought."
+        self.inputs.tick(label, lambda each: each.jump is not None and part in each.jump.fixed, edit, hint)
 
     def _flight(self) -> None:
         answer, problem = self._session.view.answer, self._session.view.problem
@@ -174,6 +190,8 @@ class Controls:
             lambda word: edits.change("motion", objective=word),
             "What the motion minimises.",
         )
+        self._keep("duration", "keep duration")
+        self._keep("angular_momentum", "keep h")
         hint = "Of the polynomials: higher ones move more freely."
         self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
         self.inputs.tick("keep above the ground", lambda each: each.ground, edits.ground)
@@ -239,7 +257,8 @@ class JumpTab:
         self._flight = 0  # which phase it is
         with self._folder:
             self._look = gui.add_html("")
-            inputs.tick("fixed", lambda each: edits.phase_ends(each) is not None, self._kept)
+            hint = "How long all phases last, by the bar of their ends: dragging one fixes all."
+            inputs.tick("fixed", lambda each: edits.phase_ends(each) is not None, self._kept, hint)
         inputs.slider("friction", ("jump.friction",), *FRICTION, hint="Coefficient of the ground.")
         hint = "Of the limits, what stances may use."
         for name in MARGIN:
@@ -258,10 +277,8 @@ class JumpTab:
             ends = self._ends(view.problem)
             self._flight = [phase.kind for phase in shown.jump.phases].index("flight")
             with self._folder:
-                hint = "Ends of the phases, s. Dragging one fixes how long all of them last."
-                self._bar = self._gui.add_multi_slider(
-                    "ends, s", 0.0, round(LONGER * ends[-1], 2), 0.001, ends, min_range=SHORTEST, hint=hint
-                )
+                most = round(LONGER * ends[-1], 2)
+                self._bar = self._gui.add_multi_slider("ends, s", 0.0, most, 0.001, ends, min_range=SHORTEST)
             self._inputs.add(self._bar, self._ends, "phases", self._drag)
         self._bar.max = max(self._bar.max, *self._ends(view.problem))
         shares = [each / self._bar.max for each in self._bar.value]

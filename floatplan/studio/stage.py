@@ -35,10 +35,12 @@ BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
 
 
-def end_poses(problem: fp.Problem, end: str) -> outlines.Poses:
-    """The bodies of the posture at "start" or "goal", its centre of mass where the flight has it then."""
-    state, time = end_state(problem, end), 0.0 if end == "start" else problem.flight.duration
-    path = ballistics(problem).positions(np.array([time]))
+def end_poses(view: View, end: str) -> outlines.Poses:
+    """The bodies of the posture at "start" or "goal", its centre of mass where the flight, or a jump, has it then."""
+    problem = view.problem
+    flown = problem if view.answer is None or view.answer.view is None else view.answer.plan.problem
+    state, time = end_state(problem, end), 0.0 if end == "start" else flown.flight.duration
+    path = ballistics(flown).positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
     return outlines.body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
 
@@ -90,6 +92,8 @@ class Stage:
         with self._lock, self._server.atomic():
             if before is None or before.problem is not view.problem:
                 self._draw_problem(view.problem)
+            for end, ghost in self.ghosts.items():
+                ghost.put(end_poses(view, end), 0)
             if view.answer is not None and (before is None or before.answer is not view.answer):
                 self._draw_paths(view.answer)
                 self._draw_forces(view.answer)
@@ -138,9 +142,9 @@ class Stage:
 
     def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
         """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
-        problem, key = self._session.view.problem, f"{end} {part}"
+        view, key = self._session.view, f"{end} {part}"
         if begins or key not in self._grabbed:
-            pivot, value = self.pivot(problem, end, part)
+            pivot, value = self.pivot(view, end, part)
             self._grabbed[key] = Grabbed(pivot, place, 0.0, value)
             return
         held = self._grabbed[key]
@@ -155,7 +159,7 @@ class Stage:
         joint = part - 1
         body, tree = self._body(part), self._robot.tree
         share = float(tree.turns[body, joint] - tree.turns[tree.parent[body], joint])
-        low, high = problem.position_limits[joint]
+        low, high = view.problem.position_limits[joint]
         value = float(np.clip(held.value + turn / share, low, high))
         self._session.set(f"{end}.positions.{self._robot.joints[joint]}", value)
 
@@ -164,17 +168,15 @@ class Stage:
         shapes = zip(self._robot.shapes, self._shapes.part.tolist(), strict=True)
         return min((shape.body for shape, of in shapes if of == part), default=0)
 
-    def pivot(self, problem: fp.Problem, end: str, part: int) -> tuple[complex, float]:
+    def pivot(self, view: View, end: str, part: int) -> tuple[complex, float]:
         """Where a part of the posture at an end turns, and its angle, rad: the base about the centre of mass."""
-        poses, state, tree = end_poses(problem, end), end_state(problem, end), self._robot.tree
+        poses, state, tree = end_poses(view, end), end_state(view.problem, end), self._robot.tree
         if part:
             return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
         centers = poses.points(range(len(tree.mass)), tree.center)[0]
         return complex(tree.mass @ centers / tree.mass.sum()), float(state.orientation)
 
     def _draw_problem(self, problem: fp.Problem) -> None:
-        for end, ghost in self.ghosts.items():
-            ghost.put(end_poses(problem, end), 0)
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
         before = self._drawn.problem.obstacles if self._drawn else ()

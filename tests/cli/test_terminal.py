@@ -25,9 +25,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
 PROGRAM = [sys.executable, "-m", "floatplan"]
 BAR = "\u2501"  # what rich draws bars of
+AT_ONCE = {  # a bar and words about the progress, of a search that ends after a start
+    "floatplan.cli.progress.DELAY": 0.0,
+    "floatplan.planning.in_space.ANNOUNCED_EVERY": 0.0,
+    "floatplan.planning.in_space.MOST_STARTS": 1,
+}
 
 
-def in_terminal(*arguments: str | Path, cwd: Path) -> tuple[str, str]:
+def in_terminal(*arguments: str | Path, cwd: Path, **constants: float) -> tuple[str, str]:
     """Run the program with a terminal for stderr; what it wrote to stdout and to the terminal."""
     ours, theirs = pty.openpty()
     seen = bytearray()
@@ -43,7 +48,14 @@ def in_terminal(*arguments: str | Path, cwd: Path) -> tuple[str, str]:
     reader.start()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "80"}
     with (cwd / "stdout").open("w+") as stdout:
-        WarmProcess(*arguments, stdout=stdout.fileno(), stderr=theirs, cwd=cwd, environment=environment).wait()
+        WarmProcess(
+            *arguments,
+            stdout=stdout.fileno(),
+            stderr=theirs,
+            cwd=cwd,
+            environment=environment,
+            constants=constants,
+        ).wait()
         os.close(theirs)
         reader.join()
         os.close(ours)
@@ -53,7 +65,7 @@ def in_terminal(*arguments: str | Path, cwd: Path) -> tuple[str, str]:
 
 @pytest.fixture
 def long_search(tmp_path: Path) -> Path:
-    """A twist with hardly any torque, which nothing proves at once: searches in space are long."""
+    """A twist with hardly any torque, which nothing proves at once."""
     text = (PROBLEMS / "space/diver_half_twist.toml").read_text(encoding="utf-8")
     path = tmp_path / "long.toml"
     text = text.replace("../../urdf", str(ROOT / "urdf")).split("[limits]")[0]
@@ -63,7 +75,7 @@ def long_search(tmp_path: Path) -> Path:
 
 class TestBar:
     def test_a_search_has_one_in_a_terminal(self, long_search: Path, tmp_path: Path) -> None:
-        output, seen = in_terminal("plan", long_search, "--no-figures", "--budget", "4", cwd=tmp_path)
+        output, seen = in_terminal("plan", long_search, "--no-figures", "--budget", "500", cwd=tmp_path, **AT_ONCE)
         assert BAR in seen
         assert re.search(r"planning: \d+ starts tried, 0 solved", seen)
         assert "no plan found" in output
@@ -75,7 +87,8 @@ class TestBar:
         assert seen == ""
 
     def test_quiet_has_none(self, long_search: Path, tmp_path: Path) -> None:
-        assert in_terminal("plan", long_search, "--no-figures", "-q", "--budget", "2", cwd=tmp_path) == ("", "")
+        asked = ("plan", long_search, "--no-figures", "-q", "--budget", "500")
+        assert in_terminal(*asked, cwd=tmp_path, **AT_ONCE) == ("", "")
 
     def test_it_counts_and_goes_away(self, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
         monkeypatch.setattr(progress, "DELAY", 0.0)
@@ -92,7 +105,8 @@ class TestBar:
             assert bar._bar.tasks[0].description == "drawing: [red]half"
         assert not bar._bar.live.is_started
 
-    def test_work_that_ends_at_once_never_shows_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_work_that_ends_before_never_shows_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(progress, "DELAY", 600.0)
         monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
         with progress.progress("drawing") as bar:
             assert bar._bar is not None
@@ -118,11 +132,12 @@ class TestLog:
         assert "obstacle: flight proved" in run.stdout
         assert not logging.getLogger("floatplan").handlers
 
+    @pytest.mark.usefixtures("little_work")
     def test_names_what_is_violated(self, floatplan: Callable[..., Any], tmp_path: Path) -> None:
         text = (PROBLEMS / "torque_limited.toml").read_text(encoding="utf-8").replace("../urdf", str(ROOT / "urdf"))
         path = tmp_path / "weak.toml"
         path.write_text(re.sub(r"torque = .*", "torque = 0.2", text), encoding="utf-8")
-        run = floatplan("plan", path, "-v", "--no-figures", "--budget", "1", "-o", "out")
+        run = floatplan("plan", path, "-v", "--no-figures", "-o", "out")
         assert run.code == 1
         first = run.stderr.splitlines()[0]
         assert re.search(r"violation [\d.]+ of torque of q\d at [\d.]+ s; best violation [\d.]+$", first), first

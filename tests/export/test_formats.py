@@ -199,12 +199,12 @@ def fly(model: Any, data: Any, torques: Callable[[float], np.ndarray], joints: n
         mujoco.set_mjcb_control(None)
 
 
-def test_coupled_and_locked_joints_are_all_there(tmp_path: Path) -> None:
+def test_coupled_and_locked_joints_are_all_there(tmp_path: Path, planned: Callable[[str], fp.Plan]) -> None:
     """A quadruped's twelve joints, of which four are planned."""
     source = pytest.importorskip("floatplan.robot.urdf.tree")
     if source.robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
-    plan = fp.plan(fp.load_problem(Path(__file__).parents[2] / "problems" / "gallery" / "go2.toml"), budget=0.1)
+    plan = planned("gallery/go2")
     path = export(plan, "unitree", tmp_path / "file")
     names, rows = unitree_columns(path), np.loadtxt(path, delimiter=",")
     assert rows.shape[1] == len(names) == 7 + 12

@@ -35,7 +35,7 @@ from warm_process import WarmProcess
 from floatplan.files import write_atomically
 
 LONGEST_MESSAGE = 2000  # characters
-GRACE = 2.0  # s of CPU beyond the budget
+GRACE = 20.0  # s of CPU beyond the budget: ten times what it takes here, for machines that are slower
 UNBUDGETED = 10.0  # s of CPU that other commands may take
 FLYING = 60.0  # s of time, the budget of flights in closed loop that gives none
 SEARCHING = 40.0  # s of CPU that the search of a first flight, or the rows of a small study may take

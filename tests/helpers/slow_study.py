@@ -1,4 +1,4 @@
-"""A study in small chunks with a pause after each, for processes that are to be killed in the middle."""
+"""A study in small chunks, for processes that are to be killed in the middle: they wait for that after some chunks."""
 
 from __future__ import annotations
 
@@ -11,21 +11,26 @@ from floatplan.pool import get_ready
 from floatplan.studies import driver
 from floatplan.studies.study import planned_study
 
-ROWS, PAUSE = 4, 0.05  # of a chunk; [s] after it
+ROWS = 4  # of a chunk
+FOR_EVER = 3600.0  # [s]
 
 
-def run(path: str, folder: str, shard: str = "") -> None:
-    """Run a study slowly, in this process, or a shard of it."""
+def run(path: str, folder: str, chunks: int, shard: str = "") -> None:
+    """Run a study in this process, or a shard of it, until there are so many chunks."""
     driver.FIRST_TOGETHER = driver.MOST_IN_CHUNK = ROWS
+
+    def wait(progress: driver.Progress) -> None:
+        if progress.done >= chunks * ROWS:
+            time.sleep(FOR_EVER)
+
     if shard:
-        engine = driver.started("processes", 1, None)
-        planned_study(Path(path), Path(folder), False, engine, lambda _: time.sleep(PAUSE), shard)
+        planned_study(Path(path), Path(folder), False, driver.started("processes", 1, None), wait, shard)
     else:
-        fp.study(path, folder=folder, jobs=1, progress=lambda _: time.sleep(PAUSE))
+        fp.study(path, folder=folder, jobs=1, progress=wait)
 
 
-def started(path: str, folder: str, shard: str = "") -> ForkServerProcess:
+def started(path: str, folder: str, chunks: int, shard: str = "") -> ForkServerProcess:
     """Start a process that does so, with the package loaded already."""
-    process = get_ready("floatplan.studies.study").Process(target=run, args=(path, folder, shard))
+    process = get_ready("floatplan.studies.study").Process(target=run, args=(path, folder, chunks, shard))
     process.start()
     return process

@@ -62,11 +62,12 @@ OF_VISER = (
 
 def grip_places(studio: Studio, end: str, part: int, angles: Any) -> Any:
     """Where a hand that turns a part of the posture at an end by angles (K,), rad, has its grip, m."""
-    problem = studio.session.view.problem
-    poses, grip, plane = end_poses(problem, end), studio.stage.grips[end][part], problem.robot.plane
+    view = studio.session.view
+    problem = view.problem
+    poses, grip, plane = end_poses(view, end), studio.stage.grips[end][part], problem.robot.plane
     body, at = int(grip.name.split("/")[-2]), grip.position @ (plane.horizontal + 1j * plane.vertical)
     place = poses.places[0, body] + problem.robot.tree.rotations(poses.angles)[0, body] * at
-    pivot, _ = studio.stage.pivot(problem, end, part)
+    pivot, _ = studio.stage.pivot(view, end, part)
     return pivot + (place - pivot) * np.exp(1j * angles)
 
 

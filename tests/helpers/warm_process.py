@@ -46,6 +46,7 @@ class WarmProcess:
     stdout, stderr : file descriptors
     cwd : its working directory; this process' own if left out
     environment : instead of this process' own
+    constants : of the package, by module and name, that have other values in it
     """
 
     def __init__(
@@ -55,11 +56,13 @@ class WarmProcess:
         stderr: int,
         cwd: Path | None = None,
         environment: Mapping[str, str] | None = None,
+        constants: Mapping[str, float] | None = None,
     ) -> None:
         request = {
             "arguments": [str(argument) for argument in arguments],
             "cwd": str(cwd or Path.cwd()),
             "environment": dict(os.environ if environment is None else environment),
+            "constants": dict(constants or {}),
         }
         self._told, theirs = socket.socketpair()
         with theirs, tempfile.TemporaryFile("w+") as written:
@@ -160,7 +163,7 @@ def _report(descriptor: int) -> None:
 
 
 def _become(request: dict[str, Any], stdout: int, stderr: int) -> None:
-    """Take the streams, the folder, the environment and the arguments of a request."""
+    """Take the streams, the folder, the environment, the constants and the arguments of a request."""
     os.setpgid(0, 0)
     for ours, theirs in ((1, stdout), (2, stderr)):
         os.dup2(theirs, ours)
@@ -169,6 +172,9 @@ def _become(request: dict[str, Any], stdout: int, stderr: int) -> None:
     os.environ.clear()
     os.environ.update(request["environment"])
     os.chdir(request["cwd"])
+    for place, value in request["constants"].items():
+        module, _, name = place.rpartition(".")
+        setattr(importlib.import_module(module), name, value)
     sys.argv[1:] = request["arguments"]
 
 

@@ -125,20 +125,22 @@ def test_an_arm_turns_its_free_base_within_its_limits():
     assert np.linalg.norm(turned[1]) == pytest.approx(math.radians(60), abs=1e-4)
 
 
+@pytest.mark.usefixtures("little_work")
 def test_a_search_that_finds_nothing_says_so_and_ends():
     """Two joints about one axis cannot turn the base about another."""
     robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf", base="free-flyer")
     level, aside = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=(0.3, 0, 0, 1))
     problem = fp.Problem(robot, fp.Posture(level, 0.1), fp.Posture(aside, 0.1), fp.Flight(1.0, 0.0))
-    found = planned(problem, SearchOptions(budget=1.0))
+    found = planned(problem, SearchOptions())
     assert not found.plan.ok
     assert "misses the goal's orientation" in found.plan.explanation
 
 
+@pytest.mark.usefixtures("little_work")
 def test_a_motion_that_makes_other_turns_is_said_to():
     """Without momentum there is no somersault, and half a twist alone ends next to where it should."""
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    found = planned(replace(problem, flight=replace(problem.flight, angular_momentum=0)), SearchOptions(budget=0.5))
+    found = planned(replace(problem, flight=replace(problem.flight, angular_momentum=0)), SearchOptions())
     assert not found.plan.ok
     assert "it makes other turns than are asked for" in found.plan.explanation
 
@@ -309,9 +311,10 @@ def test_where_the_given_momentum_leads_to_no_plan_another_is_named_that_does():
     assert fp.plan(replace(asked, motion=fp.Motion(), flight=replace(still, angular_momentum=h))).ok
 
 
+@pytest.mark.usefixtures("little_work")
 def test_of_a_twist_the_least_torque_is_found_too():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    plan = fp.plan(replace(problem, motion=fp.Motion(degree=7, objective="torque")), budget=0.2)
+    plan = fp.plan(replace(problem, motion=fp.Motion(degree=7, objective="torque")))
     assert "misses" in plan.explanation or plan.ok
 
 

@@ -21,7 +21,6 @@ from floatplan.planning.search import SearchOptions
 
 PROBLEMS = sorted(path.stem for path in (URDF_FOLDER.parent / "problems").glob("*.toml"))
 PATIENT = 60  # s, where nothing but a neighbour's load could use up the default budget
-SHORT = 0.5  # s, where there is nothing to be found
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)  # that of example B, where DESIGN.md has it
 
 
@@ -290,18 +289,20 @@ IMPOSSIBLE = (
 
 
 class TestImpossible:
+    @pytest.mark.usefixtures("little_work")
     @pytest.mark.parametrize("name", IMPOSSIBLE)
     def test_is_said_to_be_and_why(self, impossible, name, tmp_path):
         problem, reason = impossible[name]
-        plan = fp.plan(problem, budget=SHORT)
+        plan = fp.plan(problem)
         assert (plan.ok, plan.status) == (False, "infeasible")
         assert reason in plan.explanation
         again = fp.load_plan(plan.save(tmp_path / "plan.json"))
         assert (again.ok, again.explanation) == (False, plan.explanation)
 
+    @pytest.mark.usefixtures("little_work")
     def test_violation_is_as_large_as_it_says(self, impossible):
         problem, _ = impossible["a tenth of the torque"]
-        plan = fp.plan(problem, budget=SHORT)
+        plan = fp.plan(problem)
         said = re.search(r"torque of (q\d) is violated by ([\d.]+) N m at t = ([\d.]+) s", plan.explanation)
         joint, amount, time = int(said[1][1]) - 1, float(said[2]), float(said[3])
         torque = np.abs(plan.at(time).torques[joint])
@@ -313,13 +314,11 @@ class TestImpossible:
         end = integrate_orientation(plan, np.array([plan.duration]))[0]
         assert end - plan.problem.final.orientation == pytest.approx(said, rel=1e-4)
 
-    def test_ends_in_time(self, impossible):
-        assert fp.plan(impossible["a tenth of the torque"][0], budget=SHORT).solver["seconds"] < 5
-
+    @pytest.mark.usefixtures("little_work")
     @pytest.mark.parametrize("h", [-40.0, 3.0, 10.0])
     def test_what_is_called_a_plan_is_one(self, handstand, h):
         """Far outside (9) the search once met the goal on its 256 quadrature nodes, and nowhere between."""
-        plan = fp.plan(change(handstand, angular_momentum=h), budget=2)
+        plan = fp.plan(change(handstand, angular_momentum=h))
         if plan.ok:
             assert_meets_its_ends(plan)
 
@@ -331,10 +330,11 @@ class TestArguments:
             fp.plan(example_a, **{name: value})
         assert caught.value.element == name
 
+    @pytest.mark.usefixtures("little_work")
     def test_progress_is_told(self, impossible, monkeypatch):
         monkeypatch.setattr(search, "ANNOUNCED_EVERY", 0.0)
         told = []
-        fp.plan(impossible["a tenth of the torque"][0], budget=SHORT, progress=told.append)
+        fp.plan(impossible["a tenth of the torque"][0], progress=told.append)
         assert told
         assert "starts tried" in told[-1]
 
@@ -440,6 +440,7 @@ def written(folder, text) -> fp.Robot:
     return fp.Robot.from_urdf(path)
 
 
+@pytest.mark.usefixtures("little_work")
 @pytest.mark.parametrize(
     ("seed", "joints", "degree", "duration"),
     [
@@ -452,7 +453,7 @@ def test_b_is_that_of_the_motion_that_was_judged(seed, joints, degree, duration)
     problem = random_problem(seed, joints)
     flight = replace(problem.flight, duration=duration * problem.flight.duration)
     problem = replace(problem, flight=flight, motion=replace(problem.motion, degree=degree))
-    found = planned(problem, SearchOptions(budget=SHORT))
+    found = planned(problem, SearchOptions())
     variables, x = found.best.variables, found.best.solution.x
     h = variables.angular_momentum(x)
     expected = variables.motion_class(h).powers_of_seconds(variables.free_coefficients(x))

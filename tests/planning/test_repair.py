@@ -206,11 +206,10 @@ class TestCommands:
         assert answer["certificate"]["verdict"] == ("undecided" if ok else "refuted")
         assert re.search(r"^not proved +\w", run.stderr, re.MULTILINE)
 
+    @pytest.mark.usefixtures("little_work")
     def test_no_proof_of_what_is_no_plan(self, floatplan):
         flight = ("--start", "72,18,-45", "--goal", "-90,0,0", "--degrees", "--duration", "1.4")
-        run = floatplan(
-            "plan", ROOT / "urdf" / "gymnast.urdf", *flight, "--angular-momentum", "40", "--json", "--budget", "1"
-        )
+        run = floatplan("plan", ROOT / "urdf" / "gymnast.urdf", *flight, "--angular-momentum", "40", "--json")
         assert run.code == 1
         assert json.loads(run.stdout)["certificate"] is None
 

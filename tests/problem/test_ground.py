@@ -138,15 +138,15 @@ class TestWritten:
         certified = floatplan("certify", tmp_path / "out" / "plan.json")
         assert certified.code == 0
 
+    @pytest.mark.usefixtures("little_work")
     def test_utilisation_is_worst_first(self, sunk):
         rows = sunk.utilisation
         assert [row.worst for row in rows] == sorted((row.worst for row in rows), reverse=True)
         assert rows[0].joint == "RL_calf_joint"
         assert rows[0].velocity_utilisation == pytest.approx(rows[0].velocity_peak / 15.7)
         assert rows[0].instant == rows[0].velocity_instant
-        weak = fp.plan(
-            replace(sunk.problem, limits=fp.Limits(torque={"FL_thigh_joint": 2.0, "FR_thigh_joint": 5.0})), budget=1.0
-        )
+        limits = fp.Limits(torque={"FL_thigh_joint": 2.0, "FR_thigh_joint": 5.0})
+        weak = fp.plan(replace(sunk.problem, limits=limits))
         use = {row.joint: row for row in weak.utilisation}
         assert (use["FL_thigh_joint"].torque_limit, use["FR_thigh_joint"].torque_limit) == (2.0, 5.0)
 
@@ -181,8 +181,9 @@ class TestAsked:
         assert "ground" in {finding.label for finding in plan.certificate.findings}
         assert "ground" not in kinds(plan)
 
+    @pytest.mark.usefixtures("little_work")
     def test_a_free_momentum_that_takes_the_foot_down_is_told(self, sinking):
-        plan = fp.plan(replace(sinking, ground=True), budget=2)
+        plan = fp.plan(replace(sinking, ground=True))
         assert not plan.ok
         assert "moves down into the ground at takeoff" in plan.explanation
 
@@ -262,6 +263,7 @@ class TestTrueShapes:
         assert heights["hand"][-1] == pytest.approx(line, abs=1e-6)
         assert min(each.min() for each in heights.values()) >= line - 1e-6
 
+    @pytest.mark.usefixtures("little_work")
     def test_a_depth_is_told_in_full(self, root, tmp_path, handstand, foot):
         """A hand that lands below the sole, as deep as the warning says, is refuted where the ground is asked for."""
         robot = gymnast_with_foot(root, tmp_path, foot)
@@ -274,7 +276,7 @@ class TestTrueShapes:
         assert true < -0.0077
         assert -1.1e-3 <= warning.value - true <= ROUNDED.get(foot, 0.0) + 1e-6
         asked = replace(plan.problem, ground=True)
-        assert not fp.plan(asked, budget=1).ok
+        assert not fp.plan(asked).ok
 
 
 @pytest.mark.parametrize("name", cases(["go2", "g1", "talos"], {"g1", "talos"}))

@@ -108,7 +108,7 @@ REFUSED = {
     ),
     "durations of other phases": (
         'takeoff = { contacts = [["foot"]], durations = [[0.1, 0.2], [0.1, 0.2]] }',
-        "jump.takeoff.durations: 2 pairs for 1 phases",
+        "jump.takeoff.durations: 2 given for 1 phases",
     ),
 }
 

@@ -75,7 +75,7 @@ def test_what_cannot_stand_is_refused(name: str, side: str) -> None:
 
 
 def test_durations_of_the_usual_phases_are_as_many() -> None:
-    with pytest.raises(fp.InputError, match=r"jump\.takeoff\.durations: 1 pairs for 2 phases"):
+    with pytest.raises(fp.InputError, match=r"jump\.takeoff\.durations: 1 given for 2 phases"):
         fp.jump(go2_problem(), fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=[[0.1, 0.2]])))
 
 

@@ -24,6 +24,12 @@ if not INSTALLED:
 SIDE = "takeoff on RL_foot"
 
 
+@pytest.fixture
+def at_leisure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What would help is tried to the end, however long the search before took."""
+    monkeypatch.setattr(planner, "process_time", lambda: 0.0)
+
+
 def weak(share: float) -> fp.Problem:
     problem = go2_problem()
     own = zip(problem.robot.motors, problem.motor_torque_limits.tolist(), strict=True)
@@ -63,6 +69,7 @@ def test_nothing_stands_in_the_way_of_what_is_found() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("at_leisure")
 def test_a_search_that_finds_nothing_says_why() -> None:
     answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.15), starts=1)
     assert not answer.ok
@@ -78,6 +85,7 @@ def test_a_search_that_finds_nothing_says_why() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("at_leisure")
 def test_limits_that_are_broken_between_nodes_are_tried_too() -> None:
     answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.2), starts=1)
     found = re.fullmatch(

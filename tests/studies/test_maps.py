@@ -178,7 +178,7 @@ class TestPage:
         browser.open(study.folder / "map.html")
         assert not browser.run(STAGE_IS_SEEN)
         browser.run(TAP, study.table["status"].to_pylist().index("optimal"))
-        WebDriverWait(browser.driver, 10).until(lambda _: browser.run(STAGE_IS_SEEN))
+        WebDriverWait(browser.driver, 60).until(lambda _: browser.run(STAGE_IS_SEEN))
         assert browser.run("return document.getElementById('map').getBoundingClientRect().bottom > 0")
 
     def test_holds_the_table_s_numbers(self, browser, study):

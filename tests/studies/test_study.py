@@ -419,17 +419,20 @@ class TestFolder:
         assert (tmp_path / "mine").read_text() == "mine"
 
 
+MOMENT = 0.02  # [s] in which a chunk is planned and written
+
+
 def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     path, study = done
     rng = random.Random(5)
     chunks, kept = tmp_path / "out" / "chunks", 0
     for _ in range(4):
-        process = slow_study.started(str(path), str(tmp_path / "out"))
         wanted = kept + rng.randint(1, 4)
+        process = slow_study.started(str(path), str(tmp_path / "out"), wanted + 1)
         while process.is_alive() and kept < wanted:
-            time.sleep(0.005)
+            time.sleep(0.001)
             kept = len(list(chunks.glob("*.parquet")))
-        time.sleep(rng.uniform(0, slow_study.PAUSE))
+        time.sleep(rng.uniform(0, MOMENT))
         process.kill()
         process.join()
         assert process.exitcode == -signal.SIGKILL

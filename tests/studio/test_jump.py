@@ -17,7 +17,9 @@ from floatplan.studio.answers import ShownPlan
 from floatplan.studio.curves import curves_card, phase_colours
 from floatplan.studio.planning import packed, unpacked
 from floatplan.studio.session import Session, View
+from floatplan.studio.stage import end_poses
 from floatplan.view.charts import SampledPlan
+from floatplan.view.outlines import body_poses, coordinates
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -57,6 +59,7 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
         assert f"{most:.0%} at most" in curves_card(found.motion, found.shares)
     assert found.largest_use == max(each.peak for each in found.shares)
     assert len(phase_colours(found.view)) == len(found.jump.phases) == 5
+    assert f"friction used</span>{found.jump.check.figures['friction']:.2f}" in cards.status_card(view)
     compared = cards.comparison_card(found, replace(found, jump=None))
     assert f"<td>duration<td>{found.plan.duration:.3g} s<td>{found.jump.duration:.3g} s" in compared
     assert "<td>- N m</tr>" in compared or "<td>-</tr>" in compared, "what is the flight's alone is not the jump's"
@@ -88,6 +91,34 @@ def test_phases_last_as_the_bar_has_them(shown: ShownPlan, problem: fp.Problem, 
     for wrong in ((*ends[:3], ends[2] - 0.1, ends[4]), (*ends[:4], float("nan"))):
         with pytest.raises(fp.InputError):
             edits.phases(wrong, 2)(problem)
+
+
+@pytest.mark.parametrize("part", ["duration", "angular_momentum", "start", "goal"])
+def test_a_part_of_the_flight_is_kept_as_it_was_found(
+    shown: ShownPlan, problem: fp.Problem, tmp_path: Path, part: edits.Part
+) -> None:
+    kept = edits.keep(part, shown.plan)(problem)
+    again = fp.load_problem(fp.save_problem(kept, tmp_path / "kept.toml"))
+    for each in (kept, again):
+        assert each.jump is not None
+        assert list(each.jump.fixed) == [part]
+        if part in ("start", "goal"):
+            state, found = edits.end_state(each, part), edits.end_state(shown.plan.problem, part)
+            assert np.append(state.orientation, state.positions) == pytest.approx(
+                np.append(found.orientation, found.positions)
+            )
+        else:
+            assert getattr(each.flight, part) == pytest.approx(getattr(shown.plan, part))
+    assert edits.keep(part, shown.plan)(kept).jump == kept.jump
+    assert edits.keep(part, None)(kept).jump == problem.jump
+
+
+def test_a_ghost_of_a_jump_is_where_it_takes_off_and_lands(shown: ShownPlan, problem: fp.Problem) -> None:
+    """The flight of the problem's own file is a guess: its landing is elsewhere."""
+    view = View(edits.keep("goal", shown.plan)(problem), answer=shown)
+    (last,) = body_poses(problem.robot, *coordinates(shown.plan, np.array([shown.plan.duration]))).places
+    assert end_poses(view, "goal").places[0] == pytest.approx(last)
+    assert end_poses(replace(view, answer=None), "goal").places[0] != pytest.approx(last, abs=0.01)
 
 
 def test_friction_and_margins_are_numbers_of_the_problem(problem: fp.Problem) -> None:

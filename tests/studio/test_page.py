@@ -68,10 +68,10 @@ def answered(studio: Studio) -> fp.Plan:
 
 def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
     port = studio.server.get_port()
-    with socket.create_connection(("127.0.0.1", port), timeout=5):
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE):
         pass
     with pytest.raises(OSError, match=r"refused|assign|reach"):
-        socket.create_connection(("127.0.0.2", port), timeout=5)  # as a server on all addresses would answer
+        socket.create_connection(("127.0.0.2", port), timeout=PATIENCE)  # as a server on all addresses would answer
     assert studio.server.get_host() == "127.0.0.1"
 
 

@@ -92,7 +92,10 @@ def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session
     assert session.wait(lambda view: settled(view) and view.verdict == "proved", PATIENCE)
 
 
-def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session: Session) -> None:
+def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("floatplan.studio.session.ONE_GESTURE", PATIENCE)  # also on a slow machine
     session.wait(settled, PATIENCE)
     start = session.view.problem.goal.orientation
     seen: list[int] = []
@@ -239,7 +242,7 @@ def test_what_cannot_be_saved_is_said(session: Session, folder: str) -> None:
 def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
     worker = Worker(problem.robot)
     try:
-        answer = worker.ask(PlanTask(problem, 5.0))
+        answer = worker.ask(PlanTask(problem, PATIENCE))
         assert answer.plan.ok
         assert answer.plan.robot is problem.robot
         failed = worker.ask(PlanTask(problem, -1.0))
@@ -247,11 +250,11 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
         assert "not positive" in failed.words
         with stopped_again_and_again(worker), pytest.raises(StoppedError):
             ask_on(worker, problem)
-        assert worker.ask(PlanTask(problem, 5.0)).plan.ok
+        assert worker.ask(PlanTask(problem, PATIENCE)).plan.ok
     finally:
         worker.close()
     with pytest.raises(StoppedError):
-        worker.ask(PlanTask(problem, 5.0))
+        worker.ask(PlanTask(problem, PATIENCE))
 
 
 def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
@@ -269,7 +272,7 @@ from floatplan.studio.planning import Worker
 if __name__ == "__main__":
     problem = fp.load_problem({path!r})
     worker = Worker(problem.robot)
-    print(worker.ask(PlanTask(problem, 5.0)).plan.ok)
+    print(worker.ask(PlanTask(problem, 60.0)).plan.ok)
     worker.close()
 """
 
@@ -298,7 +301,7 @@ def test_processes_import_what_the_page_does_wherever_it_is_started(tmp_path: Pa
 def ask_on(worker: Worker, problem: fp.Problem) -> None:
     begun = time.monotonic()
     while time.monotonic() - begun < PATIENCE:
-        worker.ask(PlanTask(problem, 5.0))
+        worker.ask(PlanTask(problem, PATIENCE))
 
 
 @contextlib.contextmanager

@@ -23,7 +23,8 @@ from floatplan.view.style import palette
 ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
 SPACE = [path for path in PROBLEMS if path.parent.name == "space"]  # test_space_view.py has one of them every time
-PATIENCE = 10.0  # s for what takes a fraction of one
+PATIENCE = 60.0  # s for what takes a fraction of one
+SLOWLY = "floatplan.player.speed = 0.01"  # on a busy machine too a flight is paused before it ends
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
 
@@ -98,8 +99,9 @@ def test_every_report_plays_and_scrubs_without_complaint_or_network(
     report = write_report(plan, tmp_path / "report.html")
     browser.open(report)
     play = browser.driver.find_element(By.ID, "play")
+    browser.run(SLOWLY)
     play.click()
-    wait_for(browser, "floatplan.player.time > 0.02")
+    wait_for(browser, "floatplan.player.time > 0")
     play.click()
     middle = plan.duration / 2
     scrub(browser, middle)
@@ -250,11 +252,12 @@ def test_it_plays_pauses_and_steps(page: Browser, handstand: fp.Plan) -> None:
     from selenium.webdriver.common.by import By
 
     find = lambda name: page.driver.find_element(By.ID, name)  # noqa: E731
+    page.run(SLOWLY)
     find("play").click()
-    wait_for(page, "floatplan.player.time > 0.05")
+    wait_for(page, "floatplan.player.time > 0")
     find("play").click()
-    paused = page.run("return floatplan.player.time")
-    assert paused > 0.05
+    assert not page.run("return floatplan.player.playing")
+    assert page.run("return floatplan.player.time") > 0
     page.run("floatplan.player.seek(arguments[0])", handstand.duration / 2)
     paused = page.run("return floatplan.player.time")
     find("step").click()
