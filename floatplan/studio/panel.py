@@ -80,6 +80,7 @@ class Controls:
 
         So it is where the user holds a slider, or a search may take long enough to be shown.
         """
+        self.inputs.problem = view.problem
         begun = not cards.is_news(self._drawn, view) and view.number != self._begun
         if begun:
             self._begun = view.number
