@@ -24,7 +24,14 @@ static inline Vector select(Bits mask, Vector one, Vector other) {
 }
 
 static inline Vector larger(Vector a, Vector b) { return select(a > b, a, b); }
+static inline Vector smaller(Vector a, Vector b) { return select(a < b, a, b); }
 static inline Vector magnitude(Vector a) { return (Vector)((Bits)a & INT64_MAX); }
+
+static inline bool any(Bits mask) {
+    Index some = 0;
+    for (int lane = 0; lane < LANES; ++lane) some |= mask[lane];
+    return some;
+}
 
 static inline double largest(Vector value) {  // of numbers that are not negative
     double most = 0;

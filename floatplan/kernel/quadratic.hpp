@@ -57,16 +57,18 @@ class DualMethod {
     Index *active;              // (size): which equality or row each is
     double *x, *pulls;          // (size): the solution; multipliers of the active ones, those of rows >= 0
 
-    void lay_out(Arena &arena, Index size) {
+    void lay_out(Arena &arena, Index size, Index most_rows) {
         for (double **each : {&j, &r, &factor}) arena.take(*each, size * size);
-        for (double **each : {&x, &pulls, &d, &z, &by}) arena.take(*each, size + 1);
+        for (double **each : {&x, &pulls, &d, &z, &by, &normal}) arena.take(*each, size + 1);
         arena.take(active, size + 1);
+        arena.take(idle, most_rows);
     }
 
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
         n = qp.size, count = held = 0;
         if (!start(qp)) return false;
+        copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
             if (!hold_equality(qp, e)) return false;
         for (Index changes = 0; changes <= qp.changes; ++changes) {
@@ -80,7 +82,8 @@ class DualMethod {
   private:
     static constexpr double dependent = 1e-10;  // of a normal's length: what is left of it is rounding
     Index n = 0;
-    double *j, *r, *factor, *d, *z, *by;
+    double *j, *r, *factor, *d, *z, *by, *normal;
+    double *idle;  // (rows): values before the step, of active rows infinite
 
     // J = L^-T, and the solution without rows. What rounding has made indefinite becomes definite.
     bool start(const Quadratic &qp) {
@@ -106,9 +109,9 @@ class DualMethod {
 
     // d = J^T normal; z, the way in x that leaves the active ones as they are, and `by`, what their multipliers lose.
     // The square of what is left of the normal, 0 where it is made of theirs.
-    double look(const double *normal) {
+    double look(const double *row) {
         zero(d, n);
-        for (Index i = 0; i < n; ++i) add(normal[i], j + i * n, n, d);
+        for (Index i = 0; i < n; ++i) add(row[i], j + i * n, n, d);
         const double whole = dot(d, d, n), left = dot(d + count, d + count, n - count);
         for (Index i = 0; i < n; ++i) z[i] = dot(j + i * n + count, d + count, n - count);
         for (Index i = count; i-- > 0;)
@@ -158,8 +161,8 @@ class DualMethod {
     }
 
     bool hold_equality(const Quadratic &qp, Index e) {
-        const double *normal = qp.equality_rows + e * n, value = qp.equality[e] + dot(normal, x, n);
-        const double left = look(normal);
+        const double *row = qp.equality_rows + e * n, value = qp.equality[e] + dot(row, x, n);
+        const double left = look(row);
         if (!std::isfinite(value)) return false;
         if (left == 0) return std::fabs(value) <= qp.tolerance;
         const double step = -value / left;
@@ -172,7 +175,7 @@ class DualMethod {
 
     // Makes a violated row active; false where the others forbid that, or it takes too many changes.
     bool hold_row(const Quadratic &qp, Index row, Index &changes) {
-        const double *normal = qp.inequality_rows + row * n;
+        for (Index k = 0; k < n; ++k) normal[k] = qp.inequality_rows[(row / 8 * n + k) * 8 + row % 8];
         double pull = 0;
         for (; changes <= qp.changes; ++changes) {
             const double left = look(normal), value = qp.inequality[row] + dot(normal, x, n);
@@ -186,8 +189,10 @@ class DualMethod {
             pull += step;
             if (first < 0) {
                 enter(row, pull);
+                idle[row] = HUGE_VAL;
                 return true;
             }
+            idle[active[first]] = qp.inequality[active[first]];
             leave(first);
         }
         return false;
@@ -195,26 +200,20 @@ class DualMethod {
 
     // The row most violated; -1 where none is by more than the tolerance.
     Index most_violated(const Quadratic &qp) const {
-        double least = -qp.tolerance;
-        Index worst = -1;
-        for (Index row = 0; row < qp.rows; ++row) {
-            const double *slopes = qp.inequality_rows + row * n;
-            double value = qp.inequality[row], other = 0;
-            Index k = 0;
-            for (; k + 1 < n; k += 2) {
-                value += slopes[k] * x[k];
-                other += slopes[k + 1] * x[k + 1];
-            }
-            if (k < n) value += slopes[k] * x[k];
-            if (!(value + other >= least)) {
-                bool is_active = false;
-                for (Index a = held; a < count; ++a) is_active |= active[a] == row;
-                if (is_active) continue;
-                least = value + other;
-                worst = row;
-            }
+        Vector least = all(-qp.tolerance);
+        Bits worst = Bits{} - 1;
+        for (Index row = 0; row < qp.rows; row += LANES) {
+            const double *slopes = qp.inequality_rows + row / 8 * n * 8 + row % 8;
+            Vector value = load(idle + row);
+            for (Index k = 0; k < n; ++k) value = add_product(x[k], load(slopes + 8 * k), value);
+            const Bits lower = value < least;
+            least = select(lower, value, least);
+            worst = (lower & row) | (~lower & worst);
         }
-        return worst;
+        int lowest = 0;
+        for (int lane = 1; lane < LANES; ++lane)
+            if (least[lane] < least[lowest]) lowest = lane;
+        return worst[lowest] < 0 ? -1 : worst[lowest] + lowest;
     }
 };
 
@@ -222,7 +221,7 @@ class DualMethod {
 static inline Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
     Room room;
-    if (!room.make([&](Arena &arena) { method.lay_out(arena, qp.size); }) || !method.solve(qp)) return 0;
+    if (!room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) || !method.solve(qp)) return 0;
     zero(qp.solution, qp.size + qp.equalities);
     copy(qp.solution, method.x, qp.size);
     for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.pulls[k];

@@ -135,7 +135,9 @@ class Trajectory:
         if self.boundary_by_axes is None:
             return by_x
         given = np.stack(self.sampling.values)[..., : self.sampling.given]
-        return replace(by_x, of_axes=np.tensordot(given, self.boundary_by_axes, axes=(2, 1)))
+        of_axes = np.zeros((3, *self.boundary_by_axes.shape[::2], by_x.basis.shape[2]))
+        of_axes[..., : given.shape[1]] = np.einsum("dkg,igh->dihk", given, self.boundary_by_axes)
+        return replace(by_x, of_axes=of_axes)
 
     def quantity_jacobian(self, name: str) -> Array:
         """Derivatives (K, r, size) of a quantity of :data:`QUANTITIES` by x."""
@@ -247,12 +249,13 @@ def basis_by_x(variables: DecisionVariables, sampling: Sampling) -> ByX:
     """Return the basis of p combined as x combines it, joint by joint."""
     free, scaling = variables.polynomials.free, variables.scaling
     columns = np.cumsum([0, *free])
-    basis = np.zeros((3, len(sampling.grid.s), variables.size))
+    count = len(sampling.grid.s)
+    basis = np.zeros((3, variables.size, -(-count // 8) * 8))
     for derivative, values in enumerate(sampling.values):
         for joint, width in enumerate(free):
             own = slice(columns[joint], columns[joint + 1])
             first = sampling.given
-            np.matmul(values[:, first : first + width], scaling[own, own], out=basis[derivative, :, own])
+            basis[derivative, own, :count] = (values[:, first : first + width] @ scaling[own, own]).T
     return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
 
 
