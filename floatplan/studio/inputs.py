@@ -59,11 +59,10 @@ class Input:
 
 
 class Inputs:
-    """Sliders, choices and ticks; each follows the session unless the user holds it."""
+    """Sliders, choices and ticks of the ``problem`` that is drawn; each follows it unless the user holds it."""
 
     def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
-        self._gui, self._session, self._actions = gui, session, actions
-        self.problem = session.view.problem  # that is drawn, which the session's is ahead of: new inputs show it
+        self._gui, self._session, self._actions, self.problem = gui, session, actions, session.view.problem
         self.sliders: dict[str, Any] = {}  # by the path that each shows
         self._shown: list[Input] = []
 

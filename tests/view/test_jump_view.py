@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from browser import Browser
 from jumps import INSTALLED, backflip
+from long_cases import cases
 from needed import skip_or_fail
 
 import floatplan as fp
@@ -191,7 +192,7 @@ def test_the_scene_s_clock_is_the_jump_s(view: JumpView, monkeypatch: pytest.Mon
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", cases(SIZES, {"desktop"}))
 def test_the_page_plays_in_a_browser(
     browser: Browser, view: JumpView, tmp_path: Path, size: str, request: pytest.FixtureRequest
 ) -> None:
