@@ -26,7 +26,7 @@ from floatplan.studio.page import Studio, is_own_page, titled
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 60.0  # s for what takes a fraction of one
+PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 
 
 @pytest.fixture(scope="module")
