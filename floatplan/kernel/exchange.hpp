@@ -20,7 +20,7 @@ class Follower {
 
     // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
     void follow() {
-        copy(start, attempt.x, program.size);
+        for (double *each : {start, best}) copy(each, attempt.x, program.size);
         attempt.violation = HUGE_VAL;
         if (attempt.at_once) {
             solve(start, attempt.level);
@@ -171,7 +171,7 @@ class Follower {
         is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL);
         if (!is_best) return;
         copy(best, now.x, program.size);
-        attempt.violation = violation;
+        attempt.violation = violation, attempt.missed = std::fabs(now.equality);
         attempt.judged_level = level;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;
     }
@@ -184,26 +184,5 @@ static inline Index follow_attempt(const Robot &robot, const Constraints &constr
     Room room;
     if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
     follower.follow();
-    return 0;
-}
-
-// By how much each of many motions x (count, size) misses (14), and the sums of its squared violations, at the nodes of
-// attempt.level; these only where they are wanted.
-static inline Index measure_motions(const Robot &robot, const Constraints &constraints, const Motions &motions,
-                                    const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                    Attempt &attempt, Drawn &drawn) {
-    Program program(robot, constraints, motions, levels, settings, rules, attempt);
-    Room room;
-    if (!room.make([&](Arena &arena) { program.lay_out(arena, levels[attempt.level].nodes); })) return 1;
-    program.back_off = 0;
-    program.watches = drawn.violations != nullptr;
-    program.watch(attempt.level, nullptr, 0);
-    Evaluated &at = program.two[0];
-    for (Index number = 0; number < drawn.count; ++number) {
-        copy(at.x, drawn.motions + number * program.size, program.size);
-        program.evaluate(at);
-        drawn.missed[number] = at.equality;
-        if (drawn.violations) drawn.violations[number] = at.squares;
-    }
     return 0;
 }

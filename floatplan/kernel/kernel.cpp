@@ -234,11 +234,11 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
     return CHOSEN(follow_attempt(*robot, *constraints, *motions, levels, *settings, *rules, *attempt));
 }
 
-// Measures motions to choose starts from; returns 0, or 1 where there was no memory for it.
+// Finds starts among motions; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_draw(const Robot *robot, const Constraints *constraints, const Motions *motions,
                             const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
                             Drawn *drawn, Index instructions) {
-    return CHOSEN(measure_motions(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *drawn));
+    return CHOSEN(find_crossings(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *drawn));
 }
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.

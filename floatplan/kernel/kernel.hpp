@@ -172,7 +172,7 @@ struct Peaks {
 struct Quadratic {
     Index size, equalities;
     Eights rows;
-    Index changes;
+    Index changes;     // of active rows: how many there may be, and afterwards, how many there were
     double tolerance;
     const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
     Index count;       // of the active rows
@@ -231,17 +231,18 @@ struct Attempt {
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): the start, then the end
-    double violation, work;                   // the largest one of (14) or of a row; 0 where all hold
+    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; that of (14)
     Index status, iterations, evaluations, judged_level;
 };
 
-
-// Motions x (count, size) to choose starts from.
+// Motions x (count, size), between which starts are found.
 struct Drawn {
-    Index count;
+    Index count, steps, most, found;          // of the secant method; of starts
+    double apart, least_share;                // of two starts, in the metric; of a step, from either side
     const double *motions;
-    double *missed, *violations;              // (count); violations null where they are not wanted
+    double *starts;                           // (most, size)
 };
+
 // What a correction leads to.
 struct Corrected {
     double miss, share;

@@ -22,7 +22,7 @@ from floatplan.view.figures import animation
 from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import postures
-from floatplan.view.report.data import sample_grid
+from floatplan.view.report.data import asked_of_jump, sample_grid
 from floatplan.view.report.report import report, report_data, write_report
 from floatplan.view.scene.scene import scene
 
@@ -265,3 +265,17 @@ def test_figures_of_many_parts_are_small_ones(view: JumpView, monkeypatch: pytes
     assert len(drawn["com_height"].axes) == 2
     assert [axes.axison for axes in drawn["com_height"].axes] == [True, False]
     assert sum(axes.axison for axes in drawn["torque_use"].axes) == len(view.robot.joints)
+
+
+def test_the_report_tells_what_is_asked_of_the_jump_not_its_guess(view: JumpView) -> None:
+    problem, request = view.jump.problem, view.jump.request
+
+    def told(**changes: Any) -> dict[str, str]:
+        return {row.name: row.text for row in asked_of_jump(problem, replace(request, **changes))}
+
+    plain = told()
+    assert (plain["whole turns"], plain["from"], plain["to"]) == ("-1", "standing", "standing")
+    assert not {"start", "goal", "duration", "momentum", "lands"} & plain.keys()
+    assert {"goal", "duration"} <= told(fixed=("goal", "duration")).keys()
+    posture = dict.fromkeys(problem.robot.joints, np.radians(12.5))
+    assert told(landing=replace(request.landing, to=posture))["to"].count(" 12.5°") == len(posture)
