@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from jumps import INSTALLED, backflip
 from needed import skip_or_fail
+from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -79,6 +80,19 @@ def test_seeds_and_corrections() -> None:
     assert both.corrected is not None
     assert abs(both.corrected.pitch[0]) < np.deg2rad(2)
     assert both.statuses["applied"] > 20
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "gains"), [("a1", (56.0, 0.98)), ("go1", (53.0, 0.88))])
+def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[float, float]) -> None:
+    """Also where rotors that the plan does not know make them land early."""
+    found = made_once(f"{name}.toml", lambda: fp.jump(root / "problems" / "jumps" / f"{name}.toml", starts=1))
+    perturb = f"mass=5%,friction=17.647%,armature=0.01,{LATE}"
+    both = fp.replay_jump(found, 250.0, perturb=perturb, friction=0.85, flights=8, gains=gains, budget=None)
+    assert both.corrected is not None
+    assert both.uncorrected.clean.all()
+    assert both.corrected.clean.all()
+    assert both.corrected.pitch_rms < np.deg2rad(1)
 
 
 @pytest.mark.parametrize(
