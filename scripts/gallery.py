@@ -7,7 +7,6 @@ Run it from anywhere. ``jumps``, ``space`` or ``flights`` does these alone; with
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from PIL import Image
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.planar.contact_rates import End
+from floatplan.stance.program import MOST
 from floatplan.view.figures.snapshots import moments
 from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled
@@ -48,7 +48,7 @@ SPACE_TITLES = {
     "go2_half_twist": "Go2, backflip with half a twist",
     "go2_levels": "Go2, levels out, h = 0",
     "cat": "cat of Kane and Scher, h = 0",
-    "free_arm": "arm like a UR5, h = 0",
+    "free_ur5": "UR5, h = 0",
     "free_panda": "Panda, h = 0",
 }
 NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "talos_hop": "Talos", "high_jumper": "high jumper"}
@@ -109,7 +109,7 @@ class Entry:
     def out_of_plane(self) -> str:
         """By how much it lands beside the planned attitude in space, degrees."""
         turned = self.plan.out_of_plane
-        return "" if turned is None else f"{np.degrees(np.linalg.norm(turned)):.2g}"
+        return "" if turned is None else f"{np.degrees(np.linalg.norm(turned)):.3g}"
 
     def rate_share(self, end: End) -> str:
         """Least largest joint rate over its limit with which the frame is at rest at one end."""
@@ -247,7 +247,7 @@ def launch_of(plan: fp.Plan) -> str:
         found = fp.launch(plan)
     except fp.InputError:
         return "does not stand"
-    least = f" ({found.ratio:.2f})" if 1 < found.ratio < math.inf else ""
+    least = f" ({found.ratio:.2f})" if 1 < found.ratio < MOST else ""
     return f"{found.ratio:.2f}" if found.ok else f"not found{least}"
 
 

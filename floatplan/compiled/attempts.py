@@ -22,6 +22,7 @@ def nodes_of_levels(form: Form) -> Any:
         grid = gauss_grid(count)
         value, first, second = (values.T for values in basis(form).values(grid.s))
         integrals = {"antiderivative": grid.quadrature.antiderivative, "tail": grid.quadrature.transform[-3:]}
+        integrals |= {"integrals": grid.integrals[:count].T}
         filled.append(Filled("Nodes", grid, nodes=count, value=value, first=first, second=second, **integrals))
     return structure_array("Nodes", filled)
 

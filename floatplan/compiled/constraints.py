@@ -9,19 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise, product
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address, kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
+from floatplan.robot.planar.tree import PlanarTree
 
 SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
 RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Wanted"]
@@ -90,7 +93,7 @@ class CompiledConstraints:
         self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
         self.needs_places = bool((kind > SHARE).any())
         shapes, path = flight.link_shapes, flight.ballistics
-        ends = self.bodies.of_points(np.stack(shapes.weights, axis=1))
+        ends = _ends(tree, shapes)
         opposite = _opposite(kind, first, of_sums)
         is_differentiated = opposite < 0
         self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
@@ -142,6 +145,12 @@ class CompiledConstraints:
                 begin = begins[quantity]
                 rows[:, begin : begin + weights.shape[1]] += weights
         return rows
+
+
+@lru_cache(maxsize=16)
+def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
+    """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
+    return unscaled_robot(tree)[0].of_points(np.stack(shapes.weights, axis=1))
 
 
 def path_numbers(path: Ballistics) -> Array:
@@ -221,7 +230,7 @@ class RowTargets:
         self.constraints, self.count, self.instants = constraints, count, len(s)
         self._kept = constraints.flight.duration * s, target
         self.template = STRUCTURES["Evaluation"](back_off=back_off)
-        self.template.motion.instants = self.template.variables.instants = len(s)
+        self.template.motion.instants = len(s)
         self.template.motion.per_second = 1 / constraints.flight.duration
         self.template.point_to(times=self._kept[0], target=target)
         self.room = constraints.kernel.motion_room(*constraints.references, self.template, 0)
@@ -229,10 +238,10 @@ class RowTargets:
 
 @dataclass(frozen=True, eq=False)
 class ByX:
-    """How the joints and h depend on x: ``basis`` (3, K, size) of p and its derivatives by s.
+    """How the joints and h depend on x: ``basis`` (3, size, 8 ..) of p and its derivatives by s at instants.
 
     ``columns`` (n+1,) says where each joint's x begin, and then those of h, which is moved by ``axes`` (H,); they move
-    p too by ``of_axes`` (3, K, n, H), where the conditions (13) change with h.
+    p too by ``of_axes`` (3, n, H, 8 ..), where the conditions (13) change with h.
     """
 
     basis: Array
@@ -259,10 +268,11 @@ class MotionRows:
         self._call(RATES)
         flown.__dict__["base_rate"] = self._rate[: instants.instants]
 
-    def _call(self, wanted: int, given: int = 0, count: int = 0, result: int = 0) -> None:
+    def _call(self, wanted: int, result: int = 0, count: int = 0, given: int = 0) -> None:
         constraints = self._constraints
+        pack = np.empty((self._structure.variables.size, 8))
         rows, instructions = constraints.kernel.rows, constraints.kernel.instructions
-        rows(*constraints.references, self._structure, wanted, given, count, result, instructions)
+        rows(*constraints.references, self._structure, wanted, given, count, address(pack), result, instructions)
 
     def values(self) -> Array:
         """Values (count,) of the rows."""
@@ -272,7 +282,7 @@ class MotionRows:
         if constraints.needs_places:
             structure.point_to(attitude=flown.attitude)
         values = np.empty(self._instants.count)
-        self._call(VALUES, result=address(values))
+        self._call(VALUES, address(values))
         if constraints.needs_moments:
             flown.__dict__["moments"] = self._moment[:, : self._instants.instants].T
         return values
@@ -280,28 +290,31 @@ class MotionRows:
     def drift(self, by_x: ByX, instants: int) -> Array:
         """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
         structure, joints, variables = self._structure, self._flown.joints, self._structure.variables
-        variables.size = by_x.basis.shape[2]
+        variables.size, variables.stride = by_x.basis.shape[1:]
         structure.point_to(sine=joints.sine, cosine=joints.position_by_p, p_rate=joints.p_rate)
         if self._constraints.needs_accelerations:
             structure.point_to(p_curvature=joints.p_curvature)
         variables.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
         if by_x.of_axes is not None:
             variables.point_to(of_axes=by_x.of_axes)
-        drift = np.empty((instants, variables.size))
-        self._call(DRIFT, count=instants, result=address(drift))
-        return drift
+        drift = np.empty((variables.size, variables.stride))
+        self._call(DRIFT, address(drift), instants)
+        return drift[:, :instants].T
 
     def jacobian(self, attitude_slopes: Array) -> Array:
         """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
-        self._structure.point_to(attitude_slopes=attitude_slopes)
-        jacobian = np.empty((self._instants.count, self._structure.variables.size))
-        self._call(JACOBIAN, result=address(jacobian))
+        variables = self._structure.variables
+        padded = np.zeros((variables.size, variables.stride))
+        padded[:, : len(attitude_slopes)] = attitude_slopes.reshape(-1, variables.size).T
+        self._structure.point_to(attitude_slopes=padded)
+        jacobian = np.empty((self._instants.count, variables.size))
+        self._call(JACOBIAN, address(jacobian))
         return jacobian
 
     def gradient(self, weights: Array) -> Array:
         """Derivatives (size,) by x of quantities times ``weights`` (instants, terms), summed; after :meth:`drift`."""
         gradient = np.empty(self._structure.variables.size)
-        self._call(GRADIENT, address(weights), len(weights), address(gradient))
+        self._call(GRADIENT, address(gradient), len(weights), address(weights))
         return gradient
 
 

@@ -6,7 +6,7 @@ read. The rest of the flight, joint motions (12) from now to the landing, is wri
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -168,6 +168,7 @@ class Update:
         made["turns"] = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         later = dict.fromkeys((*FILTER, "room"))  # see begin()
         rows, masses = _of_limits(blocks, constraints.block_first), _of_masses(tree, bodies)
+        self._row_blocks = np.repeat(np.arange(len(blocks)), np.diff(constraints.block_first))
         arrays = {**self._of_instants(grid), **masses, **found, **self._called, **made, **later}
         self._filled = Filled("Flight", first, rewriting, views, grid, tree, **counts, **numbers, **rows, **arrays)
         given = self._robot.structure, self._constraints.structure, self._flight
@@ -187,6 +188,13 @@ class Update:
         self.estimate = estimate
         self.motions.clear()
         self.remember(self._first)
+
+    def aim_as_landed(self) -> None:
+        """Aim no further from limits than the motion predicted last is where it lands: on the ground, as feet do."""
+        landed, blocks = self.row_values[:, np.argmax(self._instants.s)], self.views.rows
+        least = [landed[self._row_blocks == index].min(initial=rows.aim) for index, rows in enumerate(blocks)]
+        self.views.rows = [replace(rows, aim=max(aim, 0.0)) for rows, aim in zip(blocks, least, strict=True)]
+        self._filled.point_to(aim=np.array([rows.aim for rows in self.views.rows]))
 
     def expected(self, measured: Measurement, now: float) -> Expected:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
@@ -283,7 +291,7 @@ class Update:
         """What a motion, and its changes y, are made of where it is looked at."""
         values = self.views.functions.values(grid.s)
         free = np.stack([part[:, CONDITIONS:] @ self.views.whitening for part in values])
-        basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1)
+        basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1).swapaxes(1, 2)
         of_basis = {name: part.T for name, part in zip(("value", "first", "second"), values, strict=True)}
         return {"s": grid.s, "integrals": grid.integrals[grid.nodes :], "basis": basis, **of_basis}
 

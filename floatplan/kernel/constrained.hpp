@@ -1,5 +1,6 @@
 // The search from one point with inequalities: floatplan/optimization/sqp.py, with the Hessian itself, of which each
-// quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them.
+// quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them. Where the rows
+// contradict one another the steps are elastic; once they do no more, the Hessian is guessed anew.
 
 class Constrained {
   public:
@@ -10,13 +11,12 @@ class Constrained {
           size(program.size) {}
 
     void lay_out(Arena &arena, Index most_rows) {
-        qp.lay_out(arena, size);
+        qp.lay_out(arena, size, most_rows);
         for (double **each : {&hessian, &initial, &matrix, &metric}) arena.take(*each, size * size);
-        for (double **each : {&direction, &change, &gradient, &product, &right}) arena.take(*each, size);
-        for (double **each : {&gathered, &pulls}) arena.take(*each, most_rows);
+        for (double **each : {&direction, &change, &gradient, &product, &right, &normal}) arena.take(*each, size);
+        for (double **each : {&gathered, &linear, &slope, &pulls, &step_pulls, &pull_of}) arena.take(*each, most_rows);
+        arena.take(squares_of_rows, size * (size + 3) / 2 * 8);
         for (Index **each : {&pulled, &pulling, &taken}) arena.take(*each, most_rows);
-        arena.take(step_pulls, most_rows);
-        arena.take(pull_of, most_rows);
     }
 
     Evaluated *now, *trial;
@@ -43,7 +43,13 @@ class Constrained {
         while (size && iteration < stage.iterations && !is_exhausted()) {
             ++iteration, ++iterations;
             program.differentiate(*now);
+            const bool was_elastic = elastic && iteration > 1;
             find_step();
+            if (was_elastic && !elastic) {  // no approximation has followed it here
+                program.guess_hessian(*now, hessian);
+                copy(initial, hessian, size * size);
+                find_step();
+            }
             do find_step();
             while (reaches_more());
             const double slope = dot(now->gradient, direction, size), squared = dot(direction, direction, size);
@@ -133,7 +139,8 @@ class Constrained {
     DualMethod qp;
     double slack_penalty = 1, violation_left = 0, equality_pull = 0, step_equality_pull = 0;
     bool elastic = false;
-    double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *gathered;
+    double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
+    double *squares_of_rows, *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
     // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
     Index pull_count = 0, step_count = 0, *pulled, *pulling, *taken;
     double *pulls, *step_pulls, *pull_of;
@@ -143,13 +150,26 @@ class Constrained {
         return std::isfinite(total) ? total : HUGE_VAL;
     }
 
+    Index near() const { return 8 * now->packs; }
+    Index entry(Index e) const { return now->first[e / 8] + e % 8; }
+
     // Values of the differentiated rows of `now`, at another point.
     void gather(const Evaluated &at) {
-        for (Index e = 0; e < now->near; ++e) gathered[e] = at.values[now->entry[e]];
+        for (Index pack = 0; pack < now->packs; ++pack) copy(gathered + 8 * pack, at.values + now->first[pack], 8);
     }
 
-    Quadratic quadratic(const double *by, const double *slope, const double *equality) {
-        return {size, 1, now->near, rules.qp_changes, rules.qp_tolerance, by, slope, equality, now->row, gathered,
+    // By how much the differentiated rows change with a step.
+    void follow(const double *step, double *changes) const {
+        for (Index e = 0; e < near(); e += LANES) {
+            const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
+            Vector sum = all(0);
+            for (Index k = 0; k < size; ++k) sum = add_product(step[k], load(slopes + 8 * k), sum);
+            store(changes + e, sum);
+        }
+    }
+
+    Quadratic quadratic(const double *by, const double *gradient, const double *equality) {
+        return {size, 1, near(), rules.qp_changes, rules.qp_tolerance, by, gradient, equality, now->row, gathered,
                 now->slopes, 0, nullptr, nullptr};
     }
 
@@ -162,45 +182,113 @@ class Constrained {
         step_equality_pull = -qp.pulls[0];
         step_count = qp.count - 1;
         for (Index k = 0; k < step_count; ++k) {
-            pulling[k] = now->entry[qp.active[k + 1]];
+            pulling[k] = entry(qp.active[k + 1]);
             step_pulls[k] = qp.pulls[k + 1];
         }
     }
 
-    // With a slack in every row and a quadratic penalty on them, by Newton's method on those that are violated.
+    // With a slack in every row and a quadratic penalty on them. Without the slacks it is the least of a convex function,
+    // quadratic piece by piece: by Newton's method on the rows that are violated, each step as far as it falls.
     void find_elastic_step() {
         const double penalty = slack_penalty;
-        for (Index e = 0; e < now->near; ++e) taken[e] = gathered[e] < 0;
+        double left = now->equality;
+        zero(direction, size);
+        copy(linear, gathered, near());
         for (Index iteration = 0; iteration < rules.elastic_iterations; ++iteration) {
             copy(matrix, hessian, size * size);
             for (Index k = 0; k < size; ++k) {
+                right[k] = -dot(hessian + k * size, direction, size, now->gradient[k]);
                 matrix[k * size + k] += rules.regularisation * penalty;
-                right[k] = -now->gradient[k] - penalty * now->row[k] * now->equality;
-                add(penalty * now->row[k], now->row, size, matrix + k * size);
             }
-            for (Index e = 0; e < now->near; ++e)
-                if (taken[e]) add_normal(now->slopes + e * size, penalty, gathered[e]);
-            copy(direction, right, size);
-            if (!eliminate(matrix, direction, size)) zero(direction, size);
-            bool same = true;
-            for (Index e = 0; e < now->near; ++e) {
-                const Index violated = dot(now->slopes + e * size, direction, size, gathered[e]) < 0;
-                same &= violated == taken[e];
-                taken[e] = violated;
+            copy(product, right, size);
+            add_normal(now->row, penalty, left);
+            add_violated(penalty);
+            copy(change, right, size);
+            if (!eliminate(matrix, change, size)) break;
+            follow(change, slope);
+            const double length = find_lowest(penalty, left);
+            bool same = length == 1;
+            for (Index e = 0; e < near(); ++e) {
+                const double value = linear[e] + length * slope[e];
+                same &= (value < 0) == (linear[e] < 0);
+                linear[e] = value;
             }
-            if (same) break;
+            add(length, change, size, direction);
+            left = now->equality + dot(now->row, direction, size);
+            if (same || !(length > 0)) break;
         }
-        const double left = now->equality + dot(now->row, direction, size);
         step_equality_pull = penalty * left;
         violation_left = std::fabs(left);
         step_count = 0;
-        for (Index e = 0; e < now->near; ++e) {
-            const double value = dot(now->slopes + e * size, direction, size, gathered[e]);
-            if (!(value < 0)) continue;
-            violation_left -= value;
-            pulling[step_count] = now->entry[e];
-            step_pulls[step_count++] = -penalty * value;
+        for (Index e = 0; e < near(); ++e) {
+            if (!(linear[e] < 0)) continue;
+            violation_left -= linear[e];
+            pulling[step_count] = entry(e);
+            step_pulls[step_count++] = -penalty * linear[e];
         }
+    }
+
+    // Normal equations of the rows that are violated after a step, of several at once.
+    void add_violated(double weight) {
+        zero(squares_of_rows, size * (size + 3) / 2 * LANES);
+        for (Index e = 0; e < near(); e += LANES) {
+            const Bits violated = load(linear + e) < all(0);
+            if (!any(violated)) continue;
+            const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
+            const Vector value = select(violated, load(linear + e), all(0));
+            Vector *sum = (Vector *)squares_of_rows;
+            for (Index a = 0; a < size; ++a) {
+                const Vector own = select(violated, load(slopes + 8 * a), all(0));
+                for (Index b = 0; b <= a; ++b, ++sum) *sum = multiply_add(own, load(slopes + 8 * b), *sum);
+                *sum = multiply_add(own, value, *sum), ++sum;
+            }
+        }
+        const Vector *found = (const Vector *)squares_of_rows;
+        for (Index a = 0; a < size; ++a) {
+            for (Index b = 0; b <= a; ++b, ++found) {
+                const double part = weight * sum(*found);
+                matrix[a * size + b] += part;
+                if (b < a) matrix[b * size + a] += part;
+            }
+            right[a] -= weight * sum(*found++);
+        }
+    }
+
+    // How far along `change` the elastic program falls, nearly: 1 where that is so, else between two lengths where its
+    // slope has other signs, by secants (Illinois). Without slacks its slope is -product now.
+    double find_lowest(double penalty, double left) {
+        const double along = dot(now->row, change, size);
+        double bend = penalty * along * along;
+        for (Index k = 0; k < size; ++k) bend += change[k] * dot(hessian + k * size, change, size);
+        const double begin = penalty * along * left - dot(product, change, size);
+        auto slope_at = [&](double length) {
+            Vector rows = all(0);
+            for (Index e = 0; e < near(); e += LANES) {
+                const Vector by = load(slope + e), value = load(linear + e) + all(length) * by;
+                rows += select(value < all(0), value * by, all(0));
+            }
+            return begin + length * bend + penalty * sum(rows);
+        };
+        const double enough = 0.1 * std::fabs(slope_at(0));
+        double low = 0, high = 1, below = slope_at(0), above = slope_at(1), length = 1, there = above;
+        for (Index steps = 0; steps < 40 && std::fabs(there) > enough; ++steps) {
+            if (there < 0 && length == high) {  // farther
+                low = high, below = there, high = length = 2 * high;
+                there = above = slope_at(high);
+                continue;
+            }
+            length = low - below * (high - low) / (above - below);
+            there = slope_at(length);
+            if (there < 0) low = length, below = there, above /= 2;
+            else high = length, above = there, below /= 2;
+        }
+        return std::isfinite(length) ? length : 0;
+    }
+
+    const double *normal_of(Index e) const {
+        const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
+        for (Index k = 0; k < size; ++k) normal[k] = slopes[8 * k];
+        return normal;
     }
 
     void add_normal(const double *row, double weight, double value) {
@@ -215,15 +303,16 @@ class Constrained {
         for (Index k = 0; k < size * size; ++k) matrix[k] = damping * metric[k];
         zero(right, size);
         add_normal(now->row, 1, now->equality);
-        for (Index e = 0; e < now->near; ++e) taken[e] = 0;
+        gather(*now);
+        for (Index e = 0; e < near(); ++e) taken[e] = 0;
         bool moved = false;
         for (Index pass = 0; pass < rules.passes; ++pass) {
             bool more = false;
-            for (Index e = 0; e < now->near; ++e) {
-                const double value = now->values[now->entry[e]], *slopes = now->slopes + e * size;
-                if (taken[e] || !(dot(slopes, direction, size, value) < 0)) continue;
+            follow(direction, slope);
+            for (Index e = 0; e < near(); ++e) {
+                if (taken[e] || !(gathered[e] + slope[e] < 0)) continue;
                 taken[e] = more = true;
-                add_normal(slopes, 1, value);
+                add_normal(normal_of(e), 1, gathered[e]);
             }
             if (moved && !more) return;
             copy(direction, right, size);
@@ -283,12 +372,13 @@ class Constrained {
 
     // Differentiates the rows that a step would violate of which the trial is a share; whether there are new ones.
     bool reach(double share) {
-        const Index before = now->near;
-        for (Index e = 0; e < program.rows * program.stride; ++e) {
-            const double here = now->values[e];
-            if (now->place[e] < 0 && here + (trial->values[e] - here) / share < 0) program.slopes_of(*now, e);
+        const Index before = now->packs;
+        for (Index e = 0; e < program.rows * program.stride; e += LANES) {
+            if (now->place[e / 8] >= 0) continue;
+            const Vector here = load(now->values + e), there = here + (load(trial->values + e) - here) / all(share);
+            if (any(there < all(0))) program.pack_of(*now, e);
         }
-        return now->near > before;
+        return now->packs > before;
     }
 
     // Moves the trial by the shortest step back on to the constraints, to first order, with the derivatives before it.
@@ -332,8 +422,8 @@ class Constrained {
             gradient[k] = now->gradient[k] - before.gradient[k] + equality_pull * (now->row[k] - before.row[k]);
         }
         for (Index k = 0; k < pull_count; ++k) {
-            add(-pulls[k], program.slopes_of(*now, pulled[k]), size, gradient);
-            add(pulls[k], program.slopes_of(*trial, pulled[k]), size, gradient);
+            program.add_slopes(*now, pulled[k], -pulls[k], gradient);
+            program.add_slopes(*trial, pulled[k], pulls[k], gradient);
         }
         multiply(hessian, size, size, change, 1, product);
         const double approximated = dot(change, product, size);

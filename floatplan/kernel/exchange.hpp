@@ -18,10 +18,9 @@ class Follower {
         for (double **each : {&start, &ended, &best}) arena.take(*each, program.size);
     }
 
-    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails; false
-    // without memory.
-    bool follow() {
-        copy(start, attempt.x, program.size);
+    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
+    void follow() {
+        for (double *each : {start, best}) copy(each, attempt.x, program.size);
         attempt.violation = HUGE_VAL;
         if (attempt.at_once) {
             solve(start, attempt.level);
@@ -53,7 +52,6 @@ class Follower {
         attempt.iterations = search.iterations;
         attempt.evaluations = program.evaluations;
         attempt.work = program.work;
-        return !failed;
     }
 
   private:
@@ -64,10 +62,10 @@ class Follower {
     Attempt &attempt;
     Index most_nodes, extra_count = 0;
     Status status = infeasible;
-    bool is_best = false, failed = false;
+    bool is_best = false;
     double *extra, *watched, *start, *ended, *best;
 
-    bool is_over() const { return attempt.violation <= 0 || search.is_exhausted() || failed; }
+    bool is_over() const { return attempt.violation <= 0 || search.is_exhausted(); }
 
     // Watches the nodes of a level, the instants that always are, and those that have joined; evaluates x there.
     void begin(Index level, const double *x) {
@@ -91,7 +89,7 @@ class Follower {
         program.guess_hessian(*search.now, search.hessian);
         const Index before = search.iterations;
         bool is_last = false;
-        for (Index round = 0; round < set.most_rounds && !failed; ++round) {
+        for (Index round = 0; round < set.most_rounds; ++round) {
             const double longest = program.watches ? set.longest_step : rules.longest_free_step;
             status = search.minimise(set.stages[is_last ? 2 : 0], longest, is_last);
             if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
@@ -129,7 +127,7 @@ class Follower {
     // joined before those stay that are beside a new one.
     bool look_between() {
         Minima &minima = attempt.minima;
-        failed = program.look(*search.now, minima);
+        program.look(*search.now, minima);
         bool holds = true;
         Index news = 0;
         for (Index found = 0; found < minima.found; ++found) {
@@ -164,7 +162,7 @@ class Follower {
             begin(++level, now.x);
         program.watches = true;
         const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
-        failed = program.look(now, attempt.minima) || failed;
+        program.look(now, attempt.minima);
         double violation = missed <= set.tolerance ? 0 : missed;
         for (Index found = 0; found < attempt.minima.found; ++found) {
             const double least = attempt.minima.least[found];
@@ -173,7 +171,7 @@ class Follower {
         is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL);
         if (!is_best) return;
         copy(best, now.x, program.size);
-        attempt.violation = violation;
+        attempt.violation = violation, attempt.missed = std::fabs(now.equality);
         attempt.judged_level = level;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;
     }
@@ -185,26 +183,6 @@ static inline Index follow_attempt(const Robot &robot, const Constraints &constr
     Follower follower(robot, constraints, motions, levels, settings, rules, attempt);
     Room room;
     if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
-    return !follower.follow();
-}
-
-// By how much each of many motions x (count, size) misses (14), and the sums of its squared violations, at the nodes of
-// attempt.level; these only where they are wanted.
-static inline Index measure_motions(const Robot &robot, const Constraints &constraints, const Motions &motions,
-                                    const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                    Attempt &attempt, Drawn &drawn) {
-    Program program(robot, constraints, motions, levels, settings, rules, attempt);
-    Room room;
-    if (!room.make([&](Arena &arena) { program.lay_out(arena, levels[attempt.level].nodes); })) return 1;
-    program.back_off = 0;
-    program.watches = drawn.violations != nullptr;
-    program.watch(attempt.level, nullptr, 0);
-    Evaluated &at = program.two[0];
-    for (Index number = 0; number < drawn.count; ++number) {
-        copy(at.x, drawn.motions + number * program.size, program.size);
-        program.evaluate(at);
-        drawn.missed[number] = at.equality;
-        if (drawn.violations) drawn.violations[number] = at.squares;
-    }
+    follower.follow();
     return 0;
 }

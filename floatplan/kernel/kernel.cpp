@@ -11,6 +11,8 @@
 #include <cstring>
 #include <utility>
 
+#define INLINED __attribute__((always_inline)) static inline
+
 namespace {
 
 constexpr int MOST_COLUMNS = 32;  // degree + 1
@@ -89,6 +91,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return a * b + c;
 #endif
 }
+static inline Vector square_root(Vector a) { return Vector{std::sqrt(a[0]), std::sqrt(a[1])}; }
 #include "all.hpp"
 }  // namespace baseline
 
@@ -110,6 +113,7 @@ static inline Vector all(double value) { return (Vector)_mm256_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 }
+static inline Vector square_root(Vector a) { return (Vector)_mm256_sqrt_pd((__m256d)a); }
 #include "all.hpp"
 }  // namespace avx2
 #if defined(__clang__)
@@ -128,6 +132,7 @@ static inline Vector all(double value) { return (Vector)_mm512_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
 }
+static inline Vector square_root(Vector a) { return (Vector)_mm512_sqrt_pd((__m512d)a); }
 #include "all.hpp"
 }  // namespace avx512
 #if defined(__clang__)
@@ -190,13 +195,13 @@ EXPORT Index floatplan_motion_room(const Robot *robot, const Constraints *constr
 
 // Rows of constraints, see rows.hpp.
 EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, Evaluation *at, Index wanted,
-                           const double *given, Index count, double *result, Index instructions) {
+                           const double *given, Index count, double *pack, double *result, Index instructions) {
     switch (static_cast<Wanted>(wanted)) {
     case Wanted::rates: return CHOSEN(evaluate_rates(*robot, *at));
     case Wanted::values: return CHOSEN(evaluate_rows(*robot, *constraints, *at, result));
     case Wanted::drift: return CHOSEN(evaluate_drift(*robot, *at, count, result));
-    case Wanted::jacobian: return CHOSEN(evaluate_jacobian(*robot, *constraints, *at, result));
-    default: return CHOSEN(evaluate_gradient(*robot, *constraints, *at, given, count, result));
+    case Wanted::jacobian: return CHOSEN(evaluate_jacobian(*robot, *constraints, *at, pack, result));
+    default: return CHOSEN(evaluate_gradient(*robot, *constraints, *at, given, count, pack, result));
     }
 }
 
@@ -229,11 +234,11 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
     return CHOSEN(follow_attempt(*robot, *constraints, *motions, levels, *settings, *rules, *attempt));
 }
 
-// Measures motions to choose starts from; returns 0, or 1 where there was no memory for it.
+// Finds starts among motions; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_draw(const Robot *robot, const Constraints *constraints, const Motions *motions,
                             const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
                             Drawn *drawn, Index instructions) {
-    return CHOSEN(measure_motions(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *drawn));
+    return CHOSEN(find_crossings(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *drawn));
 }
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.

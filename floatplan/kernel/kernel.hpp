@@ -36,7 +36,8 @@ struct Motion {
     double *time, *attitude, *attitude_cosine, *attitude_sine, *end_x, *end_y;  // the last two (capsules, 2)
     double *by_angle, *by_swing, *moving_cosine, *moving_sine;  // to work in: (bodies, 8)
     double *by_joint, *by_joint_rate;                           // (joints, 8)
-    double *weights, *gathered, *by, *value;                    // (terms), (links), (3 joints + 1), ()
+    double *weights, *by;                                       // (terms, 8), (3 joints + 1, 8)
+    double *gathered, *value;                                   // (links), ()
 };
 
 // Gauss-Legendre nodes on [0, 1]; a grid that there is not has no nodes.
@@ -113,11 +114,12 @@ enum class Wanted : Index { rates, values, drift, jacobian, gradient };
 
 // How joints and h depend on so many variables x.
 struct Variables {
-    Index size, instants;
-    const double *basis;      // (3, instants, size): by x, of p and its derivatives
+    Index size;
+    Eights stride;
+    const double *basis;      // (3, size, stride): by x, of p and its derivatives at instants
     const Index *columns;     // (joints + 1): where each joint's x begin; then h
     const double *axes;       // of h, by the rest of x
-    const double *of_axes;    // (3, instants, joints, axes): p by these too, or null
+    const double *of_axes;    // (3, joints, axes, stride): p by these too, or null
 };
 
 // One motion of a search at some instants, and by what its rows change.
@@ -128,7 +130,7 @@ struct Evaluation {
     const double *times, *attitude;                        // (instants)
     const Index *target;                                   // (instants, rows): where a row goes, negative: nowhere
     const double *sine, *cosine, *p_rate, *p_curvature;    // (instants, joints) of JointMotion
-    const double *attitude_slopes;                         // (instants, size)
+    const double *attitude_slopes;                         // (size, stride)
     Motion motion;
 };
 
@@ -165,9 +167,12 @@ struct Peaks {
     double *clearance;
 };
 
-// minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, with at most so many changes of the active rows.
+// minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, with at most so many changes of the active rows. C is
+// given as packs (size, 8) of 8 rows each.
 struct Quadratic {
-    Index size, equalities, rows, changes;
+    Index size, equalities;
+    Eights rows;
+    Index changes;     // of active rows: how many there may be, and afterwards, how many there were
     double tolerance;
     const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
     Index count;       // of the active rows
@@ -181,7 +186,7 @@ struct Nodes {
     Eights nodes;
     const double *s, *weights, *tail;        // (nodes), (nodes), (3, nodes): the last Legendre coefficients
     const double *value, *first, *second;    // (columns, nodes): basis of p, and its derivatives by s
-    const double *integrals;                 // (nodes, nodes): over [0, s]
+    const double *integrals;                 // (nodes, nodes): of what is 1 at one alone, over [0, s]
     const double *antiderivative;            // (nodes + 1, nodes): in Chebyshev polynomials of 2 s - 1
 };
 
@@ -226,17 +231,18 @@ struct Attempt {
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): the start, then the end
-    double violation, work;                   // the largest one of (14) or of a row; 0 where all hold
+    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; that of (14)
     Index status, iterations, evaluations, judged_level;
 };
 
-
-// Motions x (count, size) to choose starts from.
+// Motions x (count, size), between which starts are found.
 struct Drawn {
-    Index count;
+    Index count, steps, most, found;          // of the secant method; of starts
+    double apart, least_share;                // of two starts, in the metric; of a step, from either side
     const double *motions;
-    double *missed, *violations;              // (count); violations null where they are not wanted
+    double *starts;                           // (most, size)
 };
+
 // What a correction leads to.
 struct Corrected {
     double miss, share;
@@ -260,7 +266,7 @@ struct Flight {
     const double *centre, *amplitude;                // (n)
     const double *weights;                           // (nodes)
     const double *value, *first, *second;            // (columns, K)
-    const double *basis;                             // (3, K, n width), of changes y
+    const double *basis;                             // (3, n width, K), of changes y
     const Index *columns;                     // (n + 1): where each joint's y begin
     const double *whitening;                         // (width, width)
     const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)

@@ -1,32 +1,39 @@
-// Local minima of rows of constraints over the whole flight.
+// Local minima of rows of constraints over the whole flight: from a look at a grid of instants, and those that may be low
+// narrowed down, several at once, each to a value of its own row at an instant of its own.
 
-// Sums of Chebyshev polynomials at s in [0, 1]: series (terms, count), one sum every `stride` numbers.
-static inline void chebyshev_sums(const double *series, Index terms, Index count, double s,
-                                  Index stride, double *sums) {
-    const double x = 4 * s - 2;
+static inline void put(double *to, double value) { *to = value; }
+static inline void put(double *to, Vector value) { store(to, value); }
+
+// Sums of Chebyshev polynomials at s in [0, 1], one or those of the instants that are computed at once: series (terms,
+// count), one sum every `stride` numbers.
+template <typename Number>
+static inline void chebyshev_sums(const double *series, Index terms, Index count, Number s, Index stride,
+                                  double *sums) {
+    const Number x = 4.0 * s - 2.0;
     for (Index i = 0; i < count; ++i) {
-        double next = 0, after = 0;
+        Number next{}, after{};
         for (Index k = terms - 1; k > 0; --k) {
-            double now = series[k * count + i] + x * next - after;
+            const Number now = series[k * count + i] + x * next - after;
             after = next;
             next = now;
         }
-        sums[i * stride] = series[i] + x / 2 * next - after;
+        put(sums + i * stride, series[i] + 0.5 * x * next - after);
     }
 }
 
-// The motion at so many instants s, as far as the rows need it.
+// The motion at so many instants s (8 ..), as far as the rows need it.
 static inline void follow(const Robot &robot, const Constraints &constraints, const Series &series, const double *s,
                           Index instants, Motion &m) {
     const Index n = robot.joints;
     m.instants = instants;
-    for (Index k = 0; k < instants; ++k) {
-        chebyshev_sums(series.p, series.terms, n, s[k], m.stride, m.sine + k);
-        chebyshev_sums(series.p_rate, series.terms, n, s[k], m.stride, m.p_rate + k);
+    for (Index k = 0; k < instants; k += LANES) {
+        const Vector at = load(s + k);
+        chebyshev_sums(series.p, series.terms, n, at, m.stride, m.sine + k);
+        chebyshev_sums(series.p_rate, series.terms, n, at, m.stride, m.p_rate + k);
         if (constraints.needs_accelerations)
-            chebyshev_sums(series.p_curvature, series.terms, n, s[k], m.stride, m.p_curvature + k);
-        if (constraints.needs_places) chebyshev_sums(series.turned, series.turned_terms, 1, s[k], 1, m.attitude + k);
-        m.time[k] = s[k] * series.duration;
+            chebyshev_sums(series.p_curvature, series.terms, n, at, m.stride, m.p_curvature + k);
+        if (constraints.needs_places) chebyshev_sums(series.turned, series.turned_terms, 1, at, 1, m.attitude + k);
+        store(m.time + k, at * all(series.duration));
     }
     swing_joints(robot, m, series.centre, series.amplitude);
     turn(robot, m, series.momentum);
@@ -34,16 +41,21 @@ static inline void follow(const Robot &robot, const Constraints &constraints, co
     if (constraints.needs_places) place(robot, constraints, m, 0, 0);
 }
 
-// Brent's minimum within [low, high] (Algorithms for Minimization without Derivatives, 1973, chapter 5), from its
-// lowest value known.
-template <typename Value>
-static inline void narrow(Value value_at, double low, double high, double &where, double &least) {
-    constexpr double golden = 0.3819660112501051, tolerance = 1e-7;
-    double x = where, w = x, v = x, fx = least, fw = fx, fv = fx, step = 0, before = 0;
-    for (int steps = 0; steps < 40; ++steps) {
-        double middle = (low + high) / 2;
-        if (std::fabs(x - middle) <= 2 * tolerance - (high - low) / 2) break;
-        double p = 0, q = 0, last = before;
+// Brent's minimum within [low, high] (Algorithms for Minimization without Derivatives, 1973, chapter 5), from the lowest
+// value known: next() says where the next value is wanted, take() takes it.
+struct Narrowing {
+    double low, high, x, fx, w, v, fw, fv, wanted, step, before;
+    Index steps;
+
+    void begin(double from, double to, double where, double least) {
+        low = from, high = to, x = w = v = wanted = where, fx = fw = fv = least, step = before = 0, steps = 0;
+    }
+
+    bool next() {
+        constexpr double golden = 0.3819660112501051, tolerance = 1e-7;
+        const double middle = (low + high) / 2, last = before;
+        if (++steps > 40 || std::fabs(x - middle) <= 2 * tolerance - (high - low) / 2) return false;
+        double p = 0, q = 0;
         if (std::fabs(before) > tolerance) {
             double r = (x - w) * (fx - fv);
             q = (x - v) * (fx - fw);
@@ -55,58 +67,119 @@ static inline void narrow(Value value_at, double low, double high, double &where
         }
         if (std::fabs(p) < std::fabs(q * last / 2) && p > q * (low - x) && p < q * (high - x)) {
             step = p / q;
-            double next = x + step;
-            if (next - low < 2 * tolerance || high - next < 2 * tolerance) step = x < middle ? tolerance : -tolerance;
+            const double there = x + step;
+            if (there - low < 2 * tolerance || high - there < 2 * tolerance) step = x < middle ? tolerance : -tolerance;
         } else {
             before = x < middle ? high - x : low - x;
             step = golden * before;
         }
-        double u = x + (std::fabs(step) >= tolerance ? step : step > 0 ? tolerance : -tolerance), fu = value_at(u);
-        if (fu <= fx) {
+        wanted = x + (std::fabs(step) >= tolerance ? step : step > 0 ? tolerance : -tolerance);
+        return true;
+    }
+
+    void take(double value) {
+        const double u = wanted;
+        if (value <= fx) {
             (u < x ? high : low) = x;
-            v = w, fv = fw, w = x, fw = fx, x = u, fx = fu;
+            v = w, fv = fw, w = x, fw = fx, x = u, fx = value;
         } else {
             (u < x ? low : high) = u;
-            if (fu <= fw || w == x)
-                v = w, fv = fw, w = u, fw = fu;
-            else if (fu <= fv || v == x || v == w)
-                v = u, fv = fu;
+            if (value <= fw || w == x)
+                v = w, fv = fw, w = u, fw = value;
+            else if (value <= fv || v == x || v == w)
+                v = u, fv = value;
         }
     }
-    where = x;
-    least = fx;
+};
+
+struct MinimaRoom {
+    static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
+    Motion whole{}, close{};
+    double *values, *grid;  // (rows, stride), (stride)
+
+    void lay_out(Arena &arena, const Robot &robot, const Constraints &constraints, Index instants) {
+        lay_out_motion(arena, whole, robot, constraints.capsules, instants);
+        lay_out_motion(arena, close, robot, constraints.capsules, together * around);
+        arena.take(values, constraints.rows * whole.stride);
+        arena.take(grid, whole.stride);
+    }
+};
+
+// Narrows down some of the minima found, at most as many as are narrowed at once.
+static inline void narrow_minima(const Robot &robot, const Constraints &constraints, const Series &series,
+                                 Minima &minima, Index first, Index count, Motion &close) {
+    constexpr int around = MinimaRoom::around, half = around / 2;
+    double s[MinimaRoom::together * around] = {}, low[MinimaRoom::together], high[MinimaRoom::together];
+    auto value_at = [&](Index number, Index k) {
+        double values[LANES];
+        store(values, row_at(robot, constraints, close, minima.row[first + number], k / LANES * LANES));
+        return values[k % LANES];
+    };
+    for (Index number = 0; number < count; ++number) {
+        const Index row = minima.row[first + number];
+        const double middle = minima.s[first + number];
+        low[number] = larger(middle - minima.span, minima.low[row]);
+        high[number] = smaller(middle + minima.span, minima.high[row]);
+        for (Index k = 0; k < half; ++k) {
+            s[number * around + k] = low[number] + (middle - low[number]) * k / half;
+            s[number * around + half + k] = high[number] - (high[number] - middle) * (half - 1 - k) / half;
+        }
+    }
+    follow(robot, constraints, series, s, count * around, close);
+    Narrowing narrowing[MinimaRoom::together];
+    for (Index number = 0; number < count; ++number) {
+        double &where = minima.s[first + number], &least = minima.least[first + number];
+        const double middle = where, before = (middle - low[number]) / half, after = (high[number] - middle) / half;
+        for (Index k = number * around; k < (number + 1) * around; ++k) {
+            const double value = value_at(number, k);
+            if (value < least) least = value, where = s[k];
+        }
+        const double step_down = where > middle ? after : before, step_up = where < middle ? before : after;
+        narrowing[number].begin(larger(where - step_down, low[number]), smaller(where + step_up, high[number]), where,
+                                least);
+    }
+    minima.looked += count * around;
+    for (bool going = true; going;) {
+        going = false;
+        bool is_on[MinimaRoom::together];
+        for (Index number = 0; number < count; ++number) {
+            is_on[number] = narrowing[number].next();
+            s[number] = narrowing[number].wanted;
+            going |= is_on[number];
+        }
+        if (!going) break;
+        follow(robot, constraints, series, s, count, close);
+        for (Index number = 0; number < count; ++number) {
+            if (!is_on[number]) continue;
+            narrowing[number].take(value_at(number, number));
+            ++minima.looked;
+        }
+    }
+    for (Index number = 0; number < count; ++number) {
+        minima.s[first + number] = narrowing[number].x;
+        minima.least[first + number] = narrowing[number].fx;
+    }
 }
 
-// Local minima, lower than near but for what a row falls between two instants of the grid, and where; 1 without memory.
-static inline Index find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
-                                       Minima &minima) {
-    constexpr int around = 17;
+// Local minima, lower than near but for what a row falls between two instants of the grid, and where.
+static inline void find_minima(const Robot &robot, const Constraints &constraints, const Series &series, Minima &minima,
+                               MinimaRoom &room) {
     const Index rows = constraints.rows, count = minima.instants;
-    Motion m{}, close{};
-    double *values;  // (rows, stride)
-    Room room;
-    if (!room.make([&](Arena &arena) {
-            lay_out_motion(arena, m, robot, constraints.capsules, count);
-            lay_out_motion(arena, close, robot, constraints.capsules, around);
-            arena.take(values, rows * m.stride);
-        }))
-        return 1;
-    for (Motion *each : {&m, &close}) {
-        each->per_second = 1 / series.duration;
-        zero(each->p_curvature, robot.joints * each->stride);
-    }
-    auto everywhere = [](Index) { return true; };
-    follow(robot, constraints, series, minima.grid, count, m);
+    Motion &m = room.whole;
+    for (Motion *each : {&m, &room.close}) each->per_second = 1 / series.duration;
+    copy(room.grid, minima.grid, count);
+    zero(room.grid + count, m.stride - count);
+    follow(robot, constraints, series, room.grid, count, m);
     for (Index row = 0; row < rows; ++row) {
-        double *value = values + row * m.stride;
-        row_values(robot, constraints, m, row, everywhere, value);
+        double *value = room.values + row * m.stride;
+        row_values(robot, constraints, m, row, value);
         for (Index k = 0; k < count; ++k)
             if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) value[k] = HUGE_VAL;
     }
     minima.found = minima.looked = 0;
     for (Index k = 0; k < count; ++k)
         for (Index row = 0; row < rows; ++row) {
-            const double *value = values + row * m.stride + k;
+            const double *value = room.values + row * m.stride + k;
             double here = value[0], before = k > 0 ? value[-1] : HUGE_VAL, after = k + 1 < count ? value[1] : HUGE_VAL;
             if (!(std::isfinite(here) && here <= before && here <= after)) continue;
             double rise = larger(std::isfinite(before) ? before - here : 0, std::isfinite(after) ? after - here : 0);
@@ -115,29 +188,19 @@ static inline Index find_minima(const Robot &robot, const Constraints &constrain
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;
         }
-    for (Index found = 0; found < minima.found; ++found) {
-        const Index row = minima.row[found];
-        double &where = minima.s[found], &least = minima.least[found], s[around];
-        const double low = larger(where - minima.span, minima.low[row]);
-        const double high = smaller(where + minima.span, minima.high[row]);
-        const double step = (high - low) / (around - 1), center = where;
-        auto look = [&](const double *s, Index instants) {
-            follow(robot, constraints, series, s, instants, close);
-            row_values(robot, constraints, close, row, everywhere, close.value);
-        };
-        for (int index = 0; index < around; ++index) s[index] = index == around - 1 ? high : low + index * step;
-        look(s, around);
-        for (int index = 0; index < around; ++index) {
-            if (s[index] == center) continue;
-            ++minima.looked;
-            if (close.value[index] < least) least = close.value[index], where = s[index];
-        }
-        auto value_at = [&](double s) {
-            ++minima.looked;
-            look(&s, 1);
-            return close.value[0];
-        };
-        narrow(value_at, larger(where - step, low), smaller(where + step, high), where, least);
+    for (Index first = 0; first < minima.found; first += MinimaRoom::together) {
+        const Index left = minima.found - first;
+        narrow_minima(robot, constraints, series, minima, first,
+                      left < MinimaRoom::together ? left : MinimaRoom::together, room.close);
     }
+}
+
+// The same; 1 without memory.
+static inline Index find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
+                                Minima &minima) {
+    MinimaRoom at;
+    Room room;
+    if (!room.make([&](Arena &arena) { at.lay_out(arena, robot, constraints, minima.instants); })) return 1;
+    find_minima(robot, constraints, series, minima, at);
     return 0;
 }

@@ -62,9 +62,10 @@ class Measured {
         for (Index k = 1; k + 1 < at.nodes; ++k) {
             const double here = magnitude(k), before = magnitude(k - 1), after = magnitude(k + 1);
             if (here < before || here < after || 2 * here - smaller(before, after) <= found) continue;
-            double where = at.s[k], least = -here;
-            narrow([&](double s) { return -magnitude_at(quantity, s); }, at.s[k - 1], at.s[k + 1], where, least);
-            found = larger(-least, found);
+            Narrowing narrowing;
+            narrowing.begin(at.s[k - 1], at.s[k + 1], at.s[k], -here);
+            while (narrowing.next()) narrowing.take(-magnitude_at(quantity, narrowing.wanted));
+            found = larger(-narrowing.fx, found);
         }
         return found;
     }

@@ -17,7 +17,7 @@ class RestOfFlight {
     const bool has_distances;
     double T = 0, h = 0, change = 0, orientation = 0;
     bool landed = false;  // distances are those of a base that turns to the goal: the miss is taken off, by time
-    double *drift = nullptr, *attitude_slopes = nullptr;  // (nodes, size), (size)
+    double *drift = nullptr, *attitude_slopes = nullptr, *pack = nullptr;  // (size, K), twice (size, 8)
 
     void lay_out(Arena &arena, Predicted &a) const {
         lay_out_motion(arena, a.motion, robot, constraints.capsules, K);
@@ -27,8 +27,8 @@ class RestOfFlight {
     }
 
     void lay_out(Arena &arena) {
-        arena.take(drift, f.nodes * size);
-        arena.take(attitude_slopes, size);
+        arena.take(drift, K * size);
+        for (double **each : {&attitude_slopes, &pack}) arena.take(*each, 8 * size);
     }
 
     void evaluate(Predicted &a) const {
@@ -60,24 +60,23 @@ class RestOfFlight {
     void differentiate_miss(Predicted &a, double *row) const {
         Motion &m = a.motion;
         differentiate_turn(robot, m);
-        zero(row, size);
-        zero(drift, f.nodes * size);
-        for (Index k = 0; k < f.nodes; ++k) {
-            chain_rate(variables, m, n, k, drift + k * size);
-            add(T * f.weights[k], drift + k * size, size, row);
-        }
+        for (Index k = 0; k < f.nodes; k += LANES) chain_rate(variables, m, n, k, drift, K);
+        for (Index c = 0; c < size; ++c) row[c] = T * dot(f.weights, drift + c * K, f.nodes);
     }
 
     // Derivative (n width) of a row at an instant.
     void differentiate(Predicted &a, Index row, Index k, double *slopes) const {
-        if (k >= f.nodes && constraints.kind[row] > share_row) {
-            zero(attitude_slopes, size);
-            for (Index j = 0; j < f.nodes; ++j) {
-                const double integral = f.integrals[(k - f.nodes) * f.nodes + j] - landed * f.s[k] * f.weights[j];
-                add(T * integral, drift + j * size, size, attitude_slopes);
+        const Index lane = k % 8, first = k / LANES * LANES;
+        if (k >= f.nodes && constraints.kind[row] > share_row)
+            for (Index c = 0; c < size; ++c) {
+                double turned = 0;
+                for (Index j = 0; j < f.nodes; ++j)
+                    turned += (f.integrals[(k - f.nodes) * f.nodes + j] - landed * f.s[k] * f.weights[j]) *
+                              drift[c * K + j];
+                attitude_slopes[8 * c + lane] = T * turned;
             }
-        }
-        differentiate_row(robot, constraints, a.motion, variables, row, k, attitude_slopes, slopes);
+        differentiate_row(robot, constraints, a.motion, variables, row, first, attitude_slopes + first % 8, 8, pack);
+        for (Index c = 0; c < size; ++c) slopes[c] = pack[8 * c + lane];
     }
 
   private:
@@ -105,11 +104,11 @@ class RestOfFlight {
             a.worst[block] = HUGE_VAL;
             for (Index r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
                 double *value = a.value + r * K, *violation = a.violation + r * K;
-                if (constraints.kind[r] > share_row)
-                    for (Index k = 0; k < K; ++k) value[k] = HUGE_VAL;
-                row_values(robot, constraints, a.motion, r, [&](Index k) {
-                    return k >= f.nodes && time[k] >= f.row_window[2 * r] && time[k] <= f.row_window[2 * r + 1];
-                }, value);
+                row_values(robot, constraints, a.motion, r, value);
+                for (Index k = 0; constraints.kind[r] > share_row && k < K; ++k) {
+                    const double *window = f.row_window + 2 * r;
+                    if (k < f.nodes || !(time[k] >= window[0] && time[k] <= window[1])) value[k] = HUGE_VAL;
+                }
                 for (Index k = 0; k < K; ++k) {
                     violation[k] = 0;
                     if (value[k] < a.worst[block] || std::isnan(value[k])) a.worst[block] = value[k];

@@ -1,7 +1,8 @@
 // A flight with its rows of constraints as a nonlinear program, FlightProgram of planning/transcription/program.py: at
 // the nodes of a level and at other instants, minimise an objective subject to (14) and to the rows, a little inside.
 
-// Values (instants) are those of rows at instants, row by row; where a row does not apply they are infinite.
+// Values (stride) are those of rows at instants, row by row; where a row does not apply they are infinite. Derivatives are
+// computed of 8 neighbouring entries at once: a pack of rows, (size, 8).
 struct Evaluated {
     Motion motion;
     double objective, equality, violation, worst, squares, momentum;  // squares: of the rows' violations, summed
@@ -9,10 +10,10 @@ struct Evaluated {
     double *values;                         // (rows, stride)
     bool differentiated;
     double *gradient, *row;                 // (size): of the objective and of (14)
-    double *drift, *attitude, *of_axes;     // (nodes, size), (instants, size), (3, instants, joints)
-    Index *has_attitude;                    // (instants)
-    Index near, *entry, *place;             // differentiated rows: which entry of `values` each is, and the inverse
-    double *slopes;                         // (near, size)
+    double *drift, *attitude, *of_axes;     // (size, stride), (size, stride), (3, joints, axes, stride)
+    bool has_attitude;
+    Index packs, *first, *place;            // differentiated rows: first entry of `values` of each pack, and the inverse
+    double *slopes;                         // (packs, size, 8)
     Variables variables;
 };
 
@@ -25,13 +26,13 @@ static inline double legendre_tail(const double *tail, const double *values, Ind
 class Program {
   public:
     Index size, rows, level = -1, stride = 0, evaluations = 0;
-    double work = 0;
+    double work = 0, back_off;
     bool watches = true;  // whether rows count
 
     Program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
             const Settings &settings, const Exchange &rules, const Attempt &attempt)
-        : size(motions.size), rows(attempt.rows), robot(robot), constraints(constraints), motions(motions),
-          levels(levels), settings(settings), rules(rules), attempt(attempt), n(robot.joints),
+        : size(motions.size), rows(attempt.rows), back_off(rules.back_off), robot(robot), constraints(constraints),
+          motions(motions), levels(levels), settings(settings), rules(rules), attempt(attempt), n(robot.joints),
           free(motions.first[robot.joints]) {}
 
     void lay_out(Arena &arena, Index most_nodes) {
@@ -41,24 +42,23 @@ class Program {
             for (double **some : {&each->x, &each->gradient, &each->row}) arena.take(*some, size);
             arena.take(each->coefficients, motions.columns * n);
             arena.take(each->values, rows * most);
-            arena.take(each->drift, most_nodes * size);
-            arena.take(each->attitude, most * size);
-            arena.take(each->of_axes, 3 * most * n);
-            arena.take(each->has_attitude, most);
-            for (Index **some : {&each->entry, &each->place}) arena.take(*some, rows * most);
+            for (double **some : {&each->drift, &each->attitude}) arena.take(*some, size * most);
+            arena.take(each->of_axes, 3 * n * motions.axes * most);
+            for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
         }
         for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
-        arena.take(basis, 3 * most * size);
+        arena.take(basis, 3 * size * most);
         for (double **each : {&s, &times}) arena.take(*each, most);
-        arena.take(integrals, most * most_nodes);
-        arena.take(polynomials, most_nodes + 1);
-        arena.take(combined, motions.columns * n);
+        arena.take(integrals, most_nodes * most);
+        arena.take(outside, rows * most);
         arena.take(boundary, 2 * n * motions.given);
-        arena.take(weights, 2 + 2 * n + robot.links);
+        arena.take(weights, 8 * (2 + 2 * n + robot.links));
+        arena.take(pack, 8 * size);
         arena.take(slope, size);
         arena.take(series, 3 * motions.terms * n + most_nodes + 1);
         arena.take(written, 2 * motions.terms * n);
+        between.lay_out(arena, robot, constraints, attempt.minima.instants);
     }
 
     Evaluated two[2] = {};
@@ -75,21 +75,21 @@ class Program {
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
-        for (Index k = 0; k < stride; ++k) times[k] = k < count ? motions.duration * s[k] : 0;
+        zero(s + count, stride - count);
+        for (Index k = 0; k < stride; ++k) times[k] = motions.duration * s[k];
         const double *from[3] = {grid.value, grid.first, grid.second};
         double *to[3] = {value, first, second};
         for (int order = 0; order < 3; ++order)
-            for (Index c = 0; c < columns; ++c) {
-                copy(to[order] + c * stride, from[order] + c * N, N);
-                zero(to[order] + c * stride + N, stride - N);
-            }
-        if (constraints.needs_places) copy(integrals, grid.integrals, N * N);
-        for (Index k = N; k < count; ++k) add_instant(k, grid);
+            for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
+        if (constraints.needs_places)
+            for (Index j = 0; j < N; ++j) copy(integrals + j * stride, grid.integrals + j * N, N);
+        for (Index k = N; k < stride; k += LANES) add_instants(k, grid);
         combine_basis(to);
+        find_outside();
         for (Evaluated &each : two) {
-            each.motion.instants = count, each.motion.stride = stride;
+            each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
-            each.variables = {size, count, basis, motions.first, motions.axis, nullptr};
+            each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
     }
 
@@ -105,15 +105,17 @@ class Program {
         if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
         if (constraints.needs_places && watches) {
             copy(m.time, times, stride);
-            zero(m.attitude, stride);
-            for (Index k = 0; k < count; ++k)
-                m.attitude[k] = motions.orientation +
-                                motions.duration * dot(integrals + k * grid.nodes, m.rate, grid.nodes);
+            for (Index k = 0; k < count; k += LANES) {
+                Vector turned = all(0);
+                for (Index j = 0; j < grid.nodes; ++j)
+                    turned = add_product(m.rate[j], load(integrals + j * stride + k), turned);
+                store(m.attitude + k, all(motions.orientation) + all(motions.duration) * turned);
+            }
             place(robot, constraints, m, 0, 0);
         }
         at.violation = at.worst = std::fabs(at.equality);
         at.squares = 0;
-        for (Index row = 0; watches && row < rows; ++row) evaluate_row(at, row);
+        if (watches) evaluate_rows(at);
         at.objective = objective(at);
         at.differentiated = false;
         ++evaluations;
@@ -127,38 +129,42 @@ class Program {
         const Nodes &grid = levels[level];
         differentiate_turn(robot, at.motion);
         if (motions.start.knots || motions.goal.knots) follow_axes(at);
-        zero(at.row, size);
-        zero(at.drift, grid.nodes * size);
-        for (Index k = 0; k < grid.nodes; ++k) {
-            chain_rate(at.variables, at.motion, n, k, at.drift + k * size);
-            add(motions.duration * grid.weights[k], at.drift + k * size, size, at.row);
-        }
+        for (Index k = 0; k < grid.nodes; k += LANES) chain_rate(at.variables, at.motion, n, k, at.drift, stride);
+        for (Index c = 0; c < size; ++c)
+            at.row[c] = motions.duration * dot(grid.weights, at.drift + c * stride, grid.nodes);
         differentiate_objective(at, nullptr);
-        at.near = 0;
+        at.packs = 0;
+        at.has_attitude = false;
         if (!watches || !rows) return;
-        std::memset(at.has_attitude, 0, count * sizeof(Index));
-        for (Index entry = 0; entry < rows * stride; ++entry) at.place[entry] = -1;
-        for (Index entry = 0; entry < rows * stride; ++entry)
-            if (at.values[entry] < rules.reach) slopes_of(at, entry);
+        for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
+        for (Index entry = 0; entry < rows * stride; entry += LANES)
+            if (any(load(at.values + entry) < all(rules.reach))) pack_of(at, entry);
         work += rules.differentiation + rules.entry * count * size * attempt.entries;
     }
 
-    // Derivatives (size) of one entry of the values.
-    const double *slopes_of(Evaluated &at, Index entry) {
-        if (at.place[entry] >= 0) return at.slopes + at.place[entry] * size;
-        const Index row = entry / stride, k = entry % stride;
-        double *slopes = at.slopes + at.near * size, *attitude = at.attitude + k * size;
-        if (constraints.kind[row] > share_row && !at.has_attitude[k]) {
-            const Nodes &grid = levels[level];
-            zero(attitude, size);
-            for (Index j = 0; j < grid.nodes; ++j)
-                add(motions.duration * integrals[k * grid.nodes + j], at.drift + j * size, size, attitude);
-            at.has_attitude[k] = 1;
+    // Derivatives (size, 8) of the 8 entries of the values about one.
+    const double *pack_of(Evaluated &at, Index entry) {
+        Index &place = at.place[entry / 8];
+        if (place >= 0) return at.slopes + place * size * 8;
+        const Index row = entry / stride, begin = entry % stride / 8 * 8, opposite = constraints.opposite[row];
+        double *slopes = at.slopes + at.packs * size * 8;
+        const Index known = opposite < 0 ? -1 : at.place[(opposite * stride + begin) / 8];
+        if (known >= 0) {
+            for (Index e = 0; e < 8 * size; ++e) slopes[e] = -at.slopes[known * size * 8 + e];
+        } else {
+            if (constraints.kind[row] > share_row && !at.has_attitude) differentiate_attitude(at);
+            for (Index k = begin; k < begin + 8; k += LANES)
+                differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
         }
-        differentiate_row(robot, constraints, at.motion, at.variables, row, k, attitude, slopes);
-        at.entry[at.near] = entry;
-        at.place[entry] = at.near++;
+        at.first[at.packs] = entry / 8 * 8;
+        place = at.packs++;
         return slopes;
+    }
+
+    // Adds the derivatives (size) of one entry of the values, times a factor.
+    void add_slopes(Evaluated &at, Index entry, double factor, double *result) {
+        const double *slopes = pack_of(at, entry) + entry % 8;
+        for (Index c = 0; c < size; ++c) result[c] += factor * slopes[8 * c];
     }
 
     // A positive definite first guess (size, size) of the Lagrangian's Hessian.
@@ -213,8 +219,8 @@ class Program {
                              [&](Index candidate) { return levels[candidate].nodes; });
     }
 
-    // Local minima of the rows over the whole motion; 1 without memory.
-    Index look(const Evaluated &at, Minima &minima) {
+    // Local minima of the rows over the whole motion.
+    void look(const Evaluated &at, Minima &minima) {
         const Index terms = motions.terms, N = nodes();
         for (int order = 0; order < 3; ++order)
             multiply(motions.series + order * terms * motions.columns, terms, motions.columns, at.coefficients, n,
@@ -225,9 +231,8 @@ class Program {
         turned[0] += motions.orientation;
         const Series whole{terms, N + 1, motions.duration, at.momentum, series, series + terms * n,
                            series + 2 * terms * n, turned, motions.centre, motions.amplitude};
-        const Index failed = find_minima(robot, constraints, whole, minima);
+        find_minima(robot, constraints, whole, minima, between);
         work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
-        return failed;
     }
 
   private:
@@ -240,38 +245,40 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
-    double *value, *first, *second, *basis, *s, *times, *integrals, *polynomials, *combined, *boundary, *weights;
+    double *value, *first, *second, *basis, *s, *times, *integrals, *outside, *boundary, *weights, *pack;
     double *slope, *series, *written;
+    MinimaRoom between;
 
-    // What an instant beside the nodes needs: the basis there, and integrals until then.
-    void add_instant(Index k, const Nodes &grid) {
+    // What instants beside the nodes need: the basis there, and integrals until then.
+    void add_instants(Index k, const Nodes &grid) {
         const Index N = grid.nodes, columns = motions.columns, terms = motions.terms;
         double *to[3] = {value, first, second};
+        const Vector at = load(s + k);
         for (int order = 0; order < 3; ++order)
-            chebyshev_sums(motions.series + order * terms * columns, terms, columns, s[k], stride, to[order] + k);
-        if (!constraints.needs_places) return;
-        const double x = 2 * s[k] - 1;
-        double *integral = integrals + k * N, before = 1, now = x;
-        zero(integral, N);
-        for (Index c = 0; c <= N; ++c) {
-            add(before, grid.antiderivative + c * N, N, integral);
-            const double next = 2 * x * now - before;
-            before = now, now = next;
-        }
+            chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, to[order] + k);
+        if (constraints.needs_places) chebyshev_sums(grid.antiderivative, N + 1, N, at, stride, integrals + k);
+    }
+
+    // Infinite where a row does not apply, else 0.
+    void find_outside() {
+        for (Index row = 0; row < rows; ++row)
+            for (Index k = 0; k < stride; ++k) {
+                const bool moves = attempt.at_ends[row] || (s[k] > rules.given && s[k] < 1 - rules.given);
+                const bool applies = k < count && moves && s[k] >= attempt.low[row] && s[k] <= attempt.high[row];
+                outside[row * stride + k] = applies ? 0 : HUGE_VAL;
+            }
     }
 
     // The basis of p as x combine it, joint by joint.
     void combine_basis(double **of_columns) {
-        zero(basis, 3 * count * size);
+        zero(basis, 3 * size * stride);
         for (int order = 0; order < 3; ++order)
             for (Index i = 0; i < n; ++i) {
                 const Index begin = motions.first[i], end = motions.first[i + 1];
-                for (Index r = begin; r < end; ++r) {
-                    const double *column = of_columns[order] + (motions.given + r - begin) * stride;
-                    const double *scaling = motions.scaling + r * free;
-                    for (Index k = 0; k < count; ++k)
-                        add(column[k], scaling + begin, end - begin, basis + (order * count + k) * size + begin);
-                }
+                for (Index r = begin; r < end; ++r)
+                    for (Index c = begin; c < end; ++c)
+                        add(motions.scaling[r * free + c], of_columns[order] + (motions.given + r - begin) * stride,
+                            stride, basis + (order * size + c) * stride);
             }
     }
 
@@ -316,35 +323,45 @@ class Program {
         follow_end(motions.goal, 3, at.momentum, true);
         for (Index e = 0; e < n * motions.given; ++e) by[e] *= motions.axis[0];
         const double *columns[3] = {value, first, second};
+        zero(at.of_axes, 3 * n * stride);
         for (int order = 0; order < 3; ++order)
-            for (Index k = 0; k < count; ++k)
-                for (Index i = 0; i < n; ++i) {
-                    double sum = 0;
-                    for (Index c = 0; c < motions.given; ++c)
-                        sum += columns[order][c * stride + k] * by[i * motions.given + c];
-                    at.of_axes[(order * count + k) * n + i] = sum;
-                }
+            for (Index i = 0; i < n; ++i)
+                for (Index c = 0; c < motions.given; ++c)
+                    add(by[i * motions.given + c], columns[order] + c * stride, stride,
+                        at.of_axes + (order * n + i) * stride);
         at.variables.of_axes = at.of_axes;
     }
 
-    void evaluate_row(Evaluated &at, Index row) {
-        double *values = at.values + row * stride;
-        auto applies = [&](Index k) {
-            const bool moves = attempt.at_ends[row] || (s[k] > rules.given && s[k] < 1 - rules.given);
-            return moves && s[k] >= attempt.low[row] && s[k] <= attempt.high[row];
-        };
-        row_values(robot, constraints, at.motion, row, applies, values);
-        for (Index k = 0; k < stride; ++k) {
-            if (k >= count || !applies(k)) {
-                values[k] = HUGE_VAL;
-                continue;
+    // By how much the attitude at all instants changes.
+    void differentiate_attitude(Evaluated &at) {
+        const Index nodes = levels[level].nodes;
+        for (Index c = 0; c < size; ++c)
+            for (Index k = 0; k < count; k += LANES) {
+                Vector turned = all(0);
+                for (Index j = 0; j < nodes; ++j)
+                    turned = add_product(at.drift[c * stride + j], load(integrals + j * stride + k), turned);
+                store(at.attitude + c * stride + k, all(motions.duration) * turned);
             }
-            values[k] -= back_off;
-            if (!(values[k] < 0)) continue;
-            at.violation -= values[k];
-            at.squares += values[k] * values[k];
-            at.worst = larger(at.worst, -values[k]);
-        }
+        at.has_attitude = true;
+    }
+
+    // Values of all rows, and by how much they are violated.
+    void evaluate_rows(Evaluated &at) {
+        const Vector none = all(0), inside = all(back_off);
+        Vector violation = none, squares = none, worst = none;
+        for (Index row = 0; row < rows; ++row)
+            for (Index k = 0; k < stride; k += LANES) {
+                const Index entry = row * stride + k;
+                const Vector value = row_at(robot, constraints, at.motion, row, k) - inside + load(outside + entry);
+                const Vector lacks = select(value < none, -value, none);
+                store(at.values + entry, value);
+                violation += lacks;
+                squares = multiply_add(lacks, lacks, squares);
+                worst = larger(lacks, worst);
+            }
+        at.violation += sum(violation);
+        at.squares = sum(squares);
+        at.worst = larger(at.worst, largest(worst));
     }
 
     double objective(const Evaluated &at) {
@@ -354,10 +371,10 @@ class Program {
             multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, written);
             return dot(written, written, motions.terms * n) / 2;
         }
-        for (Index k = 0; k < nodes(); ++k)
-            for (Index sum = 0; sum < attempt.objective_sums; ++sum) {
-                const double used = sum_at<double>(robot, constraints, at.motion, attempt.objective_sum + sum, k);
-                total += levels[level].weights[k] * used * used;
+        for (Index k = 0; k < nodes(); k += LANES)
+            for (Index number = 0; number < attempt.objective_sums; ++number) {
+                const Vector used = sum_at<Vector>(robot, constraints, at.motion, attempt.objective_sum + number, k);
+                total += sum(load(levels[level].weights + k) * used * used);
             }
         return motions.duration / attempt.objective_scale * total;
     }
@@ -368,25 +385,43 @@ class Program {
         if (!attempt.objective_sums && !motions.map) return copy(at.gradient, at.x, free);
         if (!attempt.objective_sums) return differentiate_written(at, hessian);
         const Index terms = 2 + 2 * n + robot.links, orders = constraints.needs_accelerations ? 2 : 1;
-        for (Index k = 0; k < nodes(); ++k) {
-            const double weight = 2 * motions.duration / attempt.objective_scale * levels[level].weights[k];
-            zero(weights, terms);
-            for (Index sum = 0; sum < attempt.objective_sums; ++sum) {
-                const double *own = constraints.sums + (attempt.objective_sum + sum) * terms;
+        const Vector scale = all(2 * motions.duration / attempt.objective_scale);
+        Vector *of_terms = (Vector *)weights;
+        auto add_slopes = [&](Index k) {
+            differentiate_sum(robot, at.motion, k, of_terms, constraints.needs_moments);
+            chain(at.variables, at.motion, n, k, orders, pack, 8);
+        };
+        if (!hessian) zero(pack, 8 * size);
+        for (Index k = 0; k < nodes(); k += LANES) {
+            const Vector weight = scale * load(levels[level].weights + k);
+            for (Index term = 0; term < terms; ++term) of_terms[term] = all(0);
+            for (Index number = 0; number < attempt.objective_sums; ++number) {
+                const Index which = attempt.objective_sum + number;
+                const double *own = constraints.sums + which * terms;
                 if (!hessian) {
-                    add(weight * sum_at<double>(robot, constraints, at.motion, attempt.objective_sum + sum, k), own,
-                        terms, weights);
+                    const Vector used = weight * sum_at<Vector>(robot, constraints, at.motion, which, k);
+                    for (Index term = 0; term < terms; ++term)
+                        of_terms[term] = add_product(own[term], used, of_terms[term]);
                     continue;
                 }
-                differentiate_sum(robot, at.motion, k, own, constraints.needs_moments);
-                zero(slope, size);
-                chain(at.variables, at.motion, n, k, orders, slope);
-                for (Index a = 0; a < size; ++a) add(weight * slope[a], slope, size, hessian + a * size);
+                for (Index term = 0; term < terms; ++term) of_terms[term] = all(own[term]);
+                zero(pack, 8 * size);
+                add_slopes(k);
+                add_normals(weight, hessian);
             }
-            if (hessian) continue;
-            differentiate_sum(robot, at.motion, k, weights, constraints.needs_moments);
-            chain(at.variables, at.motion, n, k, orders, at.gradient);
+            if (!hessian) add_slopes(k);
         }
+        for (Index c = 0; !hessian && c < size; ++c) at.gradient[c] = sum(load(pack + 8 * c));
+    }
+
+    // Squares of the derivatives at the instants that are computed at once, times weights.
+    void add_normals(Vector weight, double *hessian) const {
+        for (Index a = 0; a < size; ++a)
+            for (Index b = 0; b <= a; ++b) {
+                const double part = sum(weight * load(pack + 8 * a) * load(pack + 8 * b));
+                hessian[a * size + b] += part;
+                if (b < a) hessian[b * size + a] += part;
+            }
     }
 
     // Of |b|^2 / 2 where the conditions follow h.
@@ -406,7 +441,4 @@ class Program {
                 for (Index a = 0; hessian && a < size; ++a) add(slope[a], slope, size, hessian + a * size);
             }
     }
-
-  public:
-    double back_off = rules.back_off;
 };

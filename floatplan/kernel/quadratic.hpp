@@ -54,25 +54,29 @@ static inline void solve_cholesky(const double *factor, Index n, double *right) 
 class DualMethod {
   public:
     Index count = 0, held = 0;  // of the active ones: all, and equalities, which come first
+    Index changes = 0;          // of rows that became active or left
     Index *active;              // (size): which equality or row each is
     double *x, *pulls;          // (size): the solution; multipliers of the active ones, those of rows >= 0
 
-    void lay_out(Arena &arena, Index size) {
+    void lay_out(Arena &arena, Index size, Index most_rows) {
         for (double **each : {&j, &r, &factor}) arena.take(*each, size * size);
-        for (double **each : {&x, &pulls, &d, &z, &by}) arena.take(*each, size + 1);
+        for (double **each : {&x, &pulls, &d, &z, &by, &normal}) arena.take(*each, size + 1);
         arena.take(active, size + 1);
+        arena.take(idle, most_rows);
+        arena.take(some, most_rows);
     }
 
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
-        n = qp.size, count = held = 0;
+        n = qp.size, count = held = changes = violated = 0;
         if (!start(qp)) return false;
+        copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
             if (!hold_equality(qp, e)) return false;
-        for (Index changes = 0; changes <= qp.changes; ++changes) {
+        for (; changes <= qp.changes; ++changes) {
             const Index row = most_violated(qp);
             if (row < 0) return true;
-            if (count > n || !hold_row(qp, row, changes)) return false;
+            if (count > n || !hold_row(qp, row)) return false;
         }
         return false;
     }
@@ -80,7 +84,9 @@ class DualMethod {
   private:
     static constexpr double dependent = 1e-10;  // of a normal's length: what is left of it is rounding
     Index n = 0;
-    double *j, *r, *factor, *d, *z, *by;
+    double *j, *r, *factor, *d, *z, *by, *normal;
+    double *idle;           // (rows): values before the step, of active rows infinite
+    Index violated, *some;  // rows that are, or are beside one
 
     // J = L^-T, and the solution without rows. What rounding has made indefinite becomes definite.
     bool start(const Quadratic &qp) {
@@ -106,9 +112,9 @@ class DualMethod {
 
     // d = J^T normal; z, the way in x that leaves the active ones as they are, and `by`, what their multipliers lose.
     // The square of what is left of the normal, 0 where it is made of theirs.
-    double look(const double *normal) {
+    double look(const double *row) {
         zero(d, n);
-        for (Index i = 0; i < n; ++i) add(normal[i], j + i * n, n, d);
+        for (Index i = 0; i < n; ++i) add(row[i], j + i * n, n, d);
         const double whole = dot(d, d, n), left = dot(d + count, d + count, n - count);
         for (Index i = 0; i < n; ++i) z[i] = dot(j + i * n + count, d + count, n - count);
         for (Index i = count; i-- > 0;)
@@ -158,8 +164,8 @@ class DualMethod {
     }
 
     bool hold_equality(const Quadratic &qp, Index e) {
-        const double *normal = qp.equality_rows + e * n, value = qp.equality[e] + dot(normal, x, n);
-        const double left = look(normal);
+        const double *row = qp.equality_rows + e * n, value = qp.equality[e] + dot(row, x, n);
+        const double left = look(row);
         if (!std::isfinite(value)) return false;
         if (left == 0) return std::fabs(value) <= qp.tolerance;
         const double step = -value / left;
@@ -171,8 +177,8 @@ class DualMethod {
     }
 
     // Makes a violated row active; false where the others forbid that, or it takes too many changes.
-    bool hold_row(const Quadratic &qp, Index row, Index &changes) {
-        const double *normal = qp.inequality_rows + row * n;
+    bool hold_row(const Quadratic &qp, Index row) {
+        for (Index k = 0; k < n; ++k) normal[k] = qp.inequality_rows[(row / 8 * n + k) * 8 + row % 8];
         double pull = 0;
         for (; changes <= qp.changes; ++changes) {
             const double left = look(normal), value = qp.inequality[row] + dot(normal, x, n);
@@ -186,35 +192,39 @@ class DualMethod {
             pull += step;
             if (first < 0) {
                 enter(row, pull);
+                idle[row] = HUGE_VAL;
                 return true;
             }
+            idle[active[first]] = qp.inequality[active[first]];
             leave(first);
         }
         return false;
     }
 
-    // The row most violated; -1 where none is by more than the tolerance.
-    Index most_violated(const Quadratic &qp) const {
-        double least = -qp.tolerance;
-        Index worst = -1;
-        for (Index row = 0; row < qp.rows; ++row) {
-            const double *slopes = qp.inequality_rows + row * n;
-            double value = qp.inequality[row], other = 0;
-            Index k = 0;
-            for (; k + 1 < n; k += 2) {
-                value += slopes[k] * x[k];
-                other += slopes[k + 1] * x[k + 1];
+    // The row most violated of those that were when all were looked at, else of all; -1 where none is by more than the
+    // tolerance.
+    Index most_violated(const Quadratic &qp) {
+        for (bool of_all : {false, true}) {
+            Vector least = all(-qp.tolerance);
+            Bits worst = Bits{} - 1;
+            const Index looked = of_all ? qp.rows / LANES : violated;
+            if (of_all) violated = 0;
+            for (Index number = 0; number < looked; ++number) {
+                const Index row = of_all ? number * LANES : some[number];
+                const double *slopes = qp.inequality_rows + row / 8 * n * 8 + row % 8;
+                Vector value = load(idle + row);
+                for (Index k = 0; k < n; ++k) value = add_product(x[k], load(slopes + 8 * k), value);
+                if (of_all && any(value < all(0))) some[violated++] = row;
+                const Bits lower = ~(value >= least) & (least == least);  // so that what is no number is found too
+                least = select(lower, value, least);
+                worst = (lower & row) | (~lower & worst);
             }
-            if (k < n) value += slopes[k] * x[k];
-            if (!(value + other >= least)) {
-                bool is_active = false;
-                for (Index a = held; a < count; ++a) is_active |= active[a] == row;
-                if (is_active) continue;
-                least = value + other;
-                worst = row;
-            }
+            int lowest = 0;
+            for (int lane = 1; lane < LANES; ++lane)
+                if (!(least[lane] >= least[lowest]) && least[lowest] == least[lowest]) lowest = lane;
+            if (worst[lowest] >= 0) return worst[lowest] + lowest;
         }
-        return worst;
+        return -1;
     }
 };
 
@@ -222,7 +232,9 @@ class DualMethod {
 static inline Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
     Room room;
-    if (!room.make([&](Arena &arena) { method.lay_out(arena, qp.size); }) || !method.solve(qp)) return 0;
+    const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) && method.solve(qp);
+    qp.changes = method.changes;
+    if (!solved) return 0;
     zero(qp.solution, qp.size + qp.equalities);
     copy(qp.solution, method.x, qp.size);
     for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.pulls[k];

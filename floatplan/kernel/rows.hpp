@@ -1,54 +1,62 @@
 // Rows of constraints of a flight, and their derivatives: of searches, and of the rest of a flight that is corrected.
 
-// What p, and as many of its derivatives as `orders` says, change by (count), times weights, added to a row; `apart` is
-// from one order to the next.
-static inline void add_orders(int orders, const double *weights, const double *by, Index apart,
-                              Index count, double *row) {
-    const double *rate = by + apart, *curvature = rate + apart, w0 = weights[0], w1 = weights[1], w2 = weights[2];
-    if (orders == 0)
-        add(w0, by, count, row);
-    else if (orders == 1)
-        for (Index c = 0; c < count; ++c) row[c] += w0 * by[c] + w1 * rate[c];
-    else
-        for (Index c = 0; c < count; ++c) row[c] += w0 * by[c] + w1 * rate[c] + w2 * curvature[c];
+// Adds what p, and as many of its derivatives as `orders` says, change by times weights, at the instants that are computed
+// at once; both are so far apart from one of `count` variables to the next, and `between` orders.
+static inline void add_orders(int orders, const Vector *weights, const double *by, Index stride, Index between,
+                              Index count, double *slopes, Index apart) {
+    for (Index c = 0; c < count; ++c, by += stride, slopes += apart) {
+        Vector slope = multiply_add(weights[0], load(by), load(slopes));
+        if (orders > 0) slope = multiply_add(weights[1], load(by + between), slope);
+        if (orders > 1) slope = multiply_add(weights[2], load(by + 2 * between), slope);
+        store(slopes, slope);
+    }
 }
 
-// Derivatives (size) of what m.by says at instant k, added to a row: by positions, and by as many of their derivatives
-// as `orders` says; with these also by h.
-static inline void chain(const Variables &variables, const Motion &m, Index n, Index k, int orders, double *row) {
+// Derivatives (size), `apart` from one another, of what m.by says at the instants from k on that are computed at once,
+// added: by positions, and by as many of their derivatives as `orders` says; with these also by h.
+static inline void chain(const Variables &variables, const Motion &m, Index n, Index k, int orders, double *slopes,
+                         Index apart) {
     const Index size = variables.size, *columns = variables.columns, first = columns[n], axes = size - first;
-    const double per_second = m.per_second, *by = m.by;
+    const Index stride = variables.stride;
+    const Vector *by = (const Vector *)m.by, per_second = all(m.per_second);
     for (Index i = 0; i < n; ++i) {
         const Index at = i * m.stride + k, from = columns[i];
-        double sine = m.sine[at], cosine = m.cosine[at], weights[3] = {by[i] * cosine, 0, 0};
+        const Vector sine = load(m.sine + at), cosine = load(m.cosine + at);
+        Vector weights[3] = {by[i] * cosine, all(0), all(0)};
         if (orders > 0) {
-            double rate = m.p_rate[at], swing = per_second * sine * rate;
+            const Vector rate = load(m.p_rate + at), swing = per_second * sine * rate;
             weights[0] -= by[n + i] * swing;
             weights[1] = by[n + i] * per_second * cosine;
             if (orders > 1) {
-                double acceleration = by[2 * n + i] * per_second;
-                weights[0] -= acceleration * per_second * (sine * m.p_curvature[at] + cosine * rate * rate);
-                weights[1] -= 2 * acceleration * swing;
+                const Vector acceleration = by[2 * n + i] * per_second;
+                weights[0] -= acceleration * per_second * (sine * load(m.p_curvature + at) + cosine * rate * rate);
+                weights[1] -= all(2) * acceleration * swing;
                 weights[2] = acceleration * per_second * cosine;
             }
         }
-        add_orders(orders, weights, variables.basis + k * size + from, variables.instants * size,
-                   columns[i + 1] - from, row + from);
+        add_orders(orders, weights, variables.basis + from * stride + k, stride, size * stride, columns[i + 1] - from,
+                   slopes + from * apart, apart);
         if (variables.of_axes)
-            add_orders(orders, weights, variables.of_axes + (k * n + i) * axes, variables.instants * n * axes, axes,
-                       row + first);
+            add_orders(orders, weights, variables.of_axes + i * axes * stride + k, stride, n * axes * stride, axes,
+                       slopes + first * apart, apart);
     }
-    if (orders > 0) add(by[3 * n], variables.axes, axes, row + first);
+    for (Index axis = 0; orders > 0 && axis < axes; ++axis) {
+        double *slope = slopes + (first + axis) * apart;
+        store(slope, add_product(variables.axes[axis], by[3 * n], load(slope)));
+    }
 }
 
-// Derivative (size) of theta0' at instant k, added to a row; after differentiate_turn().
-static inline void chain_rate(const Variables &variables, const Motion &m, Index n, Index k, double *row) {
+// Derivatives (size, ..) of theta0' at the instants from k on, of a whole stride; after differentiate_turn().
+static inline void chain_rate(const Variables &variables, const Motion &m, Index n, Index k, double *drift,
+                              Index stride) {
+    Vector *by = (Vector *)m.by;
     for (Index i = 0; i < n; ++i) {
-        m.by[i] = m.by_position[i * m.stride + k];
-        m.by[n + i] = m.by_speed[i * m.stride + k];
+        by[i] = load(m.by_position + i * m.stride + k);
+        by[n + i] = load(m.by_speed + i * m.stride + k);
     }
-    m.by[3 * n] = m.inverse[k];
-    chain(variables, m, n, k, 1, row);
+    by[3 * n] = load(m.inverse + k);
+    for (Index c = 0; c < variables.size; ++c) store(drift + c * stride + k, all(0));
+    chain(variables, m, n, k, 1, drift + k, stride);
 }
 
 // Ends of the capsules from an instant on, where the attitude is; `began` s since takeoff the path of the CM begins.
@@ -79,19 +87,15 @@ static inline void place(const Robot &robot, const Constraints &constraints, Mot
         }
 }
 
-static inline Nearest nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
-    auto end = [&](Index e) { return Place{m.end_x[e * m.stride + k], m.end_y[e * m.stride + k]}; };
+INLINED Nearest nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
+    auto end = [&](Index e) { return Place{load(m.end_x + e * m.stride + k), load(m.end_y + e * m.stride + k)}; };
     const Index first = constraints.first[row], second = constraints.second[row];
+    const bool is_pair = constraints.kind[row] == pair_row;
+    const double *obstacle = constraints.obstacles + (is_pair ? 0 : 7 * second);
     const Place start = end(2 * first), stop = end(2 * first + 1);
-    Nearest found;
-    if (constraints.kind[row] == pair_row) {
-        found = between(start, stop, end(2 * second), end(2 * second + 1));
-        found.distance -= constraints.radius[first] + constraints.radius[second];
-    } else {
-        const double *obstacle = constraints.obstacles + 7 * second;
-        found = to_obstacle(constraints.kind[row], obstacle, m.time[k], start, stop);
-        found.distance -= constraints.radius[first] + obstacle[6];
-    }
+    Nearest found = is_pair ? between(start, stop, end(2 * second), end(2 * second + 1))
+                            : to_obstacle(constraints.kind[row], obstacle, load(m.time + k), start, stop);
+    found.distance -= all(constraints.radius[first] + (is_pair ? constraints.radius[second] : obstacle[6]));
     return found;
 }
 
@@ -117,67 +121,74 @@ static inline Number sum_at(const Robot &robot, const Constraints &constraints, 
     return total;
 }
 
-// Values (stride) of a row; distances only where they are wanted.
-template <typename IsWanted>
-static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
-                              IsWanted is_wanted, double *value) {
-    const Index kind = constraints.kind[row], first = constraints.first[row], second = constraints.second[row];
-    if (kind <= share_row) {
-        for (Index k = 0; k < m.instants; k += LANES) {
-            Vector sum = sum_at<Vector>(robot, constraints, m, first, k);
-            if (kind == share_row) sum = all(1) - magnitude(sum);
-            if (kind == share_row && second >= 0) sum -= magnitude(sum_at<Vector>(robot, constraints, m, second, k));
-            store(value + k, sum);
-        }
-        return;
-    }
-    for (Index k = 0; k < m.instants; ++k)
-        if (is_wanted(k))
-            value[k] = (nearest(constraints, m, row, k).distance - constraints.least[row]) * constraints.per_scale[row];
+// Values of a row at the instants from k on that are computed at once.
+static inline Vector row_at(const Robot &robot, const Constraints &constraints, const Motion &m, Index row, Index k) {
+    const Index kind = constraints.kind[row], second = constraints.second[row];
+    if (kind > share_row)
+        return (nearest(constraints, m, row, k).distance - all(constraints.least[row])) *
+               all(constraints.per_scale[row]);
+    const Vector used = sum_at<Vector>(robot, constraints, m, constraints.first[row], k);
+    if (kind == sum_row) return used;
+    const Vector left = all(1) - magnitude(used);
+    return second < 0 ? left : left - magnitude(sum_at<Vector>(robot, constraints, m, second, k));
 }
 
-// Derivatives (size) of a row at instant k; those of the attitude there (size) are given.
+// Values (stride) of a row.
+static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
+                              double *value) {
+    for (Index k = 0; k < m.instants; k += LANES) store(value + k, row_at(robot, constraints, m, row, k));
+}
+
+// Derivatives (size, 8) of a row at the 8 instants about k, those from k on that are computed at once; those (size), so
+// far apart, of the attitude there are given.
 static inline void differentiate_row(const Robot &robot, const Constraints &constraints, Motion &m,
                                      const Variables &variables, Index row, Index k,
-                                     const double *attitude_slopes, double *slopes) {
+                                     const double *attitude_slopes, Index apart, double *pack) {
     const Index n = robot.joints, bodies = robot.bodies, terms = 2 + 2 * n + robot.links;
+    double *slopes = pack + k % 8;
     if (constraints.kind[row] <= share_row) {
-        const double *weights = constraints.sums + constraints.first[row] * terms;
-        if (constraints.kind[row] == share_row) {
-            zero(m.weights, terms);
-            for (Index sum : {constraints.first[row], constraints.second[row]}) {
-                if (sum < 0) continue;
-                const double value = sum_at<double>(robot, constraints, m, sum, k), sign = (value > 0) - (value < 0);
-                add(-sign, constraints.sums + sum * terms, terms, m.weights);
+        Vector *weights = (Vector *)m.weights;
+        for (Index term = 0; term < terms; ++term) weights[term] = all(0);
+        for (Index sum : {constraints.first[row], constraints.second[row]}) {
+            if (sum < 0 || (sum != constraints.first[row] && constraints.kind[row] == sum_row)) continue;
+            const double *own = constraints.sums + sum * terms;
+            Vector sign = all(1);
+            if (constraints.kind[row] == share_row) {
+                const Vector value = sum_at<Vector>(robot, constraints, m, sum, k);
+                sign = select(value > all(0), all(-1), select(value < all(0), all(1), all(0)));
             }
-            weights = m.weights;
+            for (Index term = 0; term < terms; ++term) weights[term] = add_product(own[term], sign, weights[term]);
         }
         differentiate_sum(robot, m, k, weights, constraints.needs_moments);
-        zero(slopes, variables.size);
-        return chain(variables, m, n, k, constraints.needs_accelerations ? 2 : 1, slopes);
+        for (Index c = 0; c < variables.size; ++c) store(slopes + 8 * c, all(0));
+        return chain(variables, m, n, k, constraints.needs_accelerations ? 2 : 1, slopes, 8);
     }
     const Nearest found = nearest(constraints, m, row, k);
-    double *by_angle = m.by_angle;
+    const Vector c = load(m.attitude_cosine + k), s = load(m.attitude_sine + k);
+    Vector *by_angle = (Vector *)m.by_angle, *by = (Vector *)m.by;
     // How fast a point of a capsule, a share along it, moves as a body turns, m/rad; along the distance.
-    auto add_capsule = [&](Index capsule, double share, double sign) {
-        const double c = m.attitude_cosine[k], s = m.attitude_sine[k];
+    auto add_capsule = [&](Index capsule, Vector share, double sign) {
+        const double *re = constraints.ends_real + 2 * capsule * bodies;
+        const double *im = constraints.ends_imaginary + 2 * capsule * bodies;
         for (Index b = 0; b < bodies; ++b) {
-            const Index start = 2 * capsule * bodies + b, end = start + bodies;
-            const double re = (1 - share) * constraints.ends_real[start] + share * constraints.ends_real[end];
-            const double im = (1 - share) * constraints.ends_imaginary[start] + share * constraints.ends_imaginary[end];
-            const double own_c = m.body_cosine[b * m.stride + k], own_s = m.body_sine[b * m.stride + k];
-            const double along = re * own_c - im * own_s, up = re * own_s + im * own_c;
-            by_angle[b] += sign * (constraints.turn * found.direction.y * (c * along - s * up) -
-                                   found.direction.x * (s * along + c * up));
+            const Index end = b + bodies;
+            if (re[b] == 0 && re[end] == 0 && im[b] == 0 && im[end] == 0) continue;
+            const Vector at_re = all(re[b]) + share * all(re[end] - re[b]);
+            const Vector at_im = all(im[b]) + share * all(im[end] - im[b]);
+            const Vector own_c = load(m.body_cosine + b * m.stride + k), own_s = load(m.body_sine + b * m.stride + k);
+            const Vector along = at_re * own_c - at_im * own_s, up = at_re * own_s + at_im * own_c;
+            by_angle[b] += all(sign) * (all(constraints.turn) * found.direction.y * (c * along - s * up) -
+                                        found.direction.x * (s * along + c * up));
         }
     };
-    for (Index b = 0; b < bodies; ++b) by_angle[b] = 0;
+    for (Index b = 0; b < bodies; ++b) by_angle[b] = all(0);
     add_capsule(constraints.first[row], found.own, constraints.per_scale[row]);
     if (constraints.kind[row] == pair_row)
         add_capsule(constraints.second[row], found.other, -constraints.per_scale[row]);
-    gather(robot, by_angle, m.by);
-    for (Index c = 0; c < variables.size; ++c) slopes[c] = by_angle[0] * attitude_slopes[c];
-    chain(variables, m, n, k, 0, slopes);
+    gather(robot, by_angle, by);
+    for (Index x = 0; x < variables.size; ++x)
+        store(slopes + 8 * x, by_angle[0] * load(attitude_slopes + x * apart));
+    chain(variables, m, n, k, 0, slopes, 8);
 }
 
 // ---- of a motion of a search, step by step
@@ -208,51 +219,53 @@ static inline void evaluate_rows(const Robot &robot, const Constraints &constrai
     }
     for (Index row = 0; row < constraints.rows; ++row) {
         const Index *target = at.target + row;
-        auto is_wanted = [&](Index k) { return target[k * constraints.rows] >= 0; };
-        row_values(robot, constraints, m, row, is_wanted, m.value);
+        row_values(robot, constraints, m, row, m.value);
         for (Index k = 0; k < m.instants; ++k, target += constraints.rows)
             if (*target >= 0) values[*target] = m.value[k] - at.back_off;
     }
 }
 
-// Derivatives (instants, size) by x of theta0', at so many of the first instants.
+// Derivatives (size, stride) by x of theta0', at so many of the first instants.
 static inline void evaluate_drift(const Robot &robot, Evaluation &at, Index instants, double *drift) {
     Motion &m = at.motion;
     take(at.sine, robot.joints, m, m.sine);
     take(at.cosine, robot.joints, m, m.cosine);
     take(at.p_rate, robot.joints, m, m.p_rate);
     if (at.p_curvature) take(at.p_curvature, robot.joints, m, m.p_curvature);
-    zero(drift, instants * at.variables.size);
-    for (Index k = 0; k < instants; ++k) chain_rate(at.variables, m, robot.joints, k, drift + k * at.variables.size);
+    for (Index k = 0; k < instants; k += LANES) chain_rate(at.variables, m, robot.joints, k, drift, m.stride);
 }
 
-// Derivatives (.., size) of the rows, each where at.target says; after values and drift of the same motion.
-static inline void evaluate_jacobian(const Robot &robot, const Constraints &constraints, Evaluation &at,
+// Derivatives (.., size) of the rows, each where at.target says, after values and drift of the same motion; they are
+// computed in the memory (size, 8) that is given.
+static inline void evaluate_jacobian(const Robot &robot, const Constraints &constraints, Evaluation &at, double *pack,
                                      double *jacobian) {
-    for (Index k = 0; k < at.motion.instants; ++k) {
-        const Index *target = at.target + k * constraints.rows;
-        const double *attitude = at.attitude_slopes + k * at.variables.size;
-        for (Index row = 0; row < constraints.rows; ++row) {
-            if (target[row] < 0) continue;
-            double *slopes = jacobian + target[row] * at.variables.size;
-            const Index opposite = constraints.opposite[row];
-            if (opposite < 0 || target[opposite] < 0) {
-                differentiate_row(robot, constraints, at.motion, at.variables, row, k, attitude, slopes);
-                continue;
+    const Index size = at.variables.size, instants = at.motion.instants;
+    for (Index row = 0; row < constraints.rows; ++row)
+        for (Index k = 0; k < instants; k += LANES) {
+            differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude_slopes + k,
+                              at.motion.stride, pack);
+            for (Index lane = k; lane < k + LANES && lane < instants; ++lane) {
+                const Index target = at.target[lane * constraints.rows + row];
+                for (Index x = 0; target >= 0 && x < size; ++x) jacobian[target * size + x] = pack[8 * x + lane % 8];
             }
-            const double *other = jacobian + target[opposite] * at.variables.size;
-            for (Index c = 0; c < at.variables.size; ++c) slopes[c] = -other[c];
         }
-    }
 }
 
-// Gradient (size) of sums with weights (instants, terms), together.
+// Gradient (size) of sums with weights (instants, terms), together; computed as above.
 static inline void evaluate_gradient(const Robot &robot, const Constraints &constraints, Evaluation &at,
-                                     const double *weights, Index instants, double *gradient) {
+                                     const double *weights, Index instants, double *pack, double *gradient) {
     const Index n = robot.joints, terms = 2 + 2 * n + robot.links;
-    zero(gradient, at.variables.size);
-    for (Index k = 0; k < instants; ++k, weights += terms) {
-        differentiate_sum(robot, at.motion, k, weights, constraints.needs_moments);
-        chain(at.variables, at.motion, n, k, constraints.needs_accelerations ? 2 : 1, gradient);
+    Vector *of_terms = (Vector *)at.motion.weights;
+    zero(pack, 8 * at.variables.size);
+    for (Index k = 0; k < instants; k += LANES) {
+        for (Index term = 0; term < terms; ++term)
+            for (int lane = 0; lane < LANES; ++lane)
+                of_terms[term][lane] = k + lane < instants ? weights[(k + lane) * terms + term] : 0;
+        differentiate_sum(robot, at.motion, k, of_terms, constraints.needs_moments);
+        chain(at.variables, at.motion, n, k, constraints.needs_accelerations ? 2 : 1, pack, 8);
+    }
+    for (Index x = 0; x < at.variables.size; ++x) {
+        gradient[x] = 0;
+        for (int lane = 0; lane < LANES; ++lane) gradient[x] += pack[8 * x + lane];
     }
 }

@@ -135,7 +135,7 @@ static inline void turn_rotors(const Robot &robot, Motion &m, Index k) {
 }
 
 // theta0'' and the moments that turn the links, from m.acceleration; their sum vanishes. x + i y is E_a (phi_a'' + i
-// phi_a'^2).
+// phi_a'^2); moment + i gathered is conj(E_b) sum_o C_bo (x_o + i y_o), rotors left out.
 static inline void move_bodies(const Robot &robot, Motion &m) {
     const Index bodies = robot.bodies, stride = m.stride;
     for (Index k = 0; k < m.instants; k += LANES) {
@@ -165,64 +165,68 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
             const Index own = robot.group[link] * stride + k;
             Vector c = load(m.body_cosine + own), s = load(m.body_sine + own);
             store(m.moment + link * stride + k, multiply_add(c, x, s * y));
+            store(m.gathered + link * stride + k, multiply_add(c, y, -s * x));
         }
         if (robot.has_rotors) turn_rotors(robot, m, k);
     }
 }
 
-// Derivatives by position, speed and acceleration of the joints and by h, m.by (3 joints + 1), at instant k, of a sum:
-// weights (terms) of 1, theta0', velocities, accelerations and, where it has some, moments. After differentiate_turn().
-static inline void differentiate_sum(const Robot &robot, Motion &m, Index k, const double *weights, bool moments) {
+// Derivatives by position, speed and acceleration of the joints and by h, m.by (3 joints + 1), at the instants from k on
+// that are computed at once, of a sum: weights (terms) of 1, theta0', velocities, accelerations and, where it has some,
+// moments. After differentiate_turn(). As the moments sum up to nothing, what the base's acceleration does to the sum is
+// taken off their weights.
+static inline void differentiate_sum(const Robot &robot, Motion &m, Index k, const Vector *weights, bool moments) {
     const Index n = robot.joints, bodies = robot.bodies, stride = m.stride;
-    double *by = m.by, by_base_rate = weights[1];
+    const Vector none = all(0), *of_moments = weights + 2 + 2 * n;
+    Vector *by = (Vector *)m.by, by_base_rate = weights[1];
+    for (Index i = 0; i < 3 * n; ++i) by[i] = none;
     if (moments) {
-        const double *of_moments = weights + 2 + 2 * n;
-        double *by_angle = m.by_angle, *by_swing = m.by_swing, *by_acceleration = m.moving_cosine, pulled = 0;
-        for (Index o = 0; o < bodies; ++o) by_angle[o] = by_swing[o] = by_acceleration[o] = 0;
-        for (Index b = 0; b < robot.links; ++b) {
+        Vector *by_angle = (Vector *)m.by_angle, *by_swing = (Vector *)m.by_swing;
+        Vector *by_acceleration = (Vector *)m.moving_cosine, pulled = none;
+        for (Index o = 0; o < bodies; ++o) by_angle[o] = by_swing[o] = by_acceleration[o] = none;
+        for (Index b = 0; b < robot.links; ++b) {  // sum_b weight_b conj(E_b) C_bo
+            if (!any(of_moments[b] != none)) continue;
             const double *re = robot.link_real + b * bodies, *im = robot.link_imaginary + b * bodies;
-            const double c = m.body_cosine[robot.group[b] * stride + k], s = m.body_sine[robot.group[b] * stride + k];
-            const double weight = of_moments[b];
-            m.gathered[b] = 0;
-            for (Index o = 0; o < bodies; ++o) {  // conj(E_b) C_bo
-                double real = c * re[o] + s * im[o], imaginary = c * im[o] - s * re[o];
-                m.gathered[b] += real * m.y[o * stride + k] + imaginary * m.x[o * stride + k];
-                by_acceleration[o] += weight * real;
-                by_swing[o] += weight * imaginary;
+            const Vector c = of_moments[b] * load(m.body_cosine + robot.group[b] * stride + k);
+            const Vector s = of_moments[b] * load(m.body_sine + robot.group[b] * stride + k);
+            for (Index o = 0; o < bodies; ++o) {
+                by_acceleration[o] = add_product(re[o], c, add_product(im[o], s, by_acceleration[o]));
+                by_swing[o] = add_product(im[o], c, add_product(-re[o], s, by_swing[o]));
             }
         }
         for (Index o = 0; o < bodies; ++o) {
-            const double c = m.body_cosine[o * stride + k], s = m.body_sine[o * stride + k], x = by_acceleration[o];
-            by_acceleration[o] = x * c - by_swing[o] * s;
-            by_swing[o] = x * s + by_swing[o] * c;
+            const Vector c = load(m.body_cosine + o * stride + k), s = load(m.body_sine + o * stride + k);
+            const Vector x = by_acceleration[o];
+            by_acceleration[o] = multiply_add(x, c, -by_swing[o] * s);
+            by_swing[o] = multiply_add(x, s, by_swing[o] * c);
             pulled += by_acceleration[o];
         }
-        pulled *= m.inverse[k];  // what the base's acceleration does to the sum is taken off its weights
+        pulled *= load(m.inverse + k);
         for (Index b = 0; b < robot.links; ++b)
-            by_angle[robot.group[b]] += (of_moments[b] - pulled) * m.gathered[b];
+            by_angle[robot.group[b]] =
+                multiply_add(of_moments[b] - pulled, load(m.gathered + b * stride + k), by_angle[robot.group[b]]);
         for (Index o = 0; o < bodies; ++o) {
-            const double real = by_acceleration[o] - pulled * m.inertia[o * stride + k];
-            const double imaginary = by_swing[o] + pulled * m.turned[o * stride + k];
-            const double rate = m.swing[o * stride + k] + m.rate[k];
-            by_angle[o] -= real * rate * rate + imaginary * (m.relative[o * stride + k] + m.base_acceleration[k]);
-            by_swing[o] = -2 * imaginary * rate;
+            const Index at = o * stride + k;
+            const Vector real = by_acceleration[o] - pulled * load(m.inertia + at);
+            const Vector imaginary = by_swing[o] + pulled * load(m.turned + at);
+            const Vector rate = load(m.swing + at) + load(m.rate + k);
+            by_angle[o] -= real * rate * rate + imaginary * (load(m.relative + at) + load(m.base_acceleration + k));
+            by_swing[o] = all(-2) * imaginary * rate;
             by_acceleration[o] = real;
         }
         gather(robot, by_angle, by);
         gather(robot, by_swing, by + n);
         gather(robot, by_acceleration, by + 2 * n);
         for (Index e = 0; robot.has_rotors && e < robot.links * n; ++e)
-            by[2 * n + e % n] += of_moments[e / n] * robot.rotors[e];
+            by[2 * n + e % n] = add_product(robot.rotors[e], of_moments[e / n], by[2 * n + e % n]);
         by_base_rate += by_swing[0];
-    } else {
-        std::memset(by, 0, 3 * n * sizeof(double));
     }
     for (Index i = 0; i < n; ++i) {
-        by[i] += by_base_rate * m.by_position[i * stride + k];
-        by[n + i] += by_base_rate * m.by_speed[i * stride + k] + weights[2 + i];
+        by[i] = multiply_add(by_base_rate, load(m.by_position + i * stride + k), by[i]);
+        by[n + i] = multiply_add(by_base_rate, load(m.by_speed + i * stride + k), by[n + i]) + weights[2 + i];
         by[2 * n + i] += weights[2 + n + i];
     }
-    by[3 * n] = by_base_rate * m.inverse[k];
+    by[3 * n] = by_base_rate * load(m.inverse + k);
 }
 
 // The torque of a motor at the instants from k on that are computed at once; it turns link b by turns[b * motors].
@@ -292,7 +296,7 @@ static inline void lay_out_motion(Arena &arena, Motion &m, const Robot &robot, I
     for (double **each : {&m.base_acceleration, &m.time, &m.attitude, &m.attitude_cosine, &m.attitude_sine, &m.value})
         arena.take(*each, m.stride);
     for (double **each : {&m.end_x, &m.end_y}) arena.take(*each, 2 * capsules * m.stride);
-    arena.take(m.weights, 2 + 2 * n + robot.links);
-    arena.take(m.gathered, robot.links);
-    arena.take(m.by, 3 * n + 1);
+    arena.take(m.weights, (2 + 2 * n + robot.links) * 8);
+    arena.take(m.gathered, robot.links * m.stride);
+    arena.take(m.by, (3 * n + 1) * 8);
 }

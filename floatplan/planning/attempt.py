@@ -4,6 +4,7 @@ Attempts depend on the problem, the degrees, the seed and their own number alone
 and the answer is the same for the same seed.
 """
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +17,7 @@ from floatplan.arrays import Array
 from floatplan.compiled import batch
 from floatplan.compiled.batch import CAUTIOUS, STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.flight import momentum_set
+from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.compiled_attempt import (
@@ -26,11 +27,12 @@ from floatplan.planning.transcription.compiled_attempt import (
     CompiledAttempts,
     compiled_attempts,
 )
-from floatplan.planning.transcription.constraints import Constraint, constraints
+from floatplan.planning.transcription.constraints import Constraint, applies, constraints
 from floatplan.planning.transcription.exchange import Worst, local_minima, solve
 from floatplan.planning.transcription.program import (
     FlightProgram,
     Objective,
+    changes_at_ends,
     instants_beside_nodes,
     objective,
     objective_value,
@@ -42,18 +44,20 @@ from floatplan.planning.transcription.trajectory import (
     Sampling,
     Trajectory,
     flight_model,
+    sample_also,
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
 from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
-from floatplan.tables import ORIENTATION
+from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
+LOG = logging.getLogger(__name__)
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
-NEAR_MISS = 1e-3  # [-] of violations, below which the search in Python follows what the kernel gave up
+NEAR_MISS = 1e-3  # [-] of violations, below which a motion that is not optimal is followed once more from its end
 SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
@@ -127,7 +131,7 @@ class Outcome:
     ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
     constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
     took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
-    ``coefficients`` are b (n, k+1), where the kernel has written them.
+    ``coefficients`` are b (n, k+1), where the kernel has written them; ``missed`` is by how much (14) is, rad.
     """
 
     variables: DecisionVariables
@@ -141,6 +145,7 @@ class Outcome:
     starts: int = 1
     solved: int = 1
     coefficients: Array | None = None
+    missed: float = np.nan
 
     @property
     def holds(self) -> bool:
@@ -159,8 +164,19 @@ class Outcome:
         return trajectory(self.model, self.variables, nodes, self.solution.x)
 
     @cached_property
+    def written(self) -> Array:
+        """Coefficients b (n, k+1) of (12), powers of t in seconds."""
+        if self.coefficients is not None:
+            return self.coefficients
+        variables, x = self.variables, self.solution.x
+        motions = variables.motion_class(variables.angular_momentum(x))
+        return motions.powers_of_seconds(variables.free_coefficients(x))
+
+    @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
+        if OBJECTIVE_TABLE[self.objective].quantity is None and is_planar(self.model.flight):
+            return float(np.linalg.norm(self.written))
         return objective_value(self.objective, self.motion, self.solution.x)
 
 
@@ -217,15 +233,47 @@ class Attempts:
         padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
         return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
 
+    @cached_property
+    def impossible(self) -> list[str]:
+        """Sentences about why no motion whatever meets the problem, as far as that is known."""
+        reasons = [*self._impossible_ends(), *impossibilities(self.problem)] if self.constraints else []
+        for reason in reasons:
+            LOG.info("impossible: %s", reason)
+        return reasons
+
+    def _impossible_ends(self) -> Iterator[str]:
+        """What already fails at takeoff or landing, where positions, rates and accelerations are given.
+
+        What the search can still change there, with a free h or free accelerations, does not count.
+        """
+        start = self.plain_start
+        ends = sample_also(self.model.nodes(0, start.variables.polynomials.form), np.array([0.0, 1.0]))
+        motion = trajectory(self.model, start.variables, ends, start.x).at_goal()
+        for block in self.constraints:
+            if changes_at_ends(start.variables, block):
+                continue
+            values = block.values(motion)[-2:]
+            exists = applies(block, motion.sampling.grid.s[-2:])
+            for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
+                row = int(np.argmin(values[end]))
+                if exists[end] and values[end, row] < -block.tolerance:
+                    amount = -values[end, row] * block.scale[row]
+                    violated = f"{block.labels[row]} is violated by {amount:.4g} {block.unit}"
+                    cause = block.cause.format(end=name)
+                    yield f"At {verb} the {name} itself is impossible: {violated} ({cause})."
+
     def _watching_level(self) -> int:
         """Level of grids for the constraints: no link may jump over an obstacle between two nodes.
 
         The plain motion tells how far the links travel.
         """
-        sizes, plain = [obstacle.thickness for obstacle in self.problem.obstacles], self.plain_start
-        dense = self.model.nodes(-2, plain.variables.polynomials.form)
+        smallest = min((obstacle.thickness for obstacle in self.problem.obstacles), default=np.inf)
+        if smallest == np.inf:
+            return CONSTRAINED_LEVEL
+        plain = self.plain_start
+        dense = self.model.nodes(COMPILED_LEVEL, plain.variables.polynomials.form)
         way = trajectory(self.model, plain.variables, dense, plain.x).flown.longest_way
-        wanted = way / max(min(sizes, default=np.inf), SMALLEST_STEP)
+        wanted = way / max(smallest, SMALLEST_STEP)
         counts = enumerate(self.model.flight.node_counts)
         enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
         return min(enough, default=WATCHED_AT_MOST)
@@ -233,10 +281,12 @@ class Attempts:
     def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work - start.work
-        if self._compiled and not stop():
-            outcome = self._follow_compiled(self._compiled, start, most_work - start.work)
-            if 0 < outcome.violation < NEAR_MISS:
-                other = self._follow(start, lambda: self.model.work - before > most_work or stop())
+        if self._compiled:
+            left = -1.0 if stop() else most_work - start.work
+            outcome = self._follow_compiled(self._compiled, start, left)
+            if not stop() and outcome.violation < NEAR_MISS and not outcome.is_optimal:
+                again = replace(start, x=outcome.solution.x, at_once=True)
+                other = self._follow_compiled(self._compiled, again, most_work - (self.model.work - before))
                 outcome = best([outcome, other])
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
@@ -255,7 +305,8 @@ class Attempts:
         ended = compiled.follow(start.variables, start.x, start.at_once, most_work)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
-        return Outcome(start.variables, reached, self.model, *of_end, self.problem.motion.objective)
+        named = self.problem.motion.objective
+        return Outcome(start.variables, reached, self.model, *of_end, named, missed=ended.missed)
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
@@ -348,6 +399,7 @@ class Attempts:
             violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
         if violation <= 0 and reached.status == "infeasible":
             reached = reached._replace(status="feasible")  # kept, though not as well inside as the search aims
-        outcome = Outcome(variables, reached, self.model, level, violation, worst, self.problem.motion.objective)
+        named = self.problem.motion.objective
+        outcome = Outcome(variables, reached, self.model, level, violation, worst, named, missed=motion.flown.missed)
         outcome.__dict__["motion"] = motion
         return outcome

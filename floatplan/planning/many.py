@@ -16,7 +16,7 @@ from floatplan.certificate.certificate import certify
 from floatplan.compiled import batch as plain
 from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, STATUS, Answers, Search
 from floatplan.errors import InputError
-from floatplan.planning.planned import planned
+from floatplan.planning.planned import answered, planned
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
@@ -209,10 +209,8 @@ def _answering(
 
 
 def _searched(problem: Problem, options: SearchOptions) -> Answer:
-    searched = planned(problem, options)
-    plan = searched.plan
-    answer = Answer.of_plan(plan, plan.status if plan.ok else "impossible" if searched.is_impossible else "not_found")
-    if not searched.gave_up or answer.status != "not_found":
+    answer, gave_up = answered(problem, options)
+    if not gave_up or answer.status != "not_found":
         return answer
     return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
 

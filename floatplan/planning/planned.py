@@ -8,28 +8,27 @@ import math
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled.batch import MOST_STARTS, Search
 from floatplan.errors import refuse
-from floatplan.motion.flight import difficulties, impossibilities, motion_into_ground
+from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together
-from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SearchOptions, SearchResult, expiry, search
+from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.constraints import applies
-from floatplan.planning.transcription.program import changes_at_ends
-from floatplan.planning.transcription.trajectory import sample_also, trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
+from floatplan.plans.plans import Answer
 from floatplan.pool import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
 LOG = logging.getLogger(__name__)
-COUNTS = ("starts", "solved", "iterations")
+LOGGED = ("starts", "solved", "iterations")
 SHARE = 0.5  # [-] of the budget that the motion at hand may take before another is searched, and that this has at least
 INTERRUPTED = "The search was interrupted before it found a plan; there may be one."
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
@@ -58,6 +57,52 @@ class SearchedPlan:
         return Attempts(self.plan.problem, self.plan.solver["seed"]).outcome_of(self.ended)
 
 
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search ended with, begun when the clock was at ``began``, s."""
+
+    prepared: Attempts
+    result: SearchResult
+    began: float
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why no motion whatever can be a plan, where none was found."""
+        return [] if self.result.best.holds else self.prepared.impossible
+
+    @property
+    def answer(self) -> Answer:
+        """In numbers."""
+        best = self.result.best
+        counts: dict[str, Any] = self.result.counts
+        nothing = "impossible" if self.reasons else "not_found"
+        return Answer(
+            status=best.solution.status if best.holds else nothing,
+            objective=best.objective_value if best.holds else np.nan,
+            angular_momentum=float(best.variables.angular_momentum(best.solution.x)[0]),
+            residual=best.missed,
+            coefficients=best.written,
+            **counts,
+            message=explain(self.prepared, self.result, self.reasons),
+        )
+
+    @property
+    def plan(self) -> SearchedPlan:
+        """As a plan."""
+        prepared, result, best = self.prepared, self.result, self.result.best
+        unsolved = "interrupted" if result.interrupted and not self.reasons else "infeasible"
+        plan = Plan.of_motion(
+            prepared.problem,
+            *motion_of(best),
+            status=best.solution.status if best.holds else unsolved,
+            ok=best.holds,
+            explanation=explain(prepared, result, self.reasons),
+            solver={**result.counts, "seconds": time.perf_counter() - self.began, "seed": prepared.seed},
+        )
+        work = sum(outcome.work for outcome in result.outcomes)
+        return SearchedPlan(plan, best, result.holding[1:], bool(self.reasons), result.ran_out_of_patience, work)
+
+
 def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan:
     """Plan a flight and keep where the search ended.
 
@@ -70,12 +115,25 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     InputError
         What stands on the ground moves down at takeoff, or up at landing.
     """
+    found = _found(problem, options, near)
+    return found if isinstance(found, SearchedPlan) else found.plan
+
+
+def answered(problem: Problem, options: SearchOptions) -> tuple[Answer, bool]:
+    """Plan a flight of which the numbers are enough, and say whether the search's patience ended; errors as above."""
+    found = _found(problem, options, None)
+    if isinstance(found, SearchedPlan):
+        return Answer.of_plan(found.plan, found.plan.status), found.gave_up
+    return found.answer, found.result.ran_out_of_patience
+
+
+def _found(problem: Problem, options: SearchOptions, near: Plan | None) -> SearchedPlan | Searched:
     began = time.perf_counter()
     most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
     followed = follow_together(problem, Search(options.starts, most, options.seed))
     if followed and followed.status != "infeasible":
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
-        LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, COUNTS), plan.status)
+        LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
         return SearchedPlan(plan, followed, work=followed.work)
     return _searched(problem, options, near, followed, began)
 
@@ -83,43 +141,22 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
 @one_thread
 def _searched(
     problem: Problem, options: SearchOptions, near: Plan | None, followed: Followed | None, began: float
-) -> SearchedPlan:
+) -> Searched:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
-    reasons: list[str] = []
     if problem.robot.in_plane is None:
         from floatplan.planning.in_space import search_in_space  # here, since most problems do without
 
-        return _answered(prepared, search_in_space(prepared, options), reasons, began)
+        return Searched(prepared, search_in_space(prepared, options), began)
     result = _followed_from(near, prepared, options.budget) if near and prepared.constraints else None
     if result is None:
         if near and options.budget is not None:
             left = options.budget - (time.perf_counter() - began)
             options = replace(options, budget=max(left, SHARE * options.budget))
-        reasons = [*_impossible_ends(prepared), *impossibilities(prepared.problem)] if prepared.constraints else []
-        for reason in reasons:
-            LOG.info("impossible: %s", reason)
-        for_impossible = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 0
-        result = search(prepared, options, for_impossible if reasons else None, followed)
-    return _answered(prepared, result, reasons, began)
-
-
-def _answered(prepared: Attempts, result: SearchResult, reasons: list[str], began: float) -> SearchedPlan:
-    """The plan that a search ended with."""
-    best = result.best
-    unsolved = "interrupted" if result.interrupted and not reasons else "infeasible"
-    plan = Plan.of_motion(
-        prepared.problem,
-        *motion_of(best),
-        status=best.solution.status if best.holds else unsolved,
-        ok=best.holds,
-        explanation=explain(prepared, result, reasons),
-        solver={**result.counts, "seconds": time.perf_counter() - began, "seed": prepared.seed},
-    )
-    work = sum(outcome.work for outcome in result.outcomes)
-    return SearchedPlan(plan, best, result.holding[1:], bool(reasons), result.ran_out_of_patience, work)
+        result = search(prepared, options, followed=followed)
+    return Searched(prepared, result, began)
 
 
 def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> SearchResult | None:
@@ -211,30 +248,6 @@ def _more_freedom(problem: Problem) -> list[str]:
     if problem.flight.angular_momentum != "free":
         freedom.append('flight.angular_momentum = "free"')
     return [f"More freedom may help: {' or '.join(freedom)}."] if freedom else []
-
-
-def _impossible_ends(prepared: Attempts) -> list[str]:
-    """What already fails at takeoff or landing, where positions, rates and accelerations are given.
-
-    What the search can still change there, with a free h or free accelerations, does not count.
-    """
-    start = prepared.plain_start
-    ends = sample_also(prepared.model.nodes(0, start.variables.polynomials.form), np.array([0.0, 1.0]))
-    motion = trajectory(prepared.model, start.variables, ends, start.x).at_goal()
-    sentences = []
-    for block in prepared.constraints:
-        if changes_at_ends(start.variables, block):
-            continue
-        values = block.values(motion)[-2:]
-        exists = applies(block, motion.sampling.grid.s[-2:])
-        for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
-            row = int(np.argmin(values[end]))
-            if exists[end] and values[end, row] < -block.tolerance:
-                amount = -values[end, row] * block.scale[row]
-                violated = f"{block.labels[row]} is violated by {amount:.4g} {block.unit}"
-                cause = block.cause.format(end=name)
-                sentences.append(f"At {verb} the {name} itself is impossible: {violated} ({cause}).")
-    return sentences
 
 
 def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:

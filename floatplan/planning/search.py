@@ -27,7 +27,7 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
 LOG = logging.getLogger(__name__)
-DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s in space, 1 s in a plane
+DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 3 to 7 s in space, 1 s in a plane
 MOST_JOBS = 64  # [-] processes
 MOST_SOLVED = 1000  # [-] solved starts to choose the best from
 JOBS = whole(Range(1, MOST_JOBS, ""))
@@ -127,10 +127,13 @@ def search(
 ) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
-    The budget is of seconds, or of the default work where it is None. ``most`` limits the starts, where the problem is
-    known to have no solution and at most a near miss is wanted. The first starts may have been followed together: of
-    these the best alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where there is none.
+    The budget is of seconds, or of the default work where it is None. ``most`` limits the starts; where the first fails
+    and the problem is known to have no solution, at most a near miss is wanted. The first starts may have been followed
+    together: of these the best alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where
+    there is none.
     """
+    if not options.near_miss and prepared.impossible:
+        most = 0
     expired = expiry(options.budget)
     work = DEFAULT_WORK if options.budget is None else np.inf
     patience = np.inf if options.patience is None else options.patience
@@ -147,6 +150,8 @@ def search(
                 tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
                 options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
+                break
+            if len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and not outcomes[0].holds and prepared.impossible:
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -244,7 +249,7 @@ def _outcomes(
     The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
     none: how far it came would depend on what ran beside it.
     """
-    nearest: list[Outcome] = []
+    tried: list[Outcome] = []
     together = prepared.outcome_of(followed) if followed else None
     is_first = together is None
     if together:
@@ -259,9 +264,10 @@ def _outcomes(
     several = options.jobs > 1
     with processes(options.jobs, (__name__,), _attempting, *ready) if several else nullcontext() as pool:
         for degrees, attempts in _stages(prepared.problem):
+            nearest = _nearest(tried)
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
             numbers = range(together.starts if together else 0, attempts)
-            tried: list[Outcome] = []
+            tried = []
             for outcome in in_order(pool, [(degrees, raised, number) for number in numbers], here):
                 if outcome is None:  # there are not so many starts
                     break
@@ -273,7 +279,6 @@ def _outcomes(
                 allowance.gave_up = len(tried) == options.attempts and not any(each.holds for each in tried)
                 if allowance.gave_up:
                     break
-            nearest = _nearest(tried)
 
 
 def _nearest(outcomes: list[Outcome]) -> list[Outcome]:

@@ -17,6 +17,7 @@ from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
 PATIENCE = 1.6e7  # [instants of one body] with each of them at first, about a second
+LIFTED = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
 
 
 def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
@@ -71,7 +72,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
 def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> list[HalfPlane]:
     """Half-planes below the links' capsules, which are thicker than what stands: as deep as these are at both ends.
 
-    Another is as high as the ground, as long as the program's capsules are above it: so long its feet are lifted.
+    Another is as high as the ground, as long as the program's capsules are well above it: so long its feet are lifted.
     """
     index, robot, shares = program.flight, problem.robot, program.phases[program.flight].shares
     flown = solution.y[:, program.starts[index] : program.starts[index + 1] + 1]
@@ -81,7 +82,8 @@ def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground:
     rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
     heights = rise + undersides(robot, corners(robot.shapes), flown).min(axis=1)
     level = ground + min(0.0, *heights[[0, -1]]) - POINT_FEET
-    lifted, found = np.flatnonzero(heights > POINT_FEET), [HalfPlane(point=(0.0, round(level, 4)))]
+    lifted = np.flatnonzero(heights > np.clip(heights.max() / 2, POINT_FEET, LIFTED))
+    found = [HalfPlane(point=(0.0, round(level, 4)))]
     if len(lifted) > 1:
         first, last = lifted[[0, -1]]
         level = ground + min(0.0, heights[first : last + 1].min() - POINT_FEET)

@@ -119,16 +119,12 @@ def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, A
     """Peaks (N, m) of the motors' torques and utilisation (N,) of the URDF's limits: a plain problem has no others."""
     base = problems.base
     peaks, use = np.full((len(plans), len(base.robot.motors)), np.nan), np.full(len(plans), np.nan)
-    if not found.size:
-        return peaks, use
-    velocity_limits = np.asarray(base.robot.motor_velocity_limits)
-    limits_rates = bool(np.isfinite(velocity_limits).any())
-    duration = problems.arrays.get("flight.duration", np.full(len(plans), base.flight.duration))
-    measured = many_peaks(
-        base, duration[found], plans.angular_momentum[found], plans.coefficients[found], orders=int(limits_rates)
-    )
-    peaks[found] = measured.motor_torque
-    use[found] = _use(base.robot, measured, limits_of_motors(base))
+    if found.size:
+        duration = problems.arrays.get("flight.duration", np.full(len(plans), base.flight.duration))[found]
+        motions = duration, plans.angular_momentum[found], plans.coefficients[found]
+        limits_rates = bool(np.isfinite(base.robot.motor_velocity_limits).any())
+        measured = many_peaks(base, *motions, orders=int(limits_rates))
+        peaks[found], use[found] = measured.motor_torque, _use(base.robot, measured, limits_of_motors(base))
     return peaks, use
 
 
@@ -179,31 +175,25 @@ def _measured_alone(
     problems: Sequence[Problem], answers: Sequence[Answer], seeds: Sequence[int]
 ) -> Iterator[dict[str, Any]]:
     """Objective, peaks, utilisation and clearance of plans; by the kernel where it knows all of that."""
-    robot = problems[0].robot
-    limits = [limits_of_motors(problem) for problem in problems]
+    robot, limits = problems[0].robot, [limits_of_motors(problem) for problem in problems]
     if robot.in_plane is None or limits[0].keys() > {"torque", *ORDERS} or not all(map(can_measure, problems)):
         for problem, answer, seed in zip(problems, answers, seeds, strict=True):
             plan = replace(answer, certificate=None).plan(problem, seed)
-            least = plan.peaks.clearance
-            least = np.nan if least is None else least
-            yield _figures(answer, plan.peaks.motor_torque, largest_use(plan.utilisation) or np.nan, least)
+            yield _figures(answer, plan.peaks.motor_torque, largest_use(plan.utilisation), plan.peaks.clearance)
         return
     columns = max(answer.coefficients.shape[1] for answer in answers)
-    coefficients = np.zeros((len(answers), len(robot.joints), columns))
-    for of, answer in zip(coefficients, answers, strict=True):
-        of[:, : answer.coefficients.shape[1]] = answer.coefficients
-    durations, momenta = (
-        [problem.flight.duration for problem in problems],
-        [each.angular_momentum for each in answers],
-    )
-    measured = many_peaks(problems, np.array(durations), np.array(momenta), coefficients, orders=len(ORDERS))
+    coefficients = [np.pad(b, ((0, 0), (0, columns - b.shape[1]))) for b in (answer.coefficients for answer in answers)]
+    durations = np.array([problem.flight.duration for problem in problems])
+    momenta = np.array([answer.angular_momentum for answer in answers])
+    measured = many_peaks(problems, durations, momenta, np.array(coefficients), orders=len(ORDERS))
     use = _use(robot, measured, {name: np.array([each[name] for each in limits]) for name in limits[0]})
-    clearance = np.where(np.isfinite(measured.clearance), measured.clearance, np.nan)
-    yield from map(_figures, answers, measured.motor_torque, use.tolist(), clearance.tolist())
+    yield from map(_figures, answers, measured.motor_torque, use.tolist(), measured.clearance.tolist())
 
 
-def _figures(answer: Answer, torque: Array, utilisation: float, clearance: float) -> dict[str, Any]:
-    return {"objective": answer.objective, "peaks": torque, "utilisation": utilisation, "clearance": clearance}
+def _figures(answer: Answer, torque: Array, use: float | None, clearance: float | None) -> dict[str, Any]:
+    known = {"utilisation": use, "clearance": None if clearance == np.inf else clearance}
+    numbers = {name: np.nan if value is None else value for name, value in known.items()}
+    return {"objective": answer.objective, "peaks": torque, **numbers}
 
 
 def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:

@@ -13,6 +13,7 @@ from flown_plans import Drifting
 import floatplan as fp
 from floatplan.inflight.estimate import adapted
 from floatplan.inflight.replanner import REACHED
+from floatplan.motion.flight import LinkShapes
 from floatplan.motion.planar.clearance import obstacle_distances
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -46,6 +47,24 @@ def test_an_obstacle_is_passed(error: float) -> None:
         least = min(least, distance_to_circle(plan, *robot.fly(replanner, following)))
     assert least > 0.9 * plan.problem.obstacles[0].margin
     assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.1)
+
+
+@pytest.mark.parametrize("error", [-0.08, 0.08])
+def test_a_landing_on_the_ground_is_as_straight_as_one_without(error: float) -> None:
+    """Its links end 2 mm above it: corrections do not turn the robot to keep them further off."""
+    free = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+    landing, tree = np.array([free.duration]), free.robot.tree
+    angles = tree.absolute_angles(free.orientation(landing), free.joint_motion(landing)[0])
+    com = free.ballistics.positions(landing)
+    links = LinkShapes(tree, free.robot.shapes).place(com[:, 0] + 1j * com[:, 1], angles)
+    lowest = float((np.minimum(links.start.imag, links.end.imag) - links.radius).min())
+    ground = fp.HalfPlane(point=(0.0, lowest - 0.002), window=(free.duration / 2, free.duration))
+    plan = replace(free, problem=replace(free.problem, obstacles=(ground,)))
+    replanner, robot = fp.Replanner(plan), Drifting(plan, plan.angular_momentum * (1 + error))
+    for following in (plan.duration * np.arange(1, 101) / 100).tolist():
+        assert replanner.update(*robot.state(replanner)).status == "applied"
+        robot.fly(replanner, following)
+    assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.02)
 
 
 @pytest.mark.parametrize(("quantity", "share"), [("torque", 1.1), ("velocity", 1.0)])

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.planning import starts
 from floatplan.planning.attempt import Attempts, Outcome
-from floatplan.planning.transcription.compiled_attempt import measured
-from floatplan.planning.transcription.trajectory import trajectories
+from floatplan.planning.transcription.compiled_attempt import BATCH_LEVEL, crossings
+from floatplan.planning.transcription.constraints import applies
+from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 NAMES = ("obstacle", "torque_limited", "moving_hoop", "handstand_ground", "gallery/solo", "gallery/bolt")
-LEVEL = 2  # of grids
 MOTIONS = 6
 
 
@@ -48,12 +47,34 @@ def test_of_what_does_not_hold_both_judges_say_the_same(ready):
     assert np.sort(judged.worst.value) == pytest.approx(np.sort(ended.worst.value), abs=1e-7)
 
 
-def test_random_motions_are_measured_as_in_python(ready):
-    variables, rng = ready.plain_start.variables, np.random.default_rng(0)
-    x = ready.plain_start.x + 0.3 * rng.normal(size=(MOTIONS, variables.size))
-    together = trajectories(ready.model, variables, LEVEL, x)
-    found = measured(ready.model, ready.constraints, variables, x, LEVEL, True)
-    assert found is not None
-    missed, violations = found
-    assert missed == pytest.approx(together.residual[:, 0], abs=1e-9)
-    assert violations == pytest.approx(starts._violations(together, ready.constraints, MOTIONS), rel=1e-7, abs=1e-12)
+def test_starts_between_motions_are_those_of_python(ready):
+    """The secant method between pairs, by the general path's evaluations."""
+    model, kept, variables = ready.model, ready.constraints, ready.plain_start.variables
+    drawn = ready.plain_start.x + 0.3 * np.random.default_rng(0).normal(size=(MOTIONS, variables.size))
+
+    nodes = model.nodes(BATCH_LEVEL, variables.polynomials.form)
+
+    def measured(motions):
+        each = [trajectory(model, variables, nodes, x) for x in motions]
+        squares = [
+            [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.s)].sum() for block in kept] for at in each
+        ]
+        return np.array([at.residual[0, 0] for at in each]), np.array(squares).sum(axis=1)
+
+    missed, size = measured(drawn)[0], np.linalg.norm(drawn, axis=1)
+    over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (missed > 0, missed < 0))
+    if len(over) and len(under):
+        pairs = max(len(over), len(under))
+        (low, high), (below, above) = ([of[np.resize(side, pairs)] for side in (over, under)] for of in (drawn, missed))
+        for _ in range(2):
+            share = np.clip(below / (below - above), 0.05, 0.95)[:, None]
+            middle = low + share * (high - low)
+            left, violations = measured(middle)
+            is_over = left > 0
+            low, below = np.where(is_over[:, None], middle, low), np.where(is_over, left, below)
+            high, above = np.where(is_over[:, None], high, middle), np.where(is_over, above, left)
+        expected = middle[np.argsort(violations + 1e-9 * np.linalg.norm(middle, axis=1))]
+    else:
+        expected = drawn[[np.argmin(np.abs(missed))]]
+    found = crossings(model, kept, variables, drawn, steps=2, most=MOTIONS, apart=0.0)
+    assert found == pytest.approx(expected, abs=1e-8)

@@ -24,6 +24,7 @@ MANY = 10**6
 
 def run(problem: fp.Problem, most: int | None = None, **options: Any) -> SearchResult:
     ready = Attempts(problem, 0)
+    ready.__dict__["impossible"] = []  # as far as is known
     return search(ready, SearchOptions(**options), most)
 
 

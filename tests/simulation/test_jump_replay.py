@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from jumps import INSTALLED, backflip
 from needed import skip_or_fail
+from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -81,6 +82,19 @@ def test_seeds_and_corrections() -> None:
     assert both.statuses["applied"] > 20
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "gains"), [("a1", (56.0, 0.98)), ("go1", (53.0, 0.88))])
+def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[float, float]) -> None:
+    """Also where rotors that the plan does not know make them land early."""
+    found = made_once(f"{name}.toml", lambda: fp.jump(root / "problems" / "jumps" / f"{name}.toml", starts=1))
+    perturb = f"mass=5%,friction=17.647%,armature=0.01,{LATE}"
+    both = fp.replay_jump(found, 250.0, perturb=perturb, friction=0.85, flights=8, gains=gains, budget=None)
+    assert both.corrected is not None
+    assert both.uncorrected.clean.all()
+    assert both.corrected.clean.all()
+    assert both.corrected.pitch_rms < np.deg2rad(1)
+
+
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
@@ -137,11 +151,18 @@ def test_gains_are_searched(floatplan: Callable[..., Any], tmp_path: Path) -> No
     assert 1 <= facts["control"]["tried"] <= 8
 
 
-def test_command(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+def test_command(
+    flown: fp.JumpReplay, floatplan: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flight itself is flown from the command line by ``test_gains_are_searched``, and by pages of docs/."""
     path = backflip().save(tmp_path / "jump.json")
-    run = floatplan("replay", path, "--json", "--kp", "56", "--kd", "0.94")
+    asked: list[dict[str, Any]] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(fp, "replay_jump", lambda _, **options: asked.append(options) or flown)
+        run = floatplan("replay", path, "--json", "--kp", "57", "--kd", "0.98")
     facts = json.loads(run.stdout)
     assert (run.code, facts["landed"], facts["control"]["rate"]) == (0, True, 500.0)
+    assert [each["gains"] for each in asked] == [(57.0, 0.98)]
     for words, reason in (
         (["--engine", "pinocchio"], "--engine: knows no ground"),
         (["--authority"], "--authority: is for plans"),

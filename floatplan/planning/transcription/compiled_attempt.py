@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, STATUS, constrained_settings
+from floatplan.compiled.batch import FINE, SECANT_STEPS, STATUS, constrained_settings
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -41,18 +41,23 @@ MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
+BATCH_LEVEL = 2  # of grids, where starts are drawn
+# Starts of a batch; steps between two motions, and of each step the least share; starts that are nearer, rad, root mean
+# square of p, lead to the same motion.
+DRAWN = {"most": 2, "steps": SECANT_STEPS, "least_share": 0.05, "apart": 0.3}
 
 
 @dataclass(frozen=True, eq=False)
 class Ended:
     """Where a start ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
-    ``violation`` is the largest one of (14), rad, or of a row; 0 where everything holds.
+    ``violation`` is the largest one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much.
     """
 
     x: Array
     status: str
     violation: float
+    missed: float
     worst: Worst
     level: int
     iterations: int
@@ -102,7 +107,7 @@ class CompiledAttempts:
         row = self._found_row[kept]
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
         counted = ended.judged_level, ended.iterations, ended.evaluations
-        return Ended(found, STATUS[ended.status], ended.violation, worst, *counted)
+        return Ended(found, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
 
     @cached_property
     def _window_ends(self) -> tuple[float, ...]:
@@ -130,35 +135,36 @@ def compiled_attempts(
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-def measured(
+def crossings(
     model: FlightModel,
     constraints: tuple[Constraint, ...],
     variables: DecisionVariables,
     motions: Array,
-    level: int,
-    rows: bool,
-) -> tuple[Array, Array] | None:
-    """Measure motions x (S, size) at the nodes of a level: the residual (S,) of (14), rad, and the rows' violations.
+    **others: float,
+) -> Array:
+    """Return starts (S, size) that meet (14) between motions x (N, size), at a few nodes: ``crossings.hpp``.
 
-    These (S,) are sums of squares, meaningless where ``rows`` are not wanted. None where the kernel does not know them.
+    Those that violate least of the rows that the kernel knows come first. ``others`` are in the place of ``DRAWN``.
     """
     watch = watch_of(model.flight, constraints, "")
-    if not constraints or watch is None or not all(watch.known):
-        return None
-    block, _, look = where_to_look(constraints)
-    numbers = {"rows": watch.rows, "level": level, "objective_scale": 1.0, "bodies": model.flight.bodies}
-    arrays = {"tolerance": None, "at_ends": np.zeros(len(block), np.int64), "instants": None, "x": None}
-    attempt = Filled("Attempt", look, **numbers, **arrays)
-    missed, violations = np.empty((2, len(motions)))
-    wanted = {"missed": missed, "violations": violations if rows else None}
-    drawn = Filled("Drawn", count=len(motions), motions=motions, **wanted)
+    assert watch, "the flight is in a plane"
+    numbers: dict[str, Any] = DRAWN | others
+    starts = np.empty((numbers["most"], variables.size))
+    known = [block for block, is_known in zip(constraints, watch.known, strict=True) if is_known]
+    windows = np.repeat(
+        [block.window for block in known] or np.empty((0, 2)), [len(block.labels) for block in known], 0
+    )
+    of_attempt = {"rows": watch.rows, "level": BATCH_LEVEL, "objective_scale": 1.0, "bodies": model.flight.bodies}
+    arrays = {"tolerance": None, "at_ends": np.zeros(watch.rows, np.int64), "instants": None, "x": None}
+    attempt = Filled("Attempt", **of_attempt, **arrays, low=windows[:, 0], high=windows[:, 1])
+    drawn = Filled("Drawn", count=len(motions), motions=motions, starts=starts, **numbers)
     given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
     settings = constrained_settings(), _rules(model.flight.bodies)
     parts = attempt.structure, drawn.structure, watch.kernel.instructions
     if watch.kernel.draw(*watch.references, *given, *settings, *parts):
         raise MemoryError("no memory to choose starts")
-    model.evaluated(len(motions) * model.flight.node_counts[level])
-    return missed, violations
+    model.work += attempt.structure.work
+    return starts[: drawn.structure.found]
 
 
 @lru_cache(maxsize=8)

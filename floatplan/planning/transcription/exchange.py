@@ -5,7 +5,7 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -14,9 +14,9 @@ from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look, minima
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.optimization.programs import AnyEvaluation, Evaluation, FirstWay, Settings, Step
+from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
-from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
+from floatplan.planning.transcription.constraints import Constraint, Window, applies, window_ends
 from floatplan.planning.transcription.program import (
     BACK_OFF,
     FlightProgram,
@@ -104,13 +104,17 @@ def local_minima(
     return Worst(block[column], row[column], s, least)
 
 
-@lru_cache(maxsize=16)
 def where_to_look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
     """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
-    lengths = [len(block.labels) for block in constraints]
+    return _where_to_look(tuple((len(block.labels), block.window) for block in constraints), window_ends(constraints))
+
+
+@lru_cache(maxsize=16)
+def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ...]) -> tuple[IntArray, IntArray, Look]:
+    lengths = [length for length, _ in blocks]
     block = np.repeat(np.arange(len(lengths)), lengths)
-    low, high = np.array([each.window for each in constraints])[block].T
-    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), window_ends(constraints))
+    low, high = np.array([window for _, window in blocks])[block].T
+    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
     row = np.concatenate([np.arange(length) for length in lengths])
     return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
 
@@ -155,7 +159,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=_counting(model))
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), solve=_counting(model))
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
@@ -191,15 +195,14 @@ def solve(
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
-def _counting(model: FlightModel) -> FirstWay:
-    """Return what solves a quadratic program whose rows do not contradict one another, and counts any as work."""
+def _counting(model: FlightModel) -> SolveQp:
+    """Return what solves quadratic programs by the dual method, by ProxQP where that fails, and counts them as work."""
 
-    def step(current: AnyEvaluation, hessian: Array) -> Step | None:
-        found = dual_step(current, hessian)
-        model.solved(len(hessian), 0 if found else int(np.count_nonzero(current.inequality < 0)))
-        return found
+    def solve(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
+        first = partial(dual_step, counted=partial(model.solved, len(hessian), len(current.inequality)))
+        return solve_qp(current, hessian, active, slack_penalty, first, model.iterated)
 
-    return step
+    return solve
 
 
 def _stages(

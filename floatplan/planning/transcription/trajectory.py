@@ -18,15 +18,16 @@ from floatplan.arrays import Array
 from floatplan.compiled.constraints import ByX, MotionRows, RowTargets, quantity_rows
 from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
-from floatplan.motion.sine_polynomial import Form, JointMotion, basis, joint_motion
+from floatplan.motion.sine_polynomial import Form, JointMotion, basis
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
 
 EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
 DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
 ENTRY = 0.5  # [instants of one body] of a Jacobian
-CUBED = 0.15  # [instants of one body] of a quadratic program, times the cube of the number of its variables
-HARD = 0.09  # [instants of one body] of one whose rows contradict one another, times that of variables and rows
+CUBED = 0.012  # [instants of one body] of a quadratic program, times the cube of the number of its variables
+CHANGE = (0.045, 0.0027)  # [instants of one body] of a row's change, times variables squared; times variables and rows
+ITERATED = 0.12  # [instants of one body] of an iteration of ProxQP, times the square of variables and rows together
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +71,16 @@ class FlightModel:
         """Count a Jacobian."""
         self.work += DIFFERENTIATION + ENTRY * entries
 
-    def solved(self, variables: int, contradicting: int) -> None:
-        """Count a quadratic program, with so many rows if they contradict one another; in a plane they are small."""
+    def solved(self, variables: int, rows: int, changes: int) -> None:
+        """Count a quadratic program by the changes of its active rows; in a plane they are small."""
         if self.flight.tangent > 1:
-            self.work += CUBED * variables**3 + (HARD * (variables + contradicting) ** 3 if contradicting else 0.0)
+            changed = changes * (CHANGE[0] * variables + CHANGE[1] * rows)
+            self.work += variables * (CUBED * variables**2 + changed)
+
+    def iterated(self, numbers: int, iterations: int) -> None:
+        """Count iterations of ProxQP, by variables and rows together."""
+        if self.flight.tangent > 1:
+            self.work += ITERATED * iterations * numbers**2
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
@@ -135,7 +142,9 @@ class Trajectory:
         if self.boundary_by_axes is None:
             return by_x
         given = np.stack(self.sampling.values)[..., : self.sampling.given]
-        return replace(by_x, of_axes=np.tensordot(given, self.boundary_by_axes, axes=(2, 1)))
+        of_axes = np.zeros((3, *self.boundary_by_axes.shape[::2], by_x.basis.shape[2]))
+        of_axes[..., : given.shape[1]] = np.einsum("dkg,igh->dihk", given, self.boundary_by_axes)
+        return replace(by_x, of_axes=of_axes)
 
     def quantity_jacobian(self, name: str) -> Array:
         """Derivatives (K, r, size) of a quantity of :data:`QUANTITIES` by x."""
@@ -247,12 +256,13 @@ def basis_by_x(variables: DecisionVariables, sampling: Sampling) -> ByX:
     """Return the basis of p combined as x combines it, joint by joint."""
     free, scaling = variables.polynomials.free, variables.scaling
     columns = np.cumsum([0, *free])
-    basis = np.zeros((3, len(sampling.grid.s), variables.size))
+    count = len(sampling.grid.s)
+    basis = np.zeros((3, variables.size, -(-count // 8) * 8))
     for derivative, values in enumerate(sampling.values):
         for joint, width in enumerate(free):
             own = slice(columns[joint], columns[joint + 1])
             first = sampling.given
-            np.matmul(values[:, first : first + width], scaling[own, own], out=basis[derivative, :, own])
+            basis[derivative, own, :count] = (values[:, first : first + width] @ scaling[own, own]).T
     return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
 
 
@@ -262,27 +272,6 @@ def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampl
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
-
-
-def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x: Array) -> Trajectory:
-    """Evaluate S motions x (S, size) at once, one after the other at the nodes of a level: S N instants.
-
-    For values only: the derivatives of such a trajectory mean nothing.
-    """
-    polynomials, momentum = variables.polynomials, variables.momentum
-    sampling = model.nodes(level, polynomials.form)
-    model.evaluated(len(x) * sampling.grid.nodes)
-    z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
-    z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
-    h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
-    if variables.following:
-        boundary = np.stack([variables.motion_class(each).given_boundary for each in h])
-    else:
-        boundary = np.broadcast_to(polynomials.given_boundary, (len(x), *polynomials.given_boundary.shape))
-    coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
-    centre, amplitude, duration = polynomials.centre, polynomials.amplitude, polynomials.duration
-    motion = joint_motion(centre, amplitude, duration, coefficients, sampling.values)
-    return Trajectory(model, variables, sampling, motion, h)
 
 
 EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})

@@ -17,6 +17,7 @@ from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_place
@@ -33,6 +34,8 @@ SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
 PHASES = ("phase", "s", "from", "to", "on the ground")  # titles of tables
 STANCES = ("stances", "limit")
+OF_FLIGHT = {"start": "start", "goal": "goal", "duration": "duration", "momentum": "angular_momentum"}  # unless fixed
+OF_FLIGHT |= dict.fromkeys(("takes off", "lands", "speed"), "never")  # what a jump finds itself
 VECTOR = 0.5  # [-] length of the angular momentum as drawn, in sizes of the robot
 BOX_PAD = 0.02  # [-] room around what is drawn
 
@@ -289,19 +292,29 @@ def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
+def asked_of_jump(problem: Problem, request: JumpRequest) -> list[Row]:
+    """Return what a jump is asked: of its flight what it keeps alone, since the rest is a guess."""
+    rows = [Row(*row) for row in problem.rows() if row[0] not in OF_FLIGHT or OF_FLIGHT[row[0]] in request.fixed]
+    first, last = (round(end.orientation / (2 * np.pi)) for end in (problem.initial, problem.final))
+    rows.append(Row("whole turns", f"{last - first}"))
+    for name, end in (("from", request.takeoff.from_), ("to", request.landing.to)):
+        angles = [] if isinstance(end, str) else [f"{joint} {np.degrees(angle):.4g}°" for joint, angle in end.items()]
+        rows.append(Row(name, ", ".join(angles) or "standing"))
+    shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
+    return [*rows, Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
+
+
 def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
     """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
-    request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
+    force, (broken, held) = view.samples[2].sum(axis=1).max(), check_lines(view)
     weights = force / (view.robot.mass * view.problem.flight.gravity)
-    shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
-    asked = [Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
     result = [
         Row("height", f"centre of mass up to {view.height:.3g} m above the ground"),
         Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
     lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
     of_both: list[dict[str, Any]] = [
-        {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
+        {"title": "Problem", "rows": asked_of_jump(view.jump.problem, view.jump.request)},
         {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
     ]
     if flown:

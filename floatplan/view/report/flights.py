@@ -12,7 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
@@ -208,6 +208,7 @@ def _histogram(axes: Axes, ends: Sequence[Array]) -> None:
         axes.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
     axes.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
     _label_decades(axes.xaxis)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _label_decades(axis: Axis) -> None:
