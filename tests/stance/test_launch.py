@@ -75,13 +75,11 @@ def test_an_answer_that_holds_or_has_a_factor_is_told_rather_than_none(monkeypat
     ]
     answers = iter(told)
     monkeypatch.setattr("floatplan.stance.launch.corrected", lambda *_: next(answers))
-    monkeypatch.setattr("floatplan.stance.launch.solved", lambda first, _: (first, SimpleNamespace(converged=True)))
+    monkeypatch.setattr("floatplan.stance.launch.solved", lambda first, _: (first, next(solves)))
+    one, two, three, none = (SimpleNamespace(converged=at < 3, y=np.full(1, at)) for at in range(4))
+    solves = iter((one, two, three))
     assert launch(flight).ratio == 1.9
-    answers = iter(told[:1])
-    monkeypatch.setattr(
-        "floatplan.stance.launch.solved", lambda first, _: (first, SimpleNamespace(converged=bool(next(solves))))
-    )
-    solves = iter((1, 0, 0))
+    answers, solves = iter(told[:1]), iter((one, one, none))  # the second start comes to the same
     assert launch(flight).ratio == 2.7
 
 
