@@ -267,10 +267,13 @@ class Attempts:
 
         The plain motion tells how far the links travel.
         """
-        sizes, plain = [obstacle.thickness for obstacle in self.problem.obstacles], self.plain_start
-        dense = self.model.nodes(-2, plain.variables.polynomials.form)
+        smallest = min((obstacle.thickness for obstacle in self.problem.obstacles), default=np.inf)
+        if smallest == np.inf:
+            return CONSTRAINED_LEVEL
+        plain = self.plain_start
+        dense = self.model.nodes(COMPILED_LEVEL, plain.variables.polynomials.form)
         way = trajectory(self.model, plain.variables, dense, plain.x).flown.longest_way
-        wanted = way / max(min(sizes, default=np.inf), SMALLEST_STEP)
+        wanted = way / max(smallest, SMALLEST_STEP)
         counts = enumerate(self.model.flight.node_counts)
         enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
         return min(enough, default=WATCHED_AT_MOST)
