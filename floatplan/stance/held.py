@@ -90,18 +90,25 @@ class HeldJoints:
             along = own[0] * force[1] - (own[1] - spot.radius) * force[0]
             return out * along + lever * (z * force[0] - x * force[1])
 
-        torque: Any = 0.0
+        hinge, spots, points = Spot(home.body, home.local), list[Spot](), list[Array]()
+        spins = dict[int, Array]()  # I n of what moves with a body, in the reference posture
         for each in beyond:
             inertia, placement = robot.model.inertias[each], data.oMi[each]
-            frame, point = robot.frames[robot.model.names[each]], placement.act(inertia.lever)
-            way = self._axes[:2] @ (point - placement.translation)
+            frame = robot.frames[robot.model.names[each]]
+            points.append(placement.act(inertia.lever))
+            way = self._axes[:2] @ (points[-1] - placement.translation)
             back = complex(np.exp(-1j * turn * robot.tree.offsets[frame.body]))
-            spot = Spot(frame.body, frame.local + complex(*way) * back)
-            pushed = model.places(model.weights([spot], anchor), 2)
-            torque += moment(spot, point, (inertia.mass * pushed[0], inertia.mass * (pushed[1] + gravity)))
-            turned = placement.rotation @ inertia.inertia @ placement.rotation.T @ robot.plane.normal
-            spin_x, spin_z, spin_out = self._turned(frame.body, turned)
-            _, rate, change = (angles[frame.body] for angles in model.angles)
+            spots.append(Spot(frame.body, frame.local + complex(*way) * back))
+            spin = placement.rotation @ inertia.inertia @ placement.rotation.T @ robot.plane.normal
+            spins[frame.body] = spins.get(frame.body, 0.0) + spin
+        mass = np.array([robot.model.inertias[each].mass for each in beyond])
+        levers = mass * ((np.array(points) - origin) @ self._axes[2])
+        torque = out * turn * casadi().sum1(model.work(spots, mass, hinge, anchor))
+        pushed = model.places(levers[None] @ model.weights(spots, anchor), 2)
+        torque += z * pushed[0] - x * (pushed[1] + gravity * levers.sum())
+        for body, spin in spins.items():
+            spin_x, spin_z, spin_out = self._turned(body, spin)
+            _, rate, change = (angles[body] for angles in model.angles)
             torque += change * (out * spin_out + x * spin_x + z * spin_z) + turn * rate**2 * (z * spin_x - x * spin_z)
         for contact, force in zip(contacts, forces, strict=True):
             part = force[0] / len(contact.spots), force[1] / len(contact.spots)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import ComplexArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.robot import Robot
 
@@ -77,7 +77,12 @@ class PlanarModel:
     def __init__(self, robot: Robot, gravity: float = 9.81) -> None:
         self.robot, self.gravity, sx = robot, gravity, casadi().SX
         self.y, self.v, self.a = (sx.sym(name, 1 + len(robot.joints)) for name in ("y", "v", "a"))
-        self._rates = sx(np.column_stack((np.ones(len(robot.tree.mass)), robot.tree.turns)))  # of bodies' angles, by y
+        rates = np.column_stack((np.ones(len(robot.tree.mass)), robot.tree.turns))
+        _, first, same = np.unique(np.column_stack((rates, robot.tree.offsets)), True, True, axis=0)
+        self._first = first[same.ravel()][:, None] == np.arange(
+            len(rates)
+        )  # of each body the first that turns as it does
+        self._rates = sx(rates)  # of bodies' angles, by y
 
     @cached_property
     def angles(self) -> tuple[Any, Any, Any]:
@@ -107,14 +112,10 @@ class PlanarModel:
     def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
         """Places (points,) m of weights (points, 2 m), or their first or second derivatives."""
         ca, (c, s) = casadi(), self.rotations[derivative]
-        real, imaginary, rolled = self._parts(weights)
-        x = ca.mtimes(real, c) - ca.mtimes(imaginary, s) + ca.mtimes(rolled, self.angles[derivative])
-        return x, ca.mtimes(imaginary, c) + ca.mtimes(real, s)
-
-    def _parts(self, weights: ComplexArray) -> tuple[Any, Any, Any]:
-        """W's real and imaginary parts, and rho, each (points, m)."""
-        turned, rolled = np.split(weights, 2, axis=1)
-        return self._constant(turned.real), self._constant(turned.imag), self._constant(rolled.real)
+        turned, rolled = (each @ self._first for each in np.split(weights, 2, axis=1))
+        real, imaginary, *rolls = map(self._constant, (turned.real, turned.imag, rolled.real, rolled.imag))
+        x, z = (ca.mtimes(each, self.angles[derivative]) for each in rolls)
+        return x + ca.mtimes(real, c) - ca.mtimes(imaginary, s), z + ca.mtimes(imaginary, c) + ca.mtimes(real, s)
 
     def _constant(self, values: Any) -> Any:
         ca = casadi()
@@ -134,22 +135,32 @@ class PlanarModel:
         forces : points of the robot, and the forces that the ground exerts there, N
         """
         ca, tree = casadi(), self.robot.tree
-        gravity = 0.0 if reference is None else self.gravity
-        x, z = self.places(self.weights(self.centers, reference), 2)
-        moments = self._moments(self.centers, tree.mass * x, tree.mass * (z + gravity))
+        moments = self.work(self.centers, tree.mass, Spot(0, 0j), reference)
         inertia = tree.inertia * ca.mtimes(self._rates, self.a)
         for spot, (horizontal, vertical) in forces:
-            moments -= self._moments([spot], horizontal, vertical)
+            (lever, rolled), (c, s) = np.split(self.weights([spot], Spot(0, 0j))[0], 2), self.rotations[0]
+            real, imaginary, rolled = map(self._constant, (lever.real, lever.imag, rolled.real))
+            across, along = real * horizontal + imaginary * vertical, real * vertical - imaginary * horizontal
+            moments -= tree.turn * (c * along - s * across) + rolled * horizontal
         moments += inertia
         return moments if tree.rotors is None else moments + ca.mtimes(self._constant(tree.rotors), self.a[1:])
 
-    def _moments(self, spots: Sequence[Spot], x: Any, z: Any) -> Any:
-        """Virtual work (m,) of forces (x, z) at points with the bodies' angles, the base's origin at rest."""
-        ca, (c, s), turn = casadi(), self.rotations[0], self.robot.tree.turn
-        real, imaginary, rolled = (part.T for part in self._parts(self.weights(spots, Spot(0, 0j))))
-        along = ca.mtimes(real, z) - ca.mtimes(imaginary, x)
-        across = ca.mtimes(real, x) + ca.mtimes(imaginary, z)
-        return turn * (c * along - s * across) + ca.mtimes(rolled, x)
+    def work(
+        self, spots: Sequence[Spot], mass: Array, hinge: Spot | None, reference: Spot | None, derivative: int = 2
+    ) -> Any:
+        """Virtual work (m,) with the bodies' angles of masses times accelerations less gravity, at points.
+
+        Parameters
+        ----------
+        spots, mass : where, and (points,) kg
+        hinge : is at rest in the virtual motion; the centre of mass where there is none
+        reference : as of :meth:`moments`
+        derivative : 2, or 1 for velocities in place of accelerations
+        """
+        (c, s), pulled = self.rotations[0], mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
+        x, z = self.places(pulled @ self.weights(spots, reference), derivative)
+        weight = (0.0 if reference is None else self.gravity) * pulled.sum(axis=1)
+        return self.robot.tree.turn * (c * (z + weight.real) - s * (x - weight.imag))
 
     def motor_torques(self, moments: Any) -> Any:
         """Torques (motors,) N m, each motor's own, of moments Q."""
@@ -158,9 +169,7 @@ class PlanarModel:
     def momentum(self) -> Any:
         """Angular momentum about the centre of mass and the plane's normal, kg m^2/s."""
         ca, tree = casadi(), self.robot.tree
-        weights = self.weights(self.centers)
-        (x, z), (vx, vz) = self.places(weights), self.places(weights, 1)
-        orbital = tree.turn * ca.dot(ca.DM(tree.mass), x * vz - z * vx)
+        orbital = ca.sum1(self.work(self.centers, tree.mass, None, None, 1))
         return orbital + ca.dot(ca.DM(tree.inertia), ca.mtimes(self._rates, self.v))
 
     def momentum_about(self, spot: Spot) -> tuple[Any, Any, Any]:

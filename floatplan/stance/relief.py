@@ -30,6 +30,7 @@ NEARLY = 1e-3  # [-] what is off without counting
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150}
 ORACLES = ("quality-function", "probing")  # of which the second finds what the first does not, and the other way about
 IPOPT |= {"mu_min": 1e-4, "adaptive_mu_globalization": "never-monotone-mode", "mumps_pivot_order": 0}
+IPOPT["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
 
 
 class Given(NamedTuple):
