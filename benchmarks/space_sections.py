@@ -51,8 +51,8 @@ def stunts(count: int) -> Iterator[fp.Problem]:
 
 
 def arms(count: int) -> Iterator[fp.Problem]:
-    """Of a Panda and an arm as a UR5, in turns, on a free base of 50 kg: 45 to 90 degrees about any axis, h = 0."""
-    robots = [fp.Robot.from_urdf(URDF / name, base="free-flyer") for name in ("free_arm.urdf", "free_panda.urdf")]
+    """Of a UR5 and a Panda, in turns, on a free base of 50 kg: 45 to 90 degrees about any axis, h = 0."""
+    robots = [fp.Robot.from_urdf(URDF / name, base="free-flyer") for name in ("free_ur5.urdf", "free_panda.urdf")]
     for seed in range(count):
         rng, robot = np.random.default_rng(seed), robots[seed % 2]
         axis, angle = rng.normal(size=3), rng.uniform(math.pi / 4, math.pi / 2)

@@ -55,9 +55,10 @@ def _run(command: Sequence[str]) -> tuple[float, float]:
 
 
 def _environment() -> dict[str, str]:
-    """Environment of this process, with the floatplan that is imported here in front."""
+    """Environment of this process, with the floatplan that is imported here in front, where bytecode is kept."""
     home = str(Path(fp.__file__).resolve().parents[1])
-    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (home, os.environ.get("PYTHONPATH"))))}
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {"PYTHONPATH": os.pathsep.join(filter(None, (home, os.environ.get("PYTHONPATH"))))}
 
 
 def _imports() -> None:

@@ -48,7 +48,7 @@ SPACE_TITLES = {
     "go2_half_twist": "Go2, backflip with half a twist",
     "go2_levels": "Go2, levels out, h = 0",
     "cat": "cat of Kane and Scher, h = 0",
-    "free_arm": "arm like a UR5, h = 0",
+    "free_ur5": "UR5, h = 0",
     "free_panda": "Panda, h = 0",
 }
 NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "talos_hop": "Talos", "high_jumper": "high jumper"}

@@ -57,7 +57,7 @@ def main() -> None:
             for plan in (backflip, example):
                 photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
             photograph_studio(browser, backflip.problem, IMAGES / "studio_go2.png")
-            photograph_studio(browser, fp.load_problem(JUMPS / "go2.toml"), IMAGES / "studio_jump.png", 0.36)
+            photograph_studio(browser, fp.load_problem(JUMPS / "go2.toml"), IMAGES / "studio_jump.png", 0.26)
 
 
 def checked(name: str) -> fp.Plan:

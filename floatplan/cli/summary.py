@@ -23,6 +23,7 @@ MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 LONGEST_EXPLANATION = 800  # [-] characters
+FOLLOWED = 30.0  # [rad] bandwidth times duration with which joints are held to their paths
 REACHED = {
     "angular_momentum": "h, kg m^2/s",
     "horizontal_velocity": "horizontal, m/s",
@@ -155,7 +156,8 @@ def replay_summary(flown: fp.Replay) -> RenderableType:
     titles = {"times": "after, s", "orientation": "orientation, rad", "joints": "joints, rad", "com": "CM, m"}
     errors = zip(*(map(short, getattr(flown.growth, name)) for name in titles), strict=True)
     unstable = not flown.landed and not flown.disturbed and flown.feedback is None
-    advice = "with --feedback 30 an unstable motion lands all the same, a wrong plan does not"
+    tracked = short(FOLLOWED / float(flown.growth.times[-1]))
+    advice = f"with --feedback {tracked} an unstable motion lands all the same, a wrong plan does not"
     return Group(
         Text(f"{landed} in {flown.seconds:.3g} s", f"bold {COLOURS[tone]}"),
         _named(flown.rows()),

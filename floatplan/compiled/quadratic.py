@@ -1,5 +1,7 @@
 """Quadratic programs by the dual active-set method of Goldfarb and Idnani, compiled."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from floatplan.arrays import Array
@@ -7,8 +9,13 @@ from floatplan.kernel.layout import Filled, kernel
 from floatplan.optimization.programs import QP_CHANGES, QP_TOLERANCE, AnyEvaluation, Multipliers, Step
 
 
-def dual_step(current: AnyEvaluation, hessian: Array) -> Step | None:
-    """Make violated rows active one by one: None where rows contradict one another, or it takes too many changes."""
+def dual_step(
+    current: AnyEvaluation, hessian: Array, counted: Callable[[int], None] = lambda changes: None
+) -> Step | None:
+    """Make violated rows active one by one: None where rows contradict one another, or it takes too many changes.
+
+    How many changes there were is ``counted`` in either case.
+    """
     size, equalities, found = len(hessian), len(current.equality), kernel()
     active, solution = np.empty(size, dtype=np.int64), np.empty(2 * size + equalities)
     count = len(current.inequality)
@@ -21,7 +28,9 @@ def dual_step(current: AnyEvaluation, hessian: Array) -> Step | None:
     given = {"hessian": hessian, "inequality": inequality, "active": active, "solution": solution}
     filled = Filled("Quadratic", current, **counts, **bounds, **slopes, **given)
     structure = filled.structure
-    if not found.quadratic(structure, found.instructions):
+    solved = found.quadratic(structure, found.instructions)
+    counted(structure.changes)
+    if not solved:
         return None
     multipliers = np.zeros(count)
     multipliers[active[: structure.count]] = solution[size + equalities : size + equalities + structure.count]

@@ -172,7 +172,7 @@ struct Peaks {
 struct Quadratic {
     Index size, equalities;
     Eights rows;
-    Index changes;
+    Index changes;     // of active rows: how many there may be, and afterwards, how many there were
     double tolerance;
     const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
     Index count;       // of the active rows

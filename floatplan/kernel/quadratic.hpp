@@ -54,6 +54,7 @@ static inline void solve_cholesky(const double *factor, Index n, double *right) 
 class DualMethod {
   public:
     Index count = 0, held = 0;  // of the active ones: all, and equalities, which come first
+    Index changes = 0;          // of rows that became active or left
     Index *active;              // (size): which equality or row each is
     double *x, *pulls;          // (size): the solution; multipliers of the active ones, those of rows >= 0
 
@@ -66,15 +67,15 @@ class DualMethod {
 
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
-        n = qp.size, count = held = 0;
+        n = qp.size, count = held = changes = 0;
         if (!start(qp)) return false;
         copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
             if (!hold_equality(qp, e)) return false;
-        for (Index changes = 0; changes <= qp.changes; ++changes) {
+        for (; changes <= qp.changes; ++changes) {
             const Index row = most_violated(qp);
             if (row < 0) return true;
-            if (count > n || !hold_row(qp, row, changes)) return false;
+            if (count > n || !hold_row(qp, row)) return false;
         }
         return false;
     }
@@ -174,7 +175,7 @@ class DualMethod {
     }
 
     // Makes a violated row active; false where the others forbid that, or it takes too many changes.
-    bool hold_row(const Quadratic &qp, Index row, Index &changes) {
+    bool hold_row(const Quadratic &qp, Index row) {
         for (Index k = 0; k < n; ++k) normal[k] = qp.inequality_rows[(row / 8 * n + k) * 8 + row % 8];
         double pull = 0;
         for (; changes <= qp.changes; ++changes) {
@@ -206,13 +207,13 @@ class DualMethod {
             const double *slopes = qp.inequality_rows + row / 8 * n * 8 + row % 8;
             Vector value = load(idle + row);
             for (Index k = 0; k < n; ++k) value = add_product(x[k], load(slopes + 8 * k), value);
-            const Bits lower = value < least;
+            const Bits lower = ~(value >= least);  // so that what is no number is found too
             least = select(lower, value, least);
             worst = (lower & row) | (~lower & worst);
         }
         int lowest = 0;
         for (int lane = 1; lane < LANES; ++lane)
-            if (least[lane] < least[lowest]) lowest = lane;
+            if (least[lane] < least[lowest] || least[lane] != least[lane]) lowest = lane;
         return worst[lowest] < 0 ? -1 : worst[lowest] + lowest;
     }
 };
@@ -221,7 +222,9 @@ class DualMethod {
 static inline Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
     Room room;
-    if (!room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) || !method.solve(qp)) return 0;
+    const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) && method.solve(qp);
+    qp.changes = method.changes;
+    if (!solved) return 0;
     zero(qp.solution, qp.size + qp.equalities);
     copy(qp.solution, method.x, qp.size);
     for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.pulls[k];

@@ -184,23 +184,32 @@ class Step(NamedTuple):
 
 
 FirstWay: TypeAlias = Callable[[AnyEvaluation, Array], Step | None]
+Counted: TypeAlias = Callable[[int, int], None]  # numbers that ProxQP has solved for, variables and rows; iterations
+SolveQp: TypeAlias = Callable[[AnyEvaluation, Array, IntArray, float], Step]
 
 
 def solve_qp(
-    current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float, first: FirstWay | None = None
+    current: AnyEvaluation,
+    hessian: Array,
+    active: IntArray,
+    slack_penalty: float,
+    first: FirstWay | None = None,
+    counted: Counted | None = None,
 ) -> Step:
     """Solve the QP of the linearised program, by :func:`elastic_qp` where there is no other way.
 
-    The ``first`` way, where one is given, needs no guess of the ``active`` rows.
+    The ``first`` way, where one is given, needs no guess of the ``active`` rows. What ProxQP does is ``counted``.
     """
     return (
         (first(current, hessian) if first else None)
-        or _by_constraint_generation(current, hessian, active)
+        or _by_constraint_generation(current, hessian, active, counted)
         or elastic_qp(current, hessian, slack_penalty)
     )
 
 
-def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+def _by_constraint_generation(
+    current: AnyEvaluation, hessian: Array, active: IntArray, counted: Counted | None
+) -> Step | None:
     """Solve the QP by ProxQP, of ever more rows; None where it fails.
 
     Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
@@ -211,7 +220,7 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
     if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
         rows = np.union1d(active, rows)
     for _ in range(GENERATIONS):
-        solution = _proxqp(current, hessian, rows)
+        solution = _proxqp(current, hessian, rows, counted)
         if solution is None:
             return None
         direction, equality_multipliers, row_multipliers = solution
@@ -267,7 +276,9 @@ def solved(matrix: Array, right: Array) -> Array:
     return np.zeros(len(right))
 
 
-def _proxqp(current: AnyEvaluation, hessian: Array, rows: IntArray) -> tuple[Array, Array, Array] | None:
+def _proxqp(
+    current: AnyEvaluation, hessian: Array, rows: IntArray, counted: Counted | None
+) -> tuple[Array, Array, Array] | None:
     """Solve the QP with some ``rows`` of the inequalities: x, and multipliers y, z >= 0; None if it fails.
 
     At the solution ``H x + g + A^T y - C^T z = 0``.
@@ -282,6 +293,8 @@ def _proxqp(current: AnyEvaluation, hessian: Array, rows: IntArray) -> tuple[Arr
     qp.init(hessian, current.gradient, *of_equality, *of_inequality, None)
     qp.solve()
     results = qp.results
+    if counted:
+        counted(len(hessian) + len(rows), results.info.iter)
     if results.info.status != proxqp.PROXQP_SOLVED or not np.isfinite(results.x).all():
         return None
     return np.array(results.x), np.array(results.y), -np.array(results.z)

@@ -25,10 +25,10 @@ from floatplan.optimization.programs import (
     AnyEvaluation,
     Detail,
     Evaluation,
-    FirstWay,
     Multipliers,
     Program,
     Settings,
+    SolveQp,
     Step,
     elastic_qp,
     solve_qp,
@@ -62,12 +62,11 @@ PASSES = 4  # of one step, each with the rows that the step before would violate
 class DirectHessian:
     """A quasi-Newton approximation H (m, m) of the Lagrangian's Hessian, for programs with inequalities.
 
-    ``first`` is the way in which their QPs are tried first, see
-    :func:`~floatplan.optimization.programs.solve_qp`.
+    ``solve`` is the way in which their QPs are solved.
     """
 
     hessian: Array
-    first: FirstWay | None = None
+    solve: SolveQp = solve_qp
 
     @property
     def largest(self) -> float:
@@ -76,7 +75,7 @@ class DirectHessian:
 
     def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """Solve the QP of a linearised program, by its active rows."""
-        return solve_qp(current, self.hessian, active, slack_penalty, self.first)
+        return self.solve(current, self.hessian, active, slack_penalty)
 
     def product(self, change: Array, step: Step, step_length: float) -> Array:
         """Hessian product H change (m,); the change of x is ``step_length`` times the step's direction."""
@@ -86,7 +85,7 @@ class DirectHessian:
         """BFGS: the new H maps the change to that of the Lagrangian's gradient (m,), Nocedal and Wright (6.19)."""
         correction = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
         lost = (hessian_product / (hessian_product @ change))[:, None] * hessian_product
-        return DirectHessian(self.hessian + correction - lost, self.first)
+        return DirectHessian(self.hessian + correction - lost, self.solve)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +132,9 @@ class InverseHessian:
 HessianApproximation: TypeAlias = DirectHessian | InverseHessian
 
 
-def hessian_approximation(hessian: Array, *, inequalities: bool, first: FirstWay | None = None) -> HessianApproximation:
+def hessian_approximation(hessian: Array, *, inequalities: bool, solve: SolveQp = solve_qp) -> HessianApproximation:
     """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
-    return DirectHessian(hessian, first) if inequalities else InverseHessian(np.asarray(np.linalg.inv(hessian)))
+    return DirectHessian(hessian, solve) if inequalities else InverseHessian(np.asarray(np.linalg.inv(hessian)))
 
 
 def solve_small(matrix: Array, right: Array) -> Array | None:

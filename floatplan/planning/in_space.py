@@ -24,10 +24,11 @@ from floatplan.problem.problem import Problem
 TURNS = 6  # [-] starts at one degree before the next takes its turn
 FEW_JOINTS = 6  # [-] that need a higher degree
 TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
-DEGREES = (9, 11)  # [-] of twists and of robots with few joints
+DEGREES = (9, 11)  # [-] of twists, of robots with few joints, and without momentum
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
+OF_ONE = 0.3  # [-] of the work, that one start may do
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 LEVEL = 2  # of the grids that an outcome is evaluated on
 
@@ -66,7 +67,7 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
         return expired() or prepared.model.work - began > most_work
 
     try:
-        for outcome in islice(_outcomes(prepared, options.seed, stop), MOST_STARTS):
+        for outcome in islice(_outcomes(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
             if outcome:
                 outcomes.append(outcome)
                 solved += outcome.holds
@@ -92,18 +93,21 @@ def _is_followed(prepared: Attempts) -> bool:
 
 
 def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:
-    """Degrees of the polynomials that take turns: the one that is given, else what twists and few joints need."""
-    n = len(problem.robot.joints)
+    """Degrees of the polynomials that take turns: the one that is given, else what the problem needs.
+
+    Twists, few joints, and turns without momentum need higher ones.
+    """
+    n, h = len(problem.robot.joints), problem.flight.angular_momentum
     if not problem.raises_degree:
         return [problem.degrees]
-    demanding = n <= FEW_JOINTS or abs(flight.change[2]) > TWIST
+    demanding = n <= FEW_JOINTS or abs(flight.change[2]) > TWIST or not (isinstance(h, str) or np.any(h))
     return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
 
 
-def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool]) -> Iterator[Outcome | None]:
+def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool], most_work: float) -> Iterator[Outcome | None]:
     """Where the starts end, in their order: those of the first degree, then those of the others, in turns.
 
-    None where that cannot be integrated.
+    Each may do so much work. None where that cannot be integrated.
     """
     flight = prepared.model.flight
     assert isinstance(flight, SpatialFlight), "the robot flies in space"
@@ -120,27 +124,27 @@ def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool]) -> Iterat
         for drawn in lifted:
             for start in islice(drawn, TURNS):
                 is_left = True
-                yield _followed(prepared, start, stop) if start else None
+                yield _followed(prepared, start, stop, most_work) if start else None
 
 
-def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool]) -> Outcome | None:
+def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool], most_work: float) -> Outcome | None:
     """Where one start ends: closed, then made smaller, or followed with limits and another objective.
 
     None where that cannot be integrated.
     """
-    before = prepared.model.work
+    model, before = prepared.model, prepared.model.work
     motion, flight = close(start), start.lifted.flight
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and _is_followed(prepared):
         try:
-            outcome = _within_limits(prepared, descend(motion), stop)
+            outcome = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
         except IntegrationError:
             outcome = _outcome(prepared, motion, "infeasible")
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
         outcome = _outcome(prepared, final or motion, status)
-    outcome.work = prepared.model.work - before
+    outcome.work = model.work - before
     return outcome if np.isfinite(outcome.motion.residual).all() else None
 
 

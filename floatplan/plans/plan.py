@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
@@ -22,7 +22,7 @@ from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, PlanRecord, check_asked
+from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, JOINTS_AT_ENDS, PlanRecord, check_asked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_EXPLANATION = 300  # [characters] in a representation
+SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are found on a grid
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
 ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
 
@@ -235,12 +236,50 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
     problem = problem_from_dict(dict(record.problem), robot, source, written=record.problem_file)
     com = record.com
     with naming(source):
-        return Plan(
+        plan = Plan(
             problem=problem,
             ballistics=Ballistics(read_only(com["position0"]), read_only(com["velocity0"]), float(com["gravity"])),
             as_recorded=record,
             **{name: getattr(record, name) for name in (*MOTION, *ANSWER)},
         )
+        if record.in_space:
+            _check_stated(plan, record)
+        return plan
+
+
+def _check_stated(plan: Plan, record: PlanRecord) -> None:
+    """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
+    problem, peaks, h = plan.problem, plan.peaks, plan.problem.flight.angular_momentum
+    state = plan.at([0.0, plan.duration])
+    found = {
+        "problem": {
+            end: {name: getattr(state, name)[index] for name in JOINTS_AT_ENDS}
+            for index, end in enumerate(("start", "goal"))
+        },
+        "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
+        "com": vars(ballistics(problem)),
+        "orientation": plan.whole.orientation_at_ends,
+        "objective": {"value": plan.objective_value},
+        "torque_peak": peaks.torque,
+        "velocity_peak": peaks.velocity,
+        "motor_torque_peak": dict(zip(plan.robot.motors, peaks.motor_torque, strict=True)),
+    }
+    for element in _unlike(vars(record), found):
+        raise InputError("is not that of the file's motion", element=element, advice="plan again")
+    limited = ((peaks.velocity, problem.velocity_limits), (peaks.motor_torque, problem.motor_torque_limits))
+    kept = all((peak <= limit * (1 + SAME)).all() for peak, limit in limited)
+    if record.ok and not (plan.whole.missed < SAME and kept):
+        raise InputError("is true, but the motion misses the goal or a limit", element="ok", advice="plan again")
+
+
+def _unlike(stated: Any, found: Mapping[str, Any], within: str = "") -> Iterator[str]:
+    """Which numbers, by their keys, are not those found; peaks are as near as a grid tells them."""
+    for key, value in found.items():
+        element, own = within + key, stated.get(key)
+        if isinstance(value, Mapping):
+            yield from _unlike(own or {}, value, f"{element}.")
+        elif own is None or not np.allclose(own, value, rtol=OF_GRIDS if "peak" in element else SAME, atol=SAME):
+            yield element
 
 
 def given_plan(plan: Plan | str | Path) -> Plan:

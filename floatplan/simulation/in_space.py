@@ -15,12 +15,13 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 from floatplan.arrays import Array
-from floatplan.errors import FloatplanError
+from floatplan.errors import FloatplanError, InputError
 from floatplan.robot.planar.model import FREE_FLYER
 from floatplan.simulation.forward import MOST_EVALUATIONS
 from floatplan.simulation.recorded_motion import ModelState, RecordedMotion
 
 TIGHT = 1e-12  # [-] per step, of the attitude
+STATED = 1e-6  # [rad] by which the attitude that a record states at landing may be off
 NUDGE = 1e-6  # [-] of h, by which the sensitivity is found
 PLACE, TURN = slice(0, 3), slice(3, 7)  # of a configuration
 
@@ -67,8 +68,12 @@ class RecordedInSpace(RecordedMotion):
 
     @cached_property
     def attitude(self) -> Any:
-        """As :meth:`attitudes`, for the record's angular momentum."""
-        return self.attitudes(np.asarray(self.record.angular_momentum))
+        """As :meth:`attitudes`, for the record's h; InputError where it ends elsewhere than is stated."""
+        found = self.attitudes(np.asarray(self.record.angular_momentum))
+        off = off_by(found(self.record.duration), self.record.orientation["end"]["quaternion_xyzw"])
+        if off > STATED:
+            raise InputError(f"is {off:.3g} rad beside where the motion ends", element="orientation.end")
+        return found
 
     def torques(self, time: float) -> Array:
         """Torques (m,) of all joints, coupled ones each with their own, N m."""

@@ -202,7 +202,7 @@ def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Lau
     """Rates (n+1,) rad/s with which the flight is met, and the answer where no stance is within their limits.
 
     At that instant what stands is at rest, h is the flight's, and so is the velocity of the centre of mass: equations
-    of the rates alone in a posture that is known, whatever came before. Each contact's are a bound of their own.
+    of the rates alone in a posture that is known, whatever stance it is of. Each contact's are a bound of their own.
     """
     com = plan.at(0.0 if end == "takeoff" else plan.duration).com_velocity
     model, limits = PlanarModel(plan.robot), plan.problem.velocity_limits
@@ -221,7 +221,8 @@ def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Lau
     if ratio <= 1 + RELATIVE:
         return rates[0] if met.v is None else met.v, None
     takes = f"{WORDS['velocity'].format(joint)} is at least {ratio:.2f} of its limit" if joint else "no rates meet it"
-    sentence = f"{end.capitalize()}: no stance reaches it: with {name} at rest then, {takes}, whatever came before."
+    other = "came before" if end == "takeoff" else "comes after"
+    sentence = f"{end.capitalize()}: no stance reaches it: with {name} at rest then, {takes}, whatever {other}."
     return rates[0], Launch(False, ratio, "velocity", joint, (sentence,), {}, impossible=True)
 
 

@@ -126,7 +126,7 @@ def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
         hessian, gradient, rows, values, inequality_rows = (np.array(part) for part in data)
         derivatives = Derivatives(gradient, rows, inequality_rows)
         program = Evaluation(0.0, -values, -bounds, lambda found=derivatives: found, None)
-        solution = programs._proxqp(program, hessian, np.arange(24))
+        solution = programs._proxqp(program, hessian, np.arange(24), None)
         derivatives = Derivatives(gradient, rows, np.empty((0, 9)))
         program = Evaluation(0.0, -values, np.empty(0), lambda found=derivatives: found, None)
         step = dual_step(program, hessian)

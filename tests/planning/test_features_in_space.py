@@ -172,7 +172,7 @@ def test_robots_from_mjcf_fly_in_space_too(tmp_path):
 
 
 def test_degrees_and_radians_are_the_same_problem(tmp_path):
-    problem = fp.load_problem(SPACE / "free_arm.toml")
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
     again = fp.load_problem(save_problem(problem, tmp_path / "radians.toml"))
     assert again.initial.attitude == problem.initial.attitude
     assert np.array_equal(again.initial.positions, problem.initial.positions)
@@ -216,7 +216,7 @@ def test_starts_seeds_and_degrees_are_the_searchs_own():
 
 
 def test_a_family_varies_angles_durations_and_momenta():
-    diver, arm = (fp.load_problem(SPACE / f"{name}.toml") for name in ("diver_half_twist", "free_arm"))
+    diver, arm = (fp.load_problem(SPACE / f"{name}.toml") for name in ("diver_half_twist", "free_ur5"))
     twists = fp.Family(diver, {"goal.orientation.angles.2": [math.pi, 2 * math.pi], "flight.duration": [1.4, 1.5]})
     assert twists[1].final.attitude.angles == pytest.approx((2 * math.pi, 0, 2 * math.pi))
     assert twists[1].flight.duration == 1.5
@@ -229,18 +229,18 @@ def test_a_family_varies_angles_durations_and_momenta():
 
 
 def test_what_is_not_yet_in_space_says_so(tmp_path, floatplan):
-    arm = fp.load_problem(SPACE / "free_arm.toml")
+    arm = fp.load_problem(SPACE / "free_ur5.toml")
     with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
         fp.plan_many(fp.Family(arm, {"flight.duration": [18.0, 20.0]}))
     study = tmp_path / "study.toml"
     study.write_text(
-        f'problem = "{SPACE / "free_arm.toml"}"\n[vary]\n"flight.duration" = {{ from = 15, to = 25, count = 3 }}\n'
+        f'problem = "{SPACE / "free_ur5.toml"}"\n[vary]\n"flight.duration" = {{ from = 15, to = 25, count = 3 }}\n'
     )
     plan = fp.plan(arm).save(tmp_path / "plan.json")
     for command in (
         ("study", study),
-        ("bounds", SPACE / "free_arm.toml"),
-        ("takeoff", SPACE / "free_arm.toml"),
+        ("bounds", SPACE / "free_ur5.toml"),
+        ("takeoff", SPACE / "free_ur5.toml"),
         ("replay", plan, "--replan", "100"),
         ("launch", plan),
     ):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import json
 import math
+import operator
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.motion.flight import momentum_set
@@ -99,14 +103,57 @@ def test_it_lands_in_forward_dynamics_and_a_changed_one_does_not(half_twist, tmp
     assert flown.momentum_drift < 1e-9
     record = half_twist.record
     faster = replace(record, angular_momentum=1.001 * record.angular_momentum)
-    assert not fp.replay(faster, half_twist.robot).landed
+    with pytest.raises(fp.InputError, match=r"orientation\.end: is .* rad beside where the motion ends"):
+        fp.replay(faster, half_twist.robot)
 
 
 @pytest.mark.long
-def test_one_whose_coefficients_were_changed_lands_elsewhere(half_twist):
+def test_one_whose_coefficients_were_changed_is_refused(half_twist):
     coefficients = half_twist.record.coefficients.copy()
     coefficients[1, 3] *= 1.001
-    assert not fp.replay(replace(half_twist.record, coefficients=coefficients), half_twist.robot).landed
+    with pytest.raises(fp.InputError, match=r"orientation\.end"):
+        fp.replay(replace(half_twist.record, coefficients=coefficients), half_twist.robot)
+
+
+def _numbers(content, path=()):
+    """Paths of one number under each key."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from _numbers(value, (*path, key))
+    elif isinstance(content, list) and content:
+        yield from _numbers(content[0], (*path, 0))
+    elif type(content) in (int, float):
+        yield path
+
+
+def test_numbers_of_a_file_that_are_not_its_motion_s_are_refused(half_twist, tmp_path):
+    """All that can be computed again, but what is so wherever it is told; a limit counts where it is not kept."""
+    path = half_twist.save(tmp_path / "plan.json")
+    content, passed = json.loads(path.read_text()), set()
+    for place in _numbers({key: value for key, value in content.items() if key not in ("solver", "utilisation")}):
+        changed = copy.deepcopy(content)
+        *tables, last = place
+        table = functools.reduce(operator.getitem, tables, changed)
+        table[last] += 0.01 * max(1.0, abs(table[last]))
+        path.write_text(json.dumps(changed))
+        try:
+            fp.load_plan(path)
+        except fp.InputError:
+            continue
+        passed.add(".".join(map(str, place)))
+    assert passed == {"problem.limits.position.0.0", "robot.resting.0"}
+    turned = Rotation.from_quat(content["orientation"]["end"]["quaternion_xyzw"]) * Rotation.from_rotvec([0, 1e-4, 0])
+    slower = {**content["problem"]["limits"], "velocity": (0.9 * half_twist.peaks.velocity).tolist()}
+    for named, changed in (
+        (
+            "orientation.end",
+            {"orientation": {**content["orientation"], "end": {"quaternion_xyzw": turned.as_quat().tolist()}}},
+        ),
+        ("ok: is true", {"problem": {**content["problem"], "limits": slower}}),
+    ):
+        path.write_text(json.dumps({**content, **changed}))
+        with pytest.raises(fp.InputError, match=named):
+            fp.load_plan(path)
 
 
 def test_nothing_is_proved_of_it(half_twist):
@@ -116,7 +163,7 @@ def test_nothing_is_proved_of_it(half_twist):
 
 
 def test_an_arm_turns_its_free_base_within_its_limits():
-    plan = fp.plan(fp.load_problem(SPACE / "free_arm.toml"))
+    plan = fp.plan(fp.load_problem(SPACE / "free_ur5.toml"))
     assert plan.ok, plan.explanation
     assert plan.angular_momentum == pytest.approx([0, 0, 0])
     assert (plan.peaks.velocity <= plan.problem.velocity_limits * (1 + 1e-9)).all()
@@ -182,7 +229,7 @@ def test_a_closed_motion_has_no_gaps_between_its_cells():
     ],
 )
 def test_postures_that_make_no_sense_are_refused(change, message):
-    problem = fp.load_problem(SPACE / "free_arm.toml")
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
     end = "start" if "velocities" in change else "goal"
     with pytest.raises(fp.InputError, match=message):
         replace(problem, **{end: replace(getattr(problem, end), **change)})
@@ -235,7 +282,7 @@ def test_flights_in_a_plane_are_not_asked_as_those_in_space(change, message):
     ],
 )
 def test_flights_in_space_are_not_asked_as_those_in_a_plane(change, message):
-    problem = fp.load_problem(SPACE / "free_arm.toml")
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
     with pytest.raises(fp.InputError, match=message):
         replace(problem, **change)
 
@@ -284,7 +331,7 @@ def test_what_turns_too_fast_is_refused(momentum):
 
 @pytest.mark.parametrize("momentum", [0, "free"])
 def test_what_ends_as_it_begins_may_stay_as_it_is(momentum):
-    problem = fp.load_problem(SPACE / "free_arm.toml")
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
     flight = replace(problem.flight, angular_momentum=momentum)
     plan = fp.plan(replace(problem, goal=problem.start, flight=flight))
     assert plan.ok, plan.explanation
@@ -292,7 +339,7 @@ def test_what_ends_as_it_begins_may_stay_as_it_is(momentum):
 
 
 def test_where_nothing_is_free_one_start_is_enough():
-    problem = fp.load_problem(SPACE / "free_arm.toml")
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
     plan = fp.plan(replace(problem, motion=fp.Motion(degree=5), limits=fp.Limits()))
     assert not plan.ok
     assert plan.solver["starts"] == 1
@@ -338,11 +385,11 @@ def test_ctrl_c_ends_a_search_with_the_nearest_motion(monkeypatch):
 
     follow, followed = in_space._followed, []
 
-    def interrupted(prepared, start, stop):
+    def interrupted(prepared, start, *bounds):
         followed.append(start)
         if len(followed) > 1:
             raise KeyboardInterrupt
-        return follow(prepared, start, stop)
+        return follow(prepared, start, *bounds)
 
     monkeypatch.setattr(in_space, "_followed", interrupted)
     robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf", base="free-flyer")
@@ -360,7 +407,7 @@ def test_many_plans_are_not_yet_of_flights_in_space(half_twist):
 def test_info_tells_what_a_robot_in_space_is():
     from floatplan.cli.robots import robot_facts
 
-    robot = fp.load_problem(SPACE / "free_arm.toml").robot
+    robot = fp.load_problem(SPACE / "free_ur5.toml").robot
     facts = robot_facts(robot)
     assert facts["base"] == "free-flyer"
     assert facts["joints"] == list(robot.joints)
@@ -369,7 +416,7 @@ def test_info_tells_what_a_robot_in_space_is():
 
 
 def test_quadratic_programs_count_as_work():
-    arm = fp.load_problem(SPACE / "free_arm.toml")
+    arm = fp.load_problem(SPACE / "free_ur5.toml")
     with_limits, without = (planned(each, SearchOptions()) for each in (arm, replace(arm, limits=fp.Limits())))
     programs = with_limits.plan.solver["iterations"] * CUBED * (4 * 6) ** 3  # of degree 9, 6 joints
     assert programs > 0
@@ -377,7 +424,7 @@ def test_quadratic_programs_count_as_work():
 
 
 def test_an_attitude_that_says_nothing_is_named(tmp_path):
-    text = (SPACE / "free_arm.toml").read_text().replace("../../urdf", str(ROOT / "urdf"))
+    text = (SPACE / "free_ur5.toml").read_text().replace("../../urdf", str(ROOT / "urdf"))
     path = tmp_path / "problem.toml"
     path.write_text(text.replace("{ quaternion_xyzw = [0, 0, 0, 1] }", "{}"))
     with pytest.raises(fp.InputError, match=r"start\.orientation\.quaternion_xyzw: give either"):
@@ -392,29 +439,27 @@ def test_terms_as_large_as_those_of_high_degrees_are_read(half_twist, tmp_path):
         path.write_text(
             json.dumps({**content, "coefficients": (half_twist.coefficients * largest / terms.max()).tolist()})
         )
-        if largest < 1e8:
-            assert not np.array_equal(fp.load_plan(path).coefficients, half_twist.coefficients)
-        else:
-            with pytest.raises(fp.InputError, match="terms of more than"):
-                fp.load_plan(path)
+        with pytest.raises(
+            fp.InputError, match="is not that of the file's motion" if largest < 1e8 else "terms of more"
+        ):
+            fp.load_plan(path)
 
 
-def test_a_file_whose_motion_is_too_wild_is_told_in_one_line(half_twist, tmp_path, floatplan, monkeypatch):
-    monkeypatch.setattr("floatplan.simulation.in_space.MOST_EVALUATIONS", 400)
+def test_a_file_whose_motion_is_too_wild_is_told_in_one_line(half_twist, tmp_path, floatplan):
     path = half_twist.save(tmp_path / "plan.json")
     path.write_text(json.dumps({**json.loads(path.read_text()), "angular_momentum": [1e13, 0.0, 0.0]}))
     with pytest.raises(fp.FloatplanError, match="the motion is too wild to be integrated"):
         fp.load_plan(path).at(0.1)
-    for command, told in (("export", "too wild"), ("replay", "it turns too fast")):
+    for command in ("export", "replay"):
         run = floatplan(command, path, *(["-f", "csv", "-o", tmp_path / "out.csv"] if command == "export" else []))
         assert run.code == 1
-        assert told in run.stderr
+        assert "too wild" in run.stderr
         assert len(run.stderr.splitlines()) == 1
     assert not (tmp_path / "out.csv").exists()
 
 
 def test_motions_of_the_highest_degree_are_fine_enough():
-    problem = fp.load_problem(SPACE / "free_arm.toml")
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
     plan = fp.plan(replace(problem, motion=fp.Motion(degree=13), limits=fp.Limits()))
     assert plan.ok, plan.explanation
     assert plan.whole.missed < 1e-10

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from space_sections import drawn_goals
 
@@ -58,7 +59,7 @@ def test_the_cat_rolls_by_bending_round_in_circles(plans):
     assert ([forwards.max(), aside.max()] < high).all()
 
 
-@pytest.mark.parametrize(("name", "momentum"), [("free_panda", 0), ("go2_levels", 0), ("free_arm", 0)])
+@pytest.mark.parametrize(("name", "momentum"), [("free_panda", 0), ("go2_levels", 0), ("free_ur5", 0)])
 def test_those_that_nothing_turns_are_asked_so(name, momentum):
     if PREFIX in (FOLDER / f"{name}.toml").read_text() and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
@@ -88,3 +89,19 @@ def test_goals_to_which_drawn_motions_lead_are_found(seeds):
             assert ends.positions[index] == pytest.approx(end.positions, abs=1e-9)
             assert ends.velocities[index] == pytest.approx(end.velocities, abs=1e-9)
             assert ends.accelerations[index] == pytest.approx(end.accelerations, abs=1e-8)
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+def test_the_ur5_on_a_free_base_is_that_of_ur_description():
+    """All bodies that move, where their joints are, and what these may do."""
+    packaged = robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf"
+    ours = pin.buildModelFromUrdf(str(FOLDER.parents[1] / "urdf" / "free_ur5.urdf"))
+    theirs = pin.buildModelFromUrdf(str(packaged))
+    assert list(ours.names) == list(theirs.names)
+    assert ours.nv == 6
+    for joint in range(2, ours.njoints):
+        assert ours.jointPlacements[joint].isApprox(theirs.jointPlacements[joint], 1e-11)
+    for joint in range(1, ours.njoints):
+        assert ours.inertias[joint].isApprox(theirs.inertias[joint], 1e-11)
+    for limit in ("lowerPositionLimit", "upperPositionLimit", "velocityLimit", "effortLimit"):
+        assert getattr(ours, limit) == pytest.approx(getattr(theirs, limit))

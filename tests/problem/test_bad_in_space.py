@@ -115,7 +115,7 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
 
 @pytest.fixture(scope="module")
 def written():
-    content = (ROOT / "problems" / "space" / "free_arm.toml").read_text()
+    content = (ROOT / "problems" / "space" / "free_ur5.toml").read_text()
     return content.replace("../../urdf", str(ROOT / "urdf"))
 
 

@@ -95,6 +95,9 @@ def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest
     assert found.ratio == pytest.approx(fp.takeoff(problem, plan.angular_momentum).ratio, rel=1e-9)
     words = f"with RL_foot at rest then, {found.joint}'s rate is at least {found.ratio:.2f} of its limit"
     assert found.sentences[0] == f"Takeoff: no stance reaches it: {words}, whatever came before."
+    after = launch(replace(plan, problem=problem), end="landing")
+    assert after.impossible
+    assert after.sentences[0].endswith(", whatever comes after.")
 
 
 def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def diver() -> fp.Plan:
 
 @pytest.fixture(scope="module")
 def arm() -> fp.Plan:
-    return fp.plan(fp.load_problem(SPACE / "free_arm.toml"))
+    return fp.plan(fp.load_problem(SPACE / "free_ur5.toml"))
 
 
 def attitudes(plan: fp.Plan, times: np.ndarray) -> np.ndarray:

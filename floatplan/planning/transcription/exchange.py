@@ -5,7 +5,7 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look, minima
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.optimization.programs import AnyEvaluation, Evaluation, FirstWay, Settings, Step
+from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.program import (
@@ -155,7 +155,7 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=_counting(model))
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), solve=_counting(model))
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
@@ -191,15 +191,14 @@ def solve(
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
-def _counting(model: FlightModel) -> FirstWay:
-    """Return what solves a quadratic program whose rows do not contradict one another, and counts any as work."""
+def _counting(model: FlightModel) -> SolveQp:
+    """Return what solves quadratic programs by the dual method, by ProxQP where that fails, and counts them as work."""
 
-    def step(current: AnyEvaluation, hessian: Array) -> Step | None:
-        found = dual_step(current, hessian)
-        model.solved(len(hessian), 0 if found else int(np.count_nonzero(current.inequality < 0)))
-        return found
+    def solve(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
+        first = partial(dual_step, counted=partial(model.solved, len(hessian), len(current.inequality)))
+        return solve_qp(current, hessian, active, slack_penalty, first, model.iterated)
 
-    return step
+    return solve
 
 
 def _stages(

@@ -25,8 +25,9 @@ from floatplan.problem.problem import Problem
 EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
 DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
 ENTRY = 0.5  # [instants of one body] of a Jacobian
-CUBED = 0.15  # [instants of one body] of a quadratic program, times the cube of the number of its variables
-HARD = 0.09  # [instants of one body] of one whose rows contradict one another, times that of variables and rows
+CUBED = 0.012  # [instants of one body] of a quadratic program, times the cube of the number of its variables
+CHANGE = (0.045, 0.0027)  # [instants of one body] of a row's change, times variables squared; times variables and rows
+ITERATED = 0.12  # [instants of one body] of an iteration of ProxQP, times the square of variables and rows together
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +71,16 @@ class FlightModel:
         """Count a Jacobian."""
         self.work += DIFFERENTIATION + ENTRY * entries
 
-    def solved(self, variables: int, contradicting: int) -> None:
-        """Count a quadratic program, with so many rows if they contradict one another; in a plane they are small."""
+    def solved(self, variables: int, rows: int, changes: int) -> None:
+        """Count a quadratic program by the changes of its active rows; in a plane they are small."""
         if self.flight.tangent > 1:
-            self.work += CUBED * variables**3 + (HARD * (variables + contradicting) ** 3 if contradicting else 0.0)
+            changed = changes * (CHANGE[0] * variables + CHANGE[1] * rows)
+            self.work += variables * (CUBED * variables**2 + changed)
+
+    def iterated(self, numbers: int, iterations: int) -> None:
+        """Count iterations of ProxQP, by variables and rows together."""
+        if self.flight.tangent > 1:
+            self.work += ITERATED * iterations * numbers**2
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
