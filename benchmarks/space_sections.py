@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
@@ -15,6 +16,8 @@ from floatplan.arrays import Array
 from floatplan.motion.flight import ballistics, momentum_set, whole_motion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.planning.transcription.variables import decision_variables
+from floatplan.simulation.in_space import RecordedInSpace, off_by
+from floatplan.simulation.recorded_motion import reduced_model
 
 URDF = PROBLEMS.parent / "urdf"
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
@@ -29,6 +32,7 @@ STUNTS = {  # axes, then the angles of the first and the third
 }
 ANY_DEGREE, WITHIN = fp.Motion(degree="auto"), fp.Limits(velocity="urdf", torque="urdf")
 LEVEL = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
+TRACKED = 30.0  # [rad] bandwidth of replays whose joints are tracked, times the duration
 DRAWN_LIMIT = 1.3  # [-] of the peaks of a drawn motion, the limits of every third
 
 
@@ -141,8 +145,82 @@ def space(counts: Counts) -> None:
         print(f"  {name}: not found, seeds {missed}" if missed else f"  {name}: all found")
         rows.append([name, solved, len(seconds), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist()])
     table(["class", "found", "of", "s of the processor, median", "p90", "at most"], rows)
+    _within_limits(counts.in_space)
+    _exactness(counts.in_space)
     if counts.peers_in_space:
         _beside_ipopt(counts.peers_in_space)
+
+
+def _within_limits(count: int) -> None:
+    """What takes long: a Go2 levels out within its limits, and a Talos turns; no search is to take 10 s."""
+    rows = []
+    talos = fp.Robot.from_urdf("example-robot-data:talos_data/robots/talos_reduced.urdf", base="free-flyer")
+    low, high = talos.position_limits.T
+    posture = np.clip(0, low + 0.05 * (high - low), high - 0.05 * (high - low))
+    start = fp.Posture(fp.Attitude(angles=(0, 0, 0), axes="yxz"), posture)
+    turns = [
+        fp.Problem(
+            talos, start, replace(start, orientation=fp.Attitude(angles=angles, axes="yxz")), flight, ANY_DEGREE, WITHIN
+        )
+        for angles, flight in (
+            ((-2 * math.pi, 0, math.pi), fp.Flight(0.8, "free")),
+            ((-4 * math.pi, 0, 2 * math.pi), fp.Flight(0.8, "free")),
+            ((0, 0, math.pi / 4), fp.Flight(0.8, 0.0)),
+            ((0.5, 0, 0.8), fp.Flight(0.5, 0.0)),
+        )
+    ]
+    levelled = [replace(problem, limits=WITHIN) for problem in levellings(min(count, 40))]
+    for name, problems in (
+        ("Go2 levels out, h = 0, limits", levelled),
+        ("Talos: turns, h free and 0, limits", turns[:count]),
+    ):
+        solved, seconds = [], []
+        for problem in problems:
+            began = time.process_time()
+            solved.append(fp.plan(problem).ok)
+            seconds.append(time.process_time() - began)
+        soon = sum(ok and each < 2 for ok, each in zip(solved, seconds, strict=True))
+        rows.append([name, sum(solved), soon, len(solved), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist()])
+    table(["within the URDF's limits", "found", "in 2 s", "of", "s, median", "p90", "at most"], rows)
+
+
+def _exactness(count: int) -> None:
+    """Plans against forward dynamics, against the attitude's own equation, and against what is conserved and asked."""
+    problems = {path.stem: fp.load_problem(path) for path in sorted((PROBLEMS / "space").glob("*.toml"))[:count]}
+    problems |= {f"arm {seed}": problem for seed, problem in enumerate(arms(min(count, 16)))}
+    rows = []
+    for name, problem in problems.items():
+        plan = fp.plan(problem)
+        if not plan.ok:
+            continue
+        state, ends = plan.at(np.linspace(0, plan.duration, 50)), plan.at([0.0, plan.duration])
+        wanted = (problem.initial, problem.final)
+        off = [
+            float(np.abs(getattr(ends, key)[index] - getattr(end, key)).max())
+            for index, end in enumerate(wanted)
+            for key in ("velocities", "accelerations")
+        ]
+        flown, tracked = fp.replay(plan), fp.replay(plan, feedback=TRACKED / plan.duration)
+        by_equation = RecordedInSpace(
+            plan.record, reduced_model(plan.robot, float(plan.record.com["gravity"]))
+        ).attitude
+        turned = max(off_by(by_equation(time), own) for time, own in zip(state.times, state.orientation, strict=True))
+        rows.append([name, turned, flown.orientation_error, tracked.orientation_error, _drift(plan, state), max(off)])
+    head = ["", "DOP853, rad", "ABA, rad", "ABA, joints tracked", "momentum, relative", "ends' rates"]
+    table(head, [*rows, ["largest", *np.max([row[1:] for row in rows], axis=0).tolist()]])
+
+
+def _drift(plan: fp.Plan, state: fp.FlightState) -> float:
+    """Largest error of the angular momentum, over its length or the most that the joints alone have, by Pinocchio."""
+    model, data = plan.robot.model, plan.robot.model.createData()
+    whole, of_joints = [], []
+    for instant in state.times.tolist():
+        q, v = plan.q(instant), plan.v(instant)
+        whole.append(pin.computeCentroidalMomentum(model, data, q, v).angular.copy())
+        v[:6] = 0
+        of_joints.append(pin.computeCentroidalMomentum(model, data, q, v).angular.copy())
+    size = max(np.linalg.norm(of_joints, axis=1).max(), np.linalg.norm(plan.angular_momentum))
+    return float(np.linalg.norm(whole - plan.angular_momentum, axis=1).max() / size)
 
 
 def _beside_ipopt(count: int) -> None:

@@ -35,7 +35,10 @@ WITH_JUMP = "README.md with its jump"
 LONG = {WITH_JUMP} | {
     f"docs/{page}.md" for page in ("in_flight", "jump", "tutorial")
 }  # README without its jump: always
-LONG |= {f"docs/howto/{page}.md" for page in ("flip_in_mujoco", "obstacles", "own_robot", "reference_motions")}
+LONG |= {
+    f"docs/howto/{page}.md"
+    for page in ("flip_in_mujoco", "jump_to_controller", "obstacles", "own_robot", "reference_motions")
+}
 VERDICTS = (
     "floatplan takeoff",
     "floatplan plan",

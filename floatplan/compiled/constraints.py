@@ -9,19 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise, product
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address, kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
+from floatplan.robot.planar.tree import PlanarTree
 
 SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
 RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Wanted"]
@@ -90,7 +93,7 @@ class CompiledConstraints:
         self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
         self.needs_places = bool((kind > SHARE).any())
         shapes, path = flight.link_shapes, flight.ballistics
-        ends = self.bodies.of_points(np.stack(shapes.weights, axis=1))
+        ends = _ends(tree, shapes)
         opposite = _opposite(kind, first, of_sums)
         is_differentiated = opposite < 0
         self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
@@ -142,6 +145,12 @@ class CompiledConstraints:
                 begin = begins[quantity]
                 rows[:, begin : begin + weights.shape[1]] += weights
         return rows
+
+
+@lru_cache(maxsize=16)
+def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
+    """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
+    return unscaled_robot(tree)[0].of_points(np.stack(shapes.weights, axis=1))
 
 
 def path_numbers(path: Ballistics) -> Array:

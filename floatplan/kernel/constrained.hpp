@@ -15,6 +15,7 @@ class Constrained {
         for (double **each : {&hessian, &initial, &matrix, &metric}) arena.take(*each, size * size);
         for (double **each : {&direction, &change, &gradient, &product, &right, &normal}) arena.take(*each, size);
         for (double **each : {&gathered, &linear, &slope, &pulls, &step_pulls, &pull_of}) arena.take(*each, most_rows);
+        arena.take(squares_of_rows, size * (size + 3) / 2 * 8);
         for (Index **each : {&pulled, &pulling, &taken}) arena.take(*each, most_rows);
     }
 
@@ -139,7 +140,7 @@ class Constrained {
     double slack_penalty = 1, violation_left = 0, equality_pull = 0, step_equality_pull = 0;
     bool elastic = false;
     double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
-    double *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
+    double *squares_of_rows, *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
     // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
     Index pull_count = 0, step_count = 0, *pulled, *pulling, *taken;
     double *pulls, *step_pulls, *pull_of;
@@ -201,8 +202,7 @@ class Constrained {
             }
             copy(product, right, size);
             add_normal(now->row, penalty, left);
-            for (Index e = 0; e < near(); ++e)
-                if (linear[e] < 0) add_normal(normal_of(e), penalty, linear[e]);
+            add_violated(penalty);
             copy(change, right, size);
             if (!eliminate(matrix, change, size)) break;
             follow(change, slope);
@@ -225,6 +225,32 @@ class Constrained {
             violation_left -= linear[e];
             pulling[step_count] = entry(e);
             step_pulls[step_count++] = -penalty * linear[e];
+        }
+    }
+
+    // Normal equations of the rows that are violated after a step, of several at once.
+    void add_violated(double weight) {
+        zero(squares_of_rows, size * (size + 3) / 2 * LANES);
+        for (Index e = 0; e < near(); e += LANES) {
+            const Bits violated = load(linear + e) < all(0);
+            if (!any(violated)) continue;
+            const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
+            const Vector value = select(violated, load(linear + e), all(0));
+            Vector *sum = (Vector *)squares_of_rows;
+            for (Index a = 0; a < size; ++a) {
+                const Vector own = select(violated, load(slopes + 8 * a), all(0));
+                for (Index b = 0; b <= a; ++b, ++sum) *sum = multiply_add(own, load(slopes + 8 * b), *sum);
+                *sum = multiply_add(own, value, *sum), ++sum;
+            }
+        }
+        const Vector *found = (const Vector *)squares_of_rows;
+        for (Index a = 0; a < size; ++a) {
+            for (Index b = 0; b <= a; ++b, ++found) {
+                const double part = weight * sum(*found);
+                matrix[a * size + b] += part;
+                if (b < a) matrix[b * size + a] += part;
+            }
+            right[a] -= weight * sum(*found++);
         }
     }
 

@@ -1,4 +1,5 @@
-// Points, segments, and where they are nearest to one another, at the instants that are computed at once.
+// Points, segments, and where they are nearest to one another, at the instants that are computed at once. What is not
+// used of it, as directions where only the distance is, is not computed: all is compiled into its callers.
 
 struct Place {
     Vector x, y;
@@ -27,7 +28,7 @@ struct Way {
     Vector own, other;
 };
 
-static inline Way point_to_segment(Place point, Place start, Place end) {
+INLINED Way point_to_segment(Place point, Place start, Place end) {
     const Place along = end - start;
     const Vector squared = larger(inner(along, along), all(1e-300));
     const Vector share = smaller(larger(inner(along, point - start) / squared, all(0)), all(1));
@@ -36,21 +37,21 @@ static inline Way point_to_segment(Place point, Place start, Place end) {
 }
 
 // A way from the other side.
-static inline Way turned_round(Way way) { return {way.square, -way.out, -way.across, way.other, way.own}; }
+INLINED Way turned_round(Way way) { return {way.square, -way.out, -way.across, way.other, way.own}; }
 
-static inline Way shorter(Way a, Way b) {
+INLINED Way shorter(Way a, Way b) {
     const Bits nearer = b.square < a.square;
     return {select(nearer, b.square, a.square), select(nearer, b.out, a.out), select(nearer, b.across, a.across),
             select(nearer, b.own, a.own), select(nearer, b.other, a.other)};
 }
 
-static inline Nearest measured(Way way) {
+INLINED Nearest measured(Way way) {
     const Vector distance = square_root(way.square), length = square_root(inner(way.across, way.across));
     const Place normal = select(length > all(0), 1 / length * Place{-way.across.y, way.across.x}, {all(0), all(1)});
     return {distance, select(distance >= all(1e-12), 1 / distance * way.out, normal), way.own, way.other};
 }
 
-static inline Bits are_crossing(Place start, Place end, Place other_start, Place other_end) {
+INLINED Bits are_crossing(Place start, Place end, Place other_start, Place other_end) {
     const Vector in_line = all(1e-12), none = all(0);  // m^2
     const Place along = end - start, other_along = other_end - other_start;
     const Vector a = outer(along, other_start - start), b = outer(along, other_end - start);
@@ -59,7 +60,7 @@ static inline Bits are_crossing(Place start, Place end, Place other_start, Place
     return (a * b < none) & (c * d < none) & (least > in_line);
 }
 
-static inline Nearest between(Place start, Place end, Place other_start, Place other_end) {
+INLINED Nearest between(Place start, Place end, Place other_start, Place other_end) {
     auto at_end = [](Way way) { return Way{way.square, way.out, way.across, way.own, all(1)}; };
     Way way = turned_round(point_to_segment(start, other_start, other_end));
     way = shorter(way, turned_round(at_end(point_to_segment(end, other_start, other_end))));
@@ -73,7 +74,7 @@ static inline Nearest between(Place start, Place end, Place other_start, Place o
 }
 
 // From a segment to an obstacle at a time, s since takeoff, radii left out; the half-plane's normal is the other place.
-static inline Nearest to_obstacle(Index kind, const double *obstacle, Vector time, Place start, Place end) {
+INLINED Nearest to_obstacle(Index kind, const double *obstacle, Vector time, Place start, Place end) {
     const Place moved = time * Place{all(obstacle[4]), all(obstacle[5])};
     const Place one = Place{all(obstacle[0]), all(obstacle[1])} + moved, other{all(obstacle[2]), all(obstacle[3])};
     if (kind == circle_row) return measured(point_to_segment(one, start, end));

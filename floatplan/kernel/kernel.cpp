@@ -11,6 +11,8 @@
 #include <cstring>
 #include <utility>
 
+#define INLINED __attribute__((always_inline)) static inline
+
 namespace {
 
 constexpr int MOST_COLUMNS = 32;  // degree + 1

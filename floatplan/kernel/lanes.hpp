@@ -63,7 +63,7 @@ static inline void multiply(const double *left, Index rows, Index inner, const d
 
 // Sine and cosine to about 1e-16, after the nearest multiple of pi/2 is taken away: the polynomials of FDLIBM's k_sin.c
 // and k_cos.c (Sun Microsystems 1993).
-__attribute__((always_inline)) static inline void sine_cosine(Vector x, Vector &sine, Vector &cosine) {
+INLINED void sine_cosine(Vector x, Vector &sine, Vector &cosine) {
     constexpr double round_to_whole = 6755399441055744.0;  // 1.5 * 2^52
     Vector shifted = multiply_add(x, all(0.63661977236758134), all(round_to_whole));
     Vector whole = shifted - all(round_to_whole);

@@ -83,11 +83,11 @@ class Program {
             for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
         if (constraints.needs_places)
             for (Index j = 0; j < N; ++j) copy(integrals + j * stride, grid.integrals + j * N, N);
-        for (Index k = N; k < count; k += LANES) add_instants(k, grid);
+        for (Index k = N; k < stride; k += LANES) add_instants(k, grid);
         combine_basis(to);
         find_outside();
         for (Evaluated &each : two) {
-            each.motion.instants = count, each.motion.stride = stride;
+            each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }

@@ -87,7 +87,7 @@ static inline void place(const Robot &robot, const Constraints &constraints, Mot
         }
 }
 
-static inline Nearest nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
+INLINED Nearest nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
     auto end = [&](Index e) { return Place{load(m.end_x + e * m.stride + k), load(m.end_y + e * m.stride + k)}; };
     const Index first = constraints.first[row], second = constraints.second[row];
     const bool is_pair = constraints.kind[row] == pair_row;

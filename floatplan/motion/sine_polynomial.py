@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +50,12 @@ class Form(NamedTuple):
     @property
     def given(self) -> tuple[int, ...]:
         """The conditions (13) that are given."""
-        return tuple(condition for condition in range(CONDITIONS) if condition not in self.free_ends)
+        return _given(self.free_ends)
+
+
+@cache
+def _given(free_ends: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(condition for condition in range(CONDITIONS) if condition not in free_ends)
 
 
 class Basis:

@@ -57,7 +57,7 @@ LOG = logging.getLogger(__name__)
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
-NEAR_MISS = 1e-3  # [-] of violations, below which the search in Python follows what the kernel gave up
+NEAR_MISS = 1e-3  # [-] of violations, below which a motion that is not optimal is followed once more from its end
 SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
@@ -267,10 +267,13 @@ class Attempts:
 
         The plain motion tells how far the links travel.
         """
-        sizes, plain = [obstacle.thickness for obstacle in self.problem.obstacles], self.plain_start
-        dense = self.model.nodes(-2, plain.variables.polynomials.form)
+        smallest = min((obstacle.thickness for obstacle in self.problem.obstacles), default=np.inf)
+        if smallest == np.inf:
+            return CONSTRAINED_LEVEL
+        plain = self.plain_start
+        dense = self.model.nodes(COMPILED_LEVEL, plain.variables.polynomials.form)
         way = trajectory(self.model, plain.variables, dense, plain.x).flown.longest_way
-        wanted = way / max(min(sizes, default=np.inf), SMALLEST_STEP)
+        wanted = way / max(smallest, SMALLEST_STEP)
         counts = enumerate(self.model.flight.node_counts)
         enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
         return min(enough, default=WATCHED_AT_MOST)
@@ -281,8 +284,9 @@ class Attempts:
         if self._compiled:
             left = -1.0 if stop() else most_work - start.work
             outcome = self._follow_compiled(self._compiled, start, left)
-            if not stop() and 0 < outcome.violation < NEAR_MISS:
-                other = self._follow(start, lambda: self.model.work - before > most_work or stop())
+            if not stop() and outcome.violation < NEAR_MISS and not outcome.is_optimal:
+                again = replace(start, x=outcome.solution.x, at_once=True)
+                other = self._follow_compiled(self._compiled, again, most_work - (self.model.work - before))
                 outcome = best([outcome, other])
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())

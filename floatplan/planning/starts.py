@@ -5,7 +5,7 @@ there is one that turns just enough. A batch of random motions is evaluated at o
 starts that violate the constraints least are followed first.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
@@ -13,21 +13,17 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import SECANT_STEPS, SPREADS, Numbers, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import SPREADS, Numbers, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.compiled_attempt import crossings
-from floatplan.planning.transcription.constraints import Constraint, applies
-from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
+from floatplan.planning.transcription.constraints import Constraint
+from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.problem import Problem
 
 BATCH = 160  # motions
 LARGEST_BATCH = 640  # where there are constraints: each batch is twice as large as the one before
-BATCH_LEVEL = 2  # of grids
-STARTS_PER_BATCH = 2
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
-LEAST_SHARE = 0.05  # of a step between two motions
-APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,51 +97,11 @@ def _random_starts(
     for number in count() if plain.size else ():
         variables = on_branches(rng.choice([-1, 0, 0, 1], size=n)) if number % 2 else plain
         size = min(BATCH * 2**number, LARGEST_BATCH) if constraints else BATCH
-        before = model.work
-        first, *others = starts_among(model, constraints, variables, _random_motions(variables, size, rng))
+        before, motions = model.work, _random_motions(variables, size, rng)
+        found = crossings(model, constraints, variables, np.concatenate((variables.plain_motion()[None], motions)))
+        first, *others = (Start(variables, x) for x in found)
         yield replace(first, work=model.work - before)
         yield from others
-
-
-def starts_among(
-    model: FlightModel, constraints: tuple[Constraint, ...], variables: DecisionVariables, motions: Array
-) -> Iterator[Start]:
-    """Starts that motions x (S, size) lead to.
-
-    Where the base turns in one direction, a motion meets the goal between any that turns too much and one that turns
-    too little; else there is no such order, and those that miss it least are taken as they are.
-    """
-    if model.flight.tangent == 1:
-        drawn = np.concatenate((variables.plain_motion()[None, :], motions))
-        rules = {"level": BATCH_LEVEL, "steps": SECANT_STEPS, "least_share": LEAST_SHARE}
-        chosen: Iterable[Array] = crossings(
-            model, constraints, variables, drawn, most=STARTS_PER_BATCH, apart=APART, **rules
-        )
-    else:
-        together = trajectories(model, variables, BATCH_LEVEL, motions)
-        missed = (together.residual**2).sum(axis=1) + _violations(together, constraints, len(motions))
-        chosen = _apart(motions[np.argsort(missed, kind="stable")], variables.metric)
-    yield from (Start(variables, x) for x in chosen)
-
-
-def _apart(ranked: Array, metric: Array) -> list[Array]:
-    """The first of the ranked motions, and each next one that is ``APART`` from all before it."""
-    chosen: list[Array] = []
-    for x in ranked:
-        if all(np.linalg.norm(metric @ (x - other)) > APART for other in chosen):
-            chosen.append(x)
-        if len(chosen) == STARTS_PER_BATCH:
-            break
-    return chosen
-
-
-def _violations(together: Trajectory, constraints: tuple[Constraint, ...], motions: int) -> Array:
-    """Sum over rows and nodes of squared violations (S,) of a batch."""
-    total = np.zeros(motions)
-    for block in constraints:
-        violated = np.minimum(block.values(together), 0) * applies(block, together.s)[:, None]
-        total += (violated**2).reshape(motions, -1).sum(axis=1)
-    return total
 
 
 def _random_motions(variables: DecisionVariables, motions: int, rng: np.random.Generator) -> Array:

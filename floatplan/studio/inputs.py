@@ -59,10 +59,10 @@ class Input:
 
 
 class Inputs:
-    """Sliders, choices and ticks; each follows the session unless the user holds it."""
+    """Sliders, choices and ticks of the ``problem`` that is drawn; each follows it unless the user holds it."""
 
     def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
-        self._gui, self._session, self._actions = gui, session, actions
+        self._gui, self._session, self._actions, self.problem = gui, session, actions, session.view.problem
         self.sliders: dict[str, Any] = {}  # by the path that each shows
         self._shown: list[Input] = []
 
@@ -92,7 +92,7 @@ class Inputs:
             else:
                 self._session.refuse(f"{path}: {value} is not a finite number")
 
-        value = shown(self._session.view.problem)
+        value = shown(self.problem)
         value = value if math.isfinite(value) else round(low / unit, digits + FINER)
         least = min(round(math.ceil(low / unit / step) * step, digits), value)
         most = max(round(math.floor(high / unit / step) * step, digits), value)
@@ -110,7 +110,7 @@ class Inputs:
         hint: str | None = None,
     ) -> None:
         """Add a choice of words: how to read it from a problem, and the edit that makes it."""
-        present = get(self._session.view.problem)
+        present = get(self.problem)
         offered = tuple(dict.fromkeys((*words, present)))
         dropdown = self._gui.add_dropdown(label, offered, initial_value=present, hint=hint)
         self.add(dropdown, get, label, lambda word: self._session.edit(edit(word)))
@@ -119,7 +119,7 @@ class Inputs:
         self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[bool], Edit], hint: str | None = None
     ) -> None:
         """Add a tick."""
-        tick = self._gui.add_checkbox(label, get(self._session.view.problem), hint=hint)
+        tick = self._gui.add_checkbox(label, get(self.problem), hint=hint)
         self.add(tick, get, label, lambda wanted: self._session.edit(edit(wanted)))
 
     def add(self, handle: Any, get: Callable[[fp.Problem], Any], about: str, act: Callable[[Any], object]) -> None:

@@ -80,6 +80,7 @@ class Controls:
 
         So it is where the user holds a slider, or a search may take long enough to be shown.
         """
+        self.inputs.problem = view.problem
         begun = not cards.is_news(self._drawn, view) and view.number != self._begun
         if begun:
             self._begun = view.number
@@ -365,15 +366,14 @@ class ObstaclesTab:
 
     def draw(self, view: View) -> None:
         """List the obstacles anew where there are others."""
-        obstacles = view.problem.obstacles
-        kinds = [obstacle.kind for obstacle in obstacles]
+        kinds = [obstacle.kind for obstacle in view.problem.obstacles]
         if kinds == self._kinds:
             return
         self._inputs.forget(self._sliders)
         for folder in self._folders:
             folder.remove()
         self._folders, self._sliders, self._kinds = [], [], kinds
-        for index, obstacle in enumerate(obstacles):
+        for index, obstacle in enumerate(view.problem.obstacles):
             with self._tab, self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
                 self._sliders += [self._inputs.slider(*dial) for dial in obstacle_dials(index, obstacle)]
                 self._button("Remove", edits.put_obstacle(index))

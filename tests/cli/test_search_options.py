@@ -17,7 +17,7 @@ import floatplan as fp
 from floatplan.planning import search
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
-PATIENCE = 60.0  # s until a process that should have ended is given up; less than the budgets here
+PATIENCE = 300.0  # s until a process that should have ended is given up; less than the budgets here
 ENDLESS = 100_000  # starts
 IMPOSSIBLE = """
 [limits]

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -37,6 +38,18 @@ def jump() -> fp.Jump:
 @pytest.fixture(scope="module")
 def jump_file(jump: fp.Jump, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return jump.save(tmp_path_factory.mktemp("jump") / "jump.json")
+
+
+@pytest.fixture
+def read_once(jump_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands are given the jump of the file as it was read, and checked, before."""
+    jump = as_read(jump_file)
+    monkeypatch.setattr(fp, "load_jump", lambda *_: jump)
+
+
+@cache
+def as_read(path: Path) -> fp.Jump:
+    return fp.load_jump(path)
 
 
 def near(found: Any, wanted: Any, rounding: float = EXACT) -> None:
@@ -343,6 +356,7 @@ def test_other_robots_are_refused_by_name(root: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("read_once")
 @pytest.mark.parametrize("form", ["csv", "npz", "mcap"])
 def test_the_command_takes_a_jump(floatplan: Callable[..., Any], jump_file: Path, tmp_path: Path, form: str) -> None:
     told = tmp_path / "elsewhere" / "file"
@@ -360,6 +374,7 @@ def test_the_command_s_gains(floatplan: Callable[..., Any], jump_file: Path, tmp
     assert {columns[f"kd_{name}"][0] for name in UNITREE_JOINTS} == {1.5}
 
 
+@pytest.mark.usefixtures("read_once")
 @pytest.mark.parametrize(
     ("words", "said"),
     [

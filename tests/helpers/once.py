@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock
+
 folder = Path()  # of all processes; set when they begin
 _made: dict[str, Any] = {}
 
@@ -17,9 +19,11 @@ def made_once(name: str, make: Callable[[], Any]) -> Any:
 
     if name not in _made:
         path = folder / "made" / f"{name}.pickle"
-        if path.is_file():
-            _made[name] = pickle.loads(path.read_bytes())
-        else:
-            _made[name] = make()
-            write_atomically(path, pickle.dumps(_made[name]))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(path.with_suffix(".lock")):  # who comes while it is made waits for it
+            if path.is_file():
+                _made[name] = pickle.loads(path.read_bytes())
+            else:
+                _made[name] = make()
+                write_atomically(path, pickle.dumps(_made[name]))
     return _made[name]

@@ -14,7 +14,7 @@ from floatplan.studio.page import Studio
 from floatplan.studio.stage import end_poses
 from floatplan.view.scene.scene import in_space
 
-PATIENCE = 60.0  # s for what takes a fraction of one
+PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"
 WATCH = """
 (() => {

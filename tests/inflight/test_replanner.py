@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -19,6 +20,7 @@ from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
+LONG = [PROBLEMS / "gallery" / f"{robot}.toml" for robot in ("borinot", "g1", "human", "solo", "solo12", "talos")]
 STATUSES = {"applied", "limited", "refused"}
 
 
@@ -185,7 +187,7 @@ def test_landing_time_follows_the_centre_of_mass(plan: fp.Plan, replanner: fp.Re
     assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.1)
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", cases(FILES, LONG), ids=lambda file: file.stem)
 def test_every_problem_from_any_instant_and_after_a_failure(file: Path) -> None:
     if file.parent.name == "gallery" and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
+from long_cases import cases
 from plain_problems import plain_problems
 from update_reference import Present, Reference, filtered, step
 
@@ -21,6 +22,7 @@ from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
+LONG = [PROBLEMS / "gallery" / f"{robot}.toml" for robot in ("borinot", "g1", "human", "solo", "solo12", "talos")]
 CHAINS = range(8, 96, 14)
 
 
@@ -119,7 +121,7 @@ def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -
     assert assert_right(plan, replanner, 8) >= 10
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", cases(FILES, LONG), ids=lambda file: file.stem)
 def test_every_problem(file: Path) -> None:
     if file.parent.name == "gallery" and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")

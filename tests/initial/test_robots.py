@@ -19,6 +19,7 @@ from floatplan.stance.contacts import contact_at
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
 WITH_HANDS = "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf"
+TWO_ARMS = "tiago_description/robots/tiago_dual.urdf"
 FEET = {
     "a1_description/urdf/a1.urdf": ("RL_foot", "FL_foot"),
     WITH_HANDS: ("left_ankle_roll_link",),
@@ -26,12 +27,12 @@ FEET = {
     "quadruped_description/urdf/quadruped.urdf": ("BL_contact", "FL_contact"),
     "ur_description/urdf/ur5_robot.urdf": (),
     "panda_description/urdf/panda.urdf": (),
-    "tiago_description/robots/tiago_dual.urdf": (),
+    TWO_ARMS: (),
 }
 
 
 @needs_robots
-@pytest.mark.parametrize("urdf", cases(FEET, [WITH_HANDS]))
+@pytest.mark.parametrize("urdf", cases(FEET, [WITH_HANDS, TWO_ARMS]))
 def test_feet(urdf):
     found = chosen_robot(PREFIX + urdf).feet
     sides = {"left": "right", "RL": "RR", "FL": "FR", "BL": "BR"}

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.planning import starts
 from floatplan.planning.attempt import Attempts, Outcome
-from floatplan.planning.transcription.compiled_attempt import crossings
-from floatplan.planning.transcription.trajectory import trajectories
+from floatplan.planning.transcription.compiled_attempt import BATCH_LEVEL, crossings
+from floatplan.planning.transcription.constraints import applies
+from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 NAMES = ("obstacle", "torque_limited", "moving_hoop", "handstand_ground", "gallery/solo", "gallery/bolt")
-LEVEL = 2  # of grids
 MOTIONS = 6
 
 
@@ -53,9 +52,14 @@ def test_starts_between_motions_are_those_of_python(ready):
     model, kept, variables = ready.model, ready.constraints, ready.plain_start.variables
     drawn = ready.plain_start.x + 0.3 * np.random.default_rng(0).normal(size=(MOTIONS, variables.size))
 
-    def measured(x):
-        together = trajectories(model, variables, LEVEL, x)
-        return together.residual[:, 0], starts._violations(together, kept, len(x))
+    nodes = model.nodes(BATCH_LEVEL, variables.polynomials.form)
+
+    def measured(motions):
+        each = [trajectory(model, variables, nodes, x) for x in motions]
+        squares = [
+            [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.s)].sum() for block in kept] for at in each
+        ]
+        return np.array([at.residual[0, 0] for at in each]), np.array(squares).sum(axis=1)
 
     missed, size = measured(drawn)[0], np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (missed > 0, missed < 0))
@@ -72,5 +76,5 @@ def test_starts_between_motions_are_those_of_python(ready):
         expected = middle[np.argsort(violations + 1e-9 * np.linalg.norm(middle, axis=1))]
     else:
         expected = drawn[[np.argmin(np.abs(missed))]]
-    found = crossings(model, kept, variables, drawn, level=LEVEL, steps=2, most=MOTIONS, apart=0.0, least_share=0.05)
+    found = crossings(model, kept, variables, drawn, steps=2, most=MOTIONS, apart=0.0)
     assert found == pytest.approx(expected, abs=1e-8)

@@ -45,7 +45,6 @@ from floatplan.planning.transcription.trajectory import (
     flight_model,
     sample_also,
     sample_nodes,
-    trajectories,
     trajectory,
 )
 from floatplan.planning.transcription.variables import decision_variables
@@ -269,13 +268,6 @@ class TestRatesThatFollow:
         assert_derivative(lambda at: np.array(program.evaluate(at).objective), here.gradient, there, scale)
         eigenvalues = np.linalg.eigvalsh(program.hessian(here))
         assert eigenvalues.min() > 1e-6 * eigenvalues.max()
-
-    def test_several_motions_are_evaluated_as_each_alone(self, following, there):
-        (model, variables, _), _ = following
-        together = trajectories(model, variables, 2, np.stack((there, -there)))
-        nodes = model.nodes(2, variables.polynomials.form)
-        alone = [trajectory(model, variables, nodes, at).residual[0] for at in (there, -there)]
-        assert together.residual == pytest.approx(np.array(alone), rel=1e-11, abs=1e-12)
 
     def test_the_norm_of_coefficients_is_17(self, following, there):
         flight, aim = following

@@ -26,7 +26,7 @@ from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
-WORK = DEFAULT_WORK / 5  # of the searches here
+WORK = DEFAULT_WORK / 20  # of the searches here
 NEAREST = re.compile(r"In the nearest motion found, (.+?) is violated by (\S+) (.+?) at t = ([\d.]+) s")
 AT_AN_END = re.compile(r"At (takeoff|landing) the (start|goal) itself is impossible: (.+?) is violated by (\S+) (\S+)")
 

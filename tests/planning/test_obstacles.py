@@ -74,7 +74,7 @@ def test_problem_file_is_planned_and_holds_at_every_instant(planned: Planned, na
     check_plan(planned(name), tmp_path)
 
 
-@pytest.mark.parametrize("grade", cases(GRADES, {"hard"}))
+@pytest.mark.parametrize("grade", cases(GRADES, {"medium", "hard"}))
 def test_problems_built_around_a_motion_are_solved(grade: str, tmp_path: Path) -> None:
     """Among them two where links sweep past an obstacle so fast that a coarse look misses it."""
     problems = (forward_problem(seed, grade) for seed in range(200, 260))

@@ -38,9 +38,9 @@ def test_they_are_planned_within_limits_and_land(plans, name):
     ):
         assert (peak <= limit * (1 + 1e-9)).all()
     assert "ground" not in [warning.kind for warning in plan.warnings]
-    flown = fp.replay(plan)
+    flown = fp.replay(plan, feedback=30 / plan.duration)  # open loop, rounding errors grow in 25 s of an arm
     assert flown.landed
-    assert flown.orientation_error < 1e-7
+    assert flown.orientation_error < 1e-9
     assert flown.momentum_drift < 1e-9
 
 

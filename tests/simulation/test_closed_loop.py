@@ -242,8 +242,8 @@ def test_authority_says_what_flies(plan: fp.Plan, found: fp.Authority, factor: f
     assert (abs(robot.orientation - plan.problem.final.orientation) < 1.5 * found.reached) == reached
 
 
-def test_labels_of_logarithmic_axes_are_numbers(plan: fp.Plan) -> None:
-    figure = closed_loop_picture(plan, fp.closed_loop(plan, 100, flights=1))
+def test_labels_of_logarithmic_axes_are_numbers(plan: fp.Plan, flown: fp.ClosedLoop) -> None:
+    figure = closed_loop_picture(plan, flown)
     figure.canvas.draw()
     for ticks in (figure.axes[2].get_yticklabels(), figure.axes[3].get_xticklabels()):
         assert len([float(label.get_text()) for label in ticks if label.get_text()]) >= 2

@@ -151,11 +151,18 @@ def test_gains_are_searched(floatplan: Callable[..., Any], tmp_path: Path) -> No
     assert 1 <= facts["control"]["tried"] <= 8
 
 
-def test_command(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+def test_command(
+    flown: fp.JumpReplay, floatplan: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flight itself is flown from the command line by ``test_gains_are_searched``, and by pages of docs/."""
     path = backflip().save(tmp_path / "jump.json")
-    run = floatplan("replay", path, "--json", "--kp", "56", "--kd", "0.94")
+    asked: list[dict[str, Any]] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(fp, "replay_jump", lambda _, **options: asked.append(options) or flown)
+        run = floatplan("replay", path, "--json", "--kp", "57", "--kd", "0.98")
     facts = json.loads(run.stdout)
     assert (run.code, facts["landed"], facts["control"]["rate"]) == (0, True, 500.0)
+    assert [each["gains"] for each in asked] == [(57.0, 0.98)]
     for words, reason in (
         (["--engine", "pinocchio"], "--engine: knows no ground"),
         (["--authority"], "--authority: is for plans"),

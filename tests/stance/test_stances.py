@@ -141,6 +141,7 @@ def test_both_feet_are_in_the_cone_or_in_the_least_that_holds_them() -> None:
     assert (cones <= np.maximum(needed, friction) + 1e-9).all()
 
 
+@pytest.mark.long  # as one foot does that is alone, in test_rolling.py
 def test_all_feet_may_leave_and_come_at_once() -> None:
     both = [("RL_foot", "FL_foot")]
     problem = go2_problem(turns=0)

@@ -24,7 +24,7 @@ from floatplan.view.outlines import body_poses, coordinates
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
 
-PATIENCE = 240.0  # s for what takes ten
+PATIENCE = 600.0  # s for what takes ten, and lets others go first
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
 
 

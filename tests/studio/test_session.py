@@ -27,7 +27,7 @@ from floatplan.studio.session import FILE_NAMES, Part, Session, View
 from floatplan.view.outlines import body_poses
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 60.0  # s for what takes a fraction of one
+PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 BEYOND = 1e6  # rad, outside what a problem may ask
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, STATUS, constrained_settings
+from floatplan.compiled.batch import FINE, SECANT_STEPS, STATUS, constrained_settings
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -41,6 +41,10 @@ MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
+BATCH_LEVEL = 2  # of grids, where starts are drawn
+# Starts of a batch; steps between two motions, and of each step the least share; starts that are nearer, rad, root mean
+# square of p, lead to the same motion.
+DRAWN = {"most": 2, "steps": SECANT_STEPS, "least_share": 0.05, "apart": 0.3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,20 +140,21 @@ def crossings(
     constraints: tuple[Constraint, ...],
     variables: DecisionVariables,
     motions: Array,
-    **numbers: Any,
+    **others: float,
 ) -> Array:
-    """Return starts (S, size) that meet (14), between motions x (N, size), at the nodes of a level; see ``Drawn``.
+    """Return starts (S, size) that meet (14) between motions x (N, size), at a few nodes: ``crossings.hpp``.
 
-    Those that violate least of the rows that the kernel knows come first.
+    Those that violate least of the rows that the kernel knows come first. ``others`` are in the place of ``DRAWN``.
     """
     watch = watch_of(model.flight, constraints, "")
     assert watch, "the flight is in a plane"
-    level, starts = numbers.pop("level"), np.empty((numbers["most"], variables.size))
+    numbers: dict[str, Any] = DRAWN | others
+    starts = np.empty((numbers["most"], variables.size))
     known = [block for block, is_known in zip(constraints, watch.known, strict=True) if is_known]
     windows = np.repeat(
         [block.window for block in known] or np.empty((0, 2)), [len(block.labels) for block in known], 0
     )
-    of_attempt = {"rows": watch.rows, "level": level, "objective_scale": 1.0, "bodies": model.flight.bodies}
+    of_attempt = {"rows": watch.rows, "level": BATCH_LEVEL, "objective_scale": 1.0, "bodies": model.flight.bodies}
     arrays = {"tolerance": None, "at_ends": np.zeros(watch.rows, np.int64), "instants": None, "x": None}
     attempt = Filled("Attempt", **of_attempt, **arrays, low=windows[:, 0], high=windows[:, 1])
     drawn = Filled("Drawn", count=len(motions), motions=motions, starts=starts, **numbers)

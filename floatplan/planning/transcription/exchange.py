@@ -16,7 +16,7 @@ from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
 from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
-from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
+from floatplan.planning.transcription.constraints import Constraint, Window, applies, window_ends
 from floatplan.planning.transcription.program import (
     BACK_OFF,
     FlightProgram,
@@ -104,13 +104,17 @@ def local_minima(
     return Worst(block[column], row[column], s, least)
 
 
-@lru_cache(maxsize=16)
 def where_to_look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
     """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
-    lengths = [len(block.labels) for block in constraints]
+    return _where_to_look(tuple((len(block.labels), block.window) for block in constraints), window_ends(constraints))
+
+
+@lru_cache(maxsize=16)
+def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ...]) -> tuple[IntArray, IntArray, Look]:
+    lengths = [length for length, _ in blocks]
     block = np.repeat(np.arange(len(lengths)), lengths)
-    low, high = np.array([each.window for each in constraints])[block].T
-    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), window_ends(constraints))
+    low, high = np.array([window for _, window in blocks])[block].T
+    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
     row = np.concatenate([np.arange(length) for length in lengths])
     return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
 

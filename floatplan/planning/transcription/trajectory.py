@@ -18,7 +18,7 @@ from floatplan.arrays import Array
 from floatplan.compiled.constraints import ByX, MotionRows, RowTargets, quantity_rows
 from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
-from floatplan.motion.sine_polynomial import Form, JointMotion, basis, joint_motion
+from floatplan.motion.sine_polynomial import Form, JointMotion, basis
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
 
@@ -272,27 +272,6 @@ def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampl
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
-
-
-def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x: Array) -> Trajectory:
-    """Evaluate S motions x (S, size) at once, one after the other at the nodes of a level: S N instants.
-
-    For values only: the derivatives of such a trajectory mean nothing.
-    """
-    polynomials, momentum = variables.polynomials, variables.momentum
-    sampling = model.nodes(level, polynomials.form)
-    model.evaluated(len(x) * sampling.grid.nodes)
-    z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
-    z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
-    h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
-    if variables.following:
-        boundary = np.stack([variables.motion_class(each).given_boundary for each in h])
-    else:
-        boundary = np.broadcast_to(polynomials.given_boundary, (len(x), *polynomials.given_boundary.shape))
-    coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
-    centre, amplitude, duration = polynomials.centre, polynomials.amplitude, polynomials.duration
-    motion = joint_motion(centre, amplitude, duration, coefficients, sampling.values)
-    return Trajectory(model, variables, sampling, motion, h)
 
 
 EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
