@@ -67,13 +67,14 @@ def root() -> Path:
 def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run]:
     """Run the command line in an empty working directory; any exception that it lets through fails the test.
 
-    What it says of its progress after a while, on a slow machine alone, it says where a test asks for it.
+    What it says of its progress after a while, on a slow machine alone, it says where a test asks for it, and what it
+    compares a plan with is searched for as long as that takes.
     """
     from floatplan.cli.commands import app
 
     for seconds in UNASKED:
         monkeypatch.setattr(seconds, math.inf)
-
+    monkeypatch.setattr("floatplan.cli.commands.COMPARISON_BUDGET", PATIENT)
     here = tmp_path / "here"
     here.mkdir()
     monkeypatch.chdir(here)

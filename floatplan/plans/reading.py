@@ -70,7 +70,8 @@ def checked(record: PlanRecord) -> PlanRecord:
 def _record(content: dict[str, Any]) -> PlanRecord:
     kind = content.get("format")
     if not isinstance(kind, str) or kind not in FILES:
-        raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format")
+        advice = "give a plan file: that of a jump's flight is plan.json, beside jump.json"
+        raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format", advice=advice)
     FILE(content, "")
     for name, check in FILES[kind].items():
         check(content[name], name)

@@ -165,7 +165,8 @@ class Problem(Checked):
     def rows(self) -> list[tuple[str, str]]:
         """Return names and what is said under them, as notebooks and the report show what is asked."""
         flight, joints, momentum = self.flight, self.robot.joints, self.flight.angular_momentum
-        degrees = ", ".join(map(str, self.degrees if len(set(self.degrees)) > 1 else self.degrees[:1]))
+        degrees = "degree " + ", ".join(map(str, self.degrees if len(set(self.degrees)) > 1 else self.degrees[:1]))
+        degrees = "the degree that is needed" if self.raises_degree else degrees
         rows = [
             ("robot", f"{self.robot.name}, {len(joints)} planned joints, {self.robot.mass:.4g} kg"),
             ("start", _posture(self.initial, joints)),
@@ -175,7 +176,7 @@ class Problem(Checked):
             ("lands", f"{self.landing.frame} at height {self.landing_height:g} m"),
             ("speed", f"{_number(flight.horizontal_velocity)} m/s horizontally, gravity {flight.gravity:g} m/s²"),
             ("momentum", momentum if isinstance(momentum, str) else f"{_number(momentum)} kg m²/s"),
-            ("motion", f"sine polynomials of degree {degrees}, least {self.motion.objective}"),
+            ("motion", f"sine polynomials of {degrees}, least {self.motion.objective}"),
         ]
         if self.ground:
             rows.append(("ground", "no link below the line on which it took off"))

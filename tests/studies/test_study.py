@@ -454,6 +454,7 @@ def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
     except ImportError:
         skip_or_fail("dask is not installed: the extra study")
     path, study = done
+    monkeypatch.setattr(driver, "PATIENCE", 600)
     monkeypatch.setattr(driver, "FIRST_TOGETHER", 6)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 6)
     killed = []

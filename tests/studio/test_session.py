@@ -193,7 +193,7 @@ def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp
     points = [point for some, _ in asked for point in some]
     assert sorted(points) == sorted(np.ndindex(ROWS, COLUMNS))
     assert points[0] == (ROWS // 2, COLUMNS // 2)
-    few = MapTask(limited, {"flight.duration": np.array([1.1, -1.0])}, 1.0).answer()
+    few = MapTask(limited, {"flight.duration": np.array([1.1, -1.0])}, PATIENCE).answer()
     assert [cell.status for cell in few] == ["optimal", "error"]
     assert few[0].use is not None
     assert 0 < few[0].use < 1
