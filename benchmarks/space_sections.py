@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -188,7 +189,7 @@ def _exactness(count: int) -> None:
     """Plans against forward dynamics, against the attitude's own equation, and against what is conserved and asked."""
     problems = {path.stem: fp.load_problem(path) for path in sorted((PROBLEMS / "space").glob("*.toml"))[:count]}
     problems |= {f"arm {seed}": problem for seed, problem in enumerate(arms(min(count, 16)))}
-    rows = []
+    rows: list[list[Any]] = []
     for name, problem in problems.items():
         plan = fp.plan(problem)
         if not plan.ok:
