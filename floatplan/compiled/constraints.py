@@ -21,7 +21,6 @@ from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
-from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
@@ -330,28 +329,3 @@ class Look:
     high: Array
     near: float
     span: float
-
-
-def minima(
-    constraints: CompiledConstraints, flown: BaseMotion, polynomials: SinePolynomials, look: Look
-) -> tuple[IntArray, Array, Array, int]:
-    """Local minima over a flight, narrowed down from a look.
-
-    Returned are row, s and value (L,), and at how many instants it looked closer. The flight, on any grid, is of a
-    motion of the class ``polynomials``.
-    """
-    assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
-    p, p_rate, p_curvature = basis(polynomials.form).series @ flown.joints.coefficients
-    series = {"p": p, "p_rate": p_rate, "p_curvature": p_curvature, "turned": flown.turned}
-    terms = {"terms": len(p), "turned_terms": len(series["turned"])}
-    flight = {"duration": constraints.flight.duration, "momentum": flown.angular_momentum[0, 0]}
-    motion = Filled("Series", polynomials, **terms, **flight, **series)
-    most = len(look.grid) * constraints.rows
-    row, s, least = np.empty(most, dtype=np.int64), np.empty(most), np.empty(most)
-    numbers = {"instants": len(look.grid), "near": look.near, "span": look.span}
-    filled = Filled("Minima", look, **numbers, row=row, s=s, least=least)
-    compiled, found = constraints.kernel, filled.structure
-    if compiled.minima(*constraints.references, motion.structure, found, compiled.instructions):
-        raise MemoryError("no memory to look between the nodes")
-    kept = slice(0, found.found)
-    return row[kept], s[kept], least[kept], found.looked

@@ -205,12 +205,6 @@ EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, E
     }
 }
 
-// Local minima of rows over a whole flight; returns 0, or 1 where there was no memory for it.
-EXPORT Index floatplan_minima(const Robot *robot, const Constraints *constraints, const Series *series,
-                                     Minima *minima, Index instructions) {
-    return CHOSEN(find_minima(*robot, *constraints, *series, *minima));
-}
-
 // How many numbers an update of a flight's corrections works in.
 EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight) {
     return baseline::FlightUpdate(*robot, *constraints, *flight, nullptr).room();

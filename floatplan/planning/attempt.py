@@ -392,7 +392,7 @@ class Attempts:
         missed = motion.flown.missed
         if motion.flown.unresolved > batch.UNRESOLVED:
             missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, level, reached.x, motion)
+        worst = local_minima(self.model, variables, self.constraints, level, reached.x)
         violation = missed if missed > ORIENTATION else 0.0
         if self.constraints:
             kept = -np.array([block.tolerance for block in self.constraints])[worst.block]

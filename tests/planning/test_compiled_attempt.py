@@ -7,6 +7,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.transcription import compiled_attempt
 from floatplan.planning.transcription.compiled_attempt import BATCH_LEVEL, crossings
 from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.trajectory import trajectory
@@ -36,6 +37,20 @@ def test_a_start_ends_where_python_ends(ready):
     assert (compiled.holds, compiled.solution.status) == (general.holds, general.solution.status)
     assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-6)
     assert ready.judge(compiled.variables, compiled.solution).violation == compiled.violation == 0
+
+
+@pytest.mark.parametrize("reach", [0.5, 1.1, 1.6])
+def test_where_a_start_ends_hangs_little_on_which_rows_are_differentiated(reach, root, monkeypatch):
+    """A G1 whose rows contradict one another at first; it leads elsewhere where such steps are not solved exactly."""
+    if robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    monkeypatch.setattr(compiled_attempt, "REACH", reach)
+    compiled_attempt._rules.cache_clear()
+    g1 = Attempts(fp.load_problem(root / "problems" / "gallery" / "g1.toml"), 0)
+    ended = g1.attempt(g1.plain_start)
+    compiled_attempt._rules.cache_clear()
+    assert ended.is_optimal
+    assert ended.objective_value == pytest.approx(428.7169660, rel=1e-8)
 
 
 def test_of_what_does_not_hold_both_judges_say_the_same(ready):

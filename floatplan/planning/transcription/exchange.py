@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled import batch
-from floatplan.compiled.constraints import Look, minima
+from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
@@ -24,7 +24,6 @@ from floatplan.planning.transcription.program import (
     instants_beside_nodes,
     scaled,
     steerable,
-    watch_of,
     watching,
 )
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
@@ -71,23 +70,15 @@ def local_minima(
     constraints: tuple[Constraint, ...],
     level: int,
     x: Array,
-    known: Trajectory | None = None,
 ) -> Worst:
     """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
 
-    ``level`` is that of a grid that resolves the motion; ``known`` is the motion at some grid, which may be that one.
+    ``level`` is that of a grid that resolves the motion.
     """
     if not constraints:
         return NOTHING_NEAR
     nodes = model.nodes(level, variables.polynomials.form)
     block, row, look = where_to_look(constraints)
-    if (watch := watch_of(model.flight, constraints, "")) and all(watch.known):
-        resolves = known and known.sampling.grid.nodes == nodes.grid.nodes
-        motion = known if known and resolves else trajectory(model, variables, nodes, x)
-        column, s, least, looked = minima(watch, motion.flown, variables.polynomials, look)
-        model.evaluated(nodes.grid.nodes + len(look.grid))
-        model.evaluated(looked, len(column))
-        return Worst(block[column], row[column], s, least)
 
     def values(sampling: Sampling) -> Array:
         motion = trajectory(model, variables, sampling, x)
@@ -181,7 +172,7 @@ def solve(
                 break
             back_off, finished = 0.0, False
         if constraints:
-            worst = local_minima(model, variables, constraints, needed, x, motion)
+            worst = local_minima(model, variables, constraints, needed, x)
             inside = steerable(worst.s)
             kept = np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
             if finished and not (inside & (worst.value < kept[worst.block])).any():
