@@ -19,7 +19,8 @@ if not INSTALLED:
 mujoco = pytest.importorskip("mujoco")
 
 ROOT = Path(__file__).resolve().parents[2]
-FRICTION, KP, KD = 0.8, 57.0, 0.98  # the gains that `fp.replay_jump` finds
+FRICTION = 0.8
+GAINS = {"go2": (57.0, 0.98), "a1": (56.0, 0.98)}  # that `fp.replay_jump` finds; MuJoCo takes no Go1, for its inertias
 STEP, EVERY, AFTER = 1e-3, 2, 1.0  # [s], steps of the control, [s]
 
 
@@ -53,21 +54,21 @@ def model_of(jump: fp.Jump, heavier: float) -> tuple[mujoco.MjModel, float]:
     return model, radius
 
 
-@pytest.fixture(scope="module")
-def jump() -> fp.Jump:
-    found: fp.Jump = made_once("go2.toml", lambda: fp.jump(ROOT / "problems" / "jumps" / "go2.toml", starts=1))
-    return found
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("heavier", "correct"), [*((mass, False) for mass in (0.95, 0.975, 1.0, 1.025)), (1.05, True), (0.95, True)]
+    ("name", "heavier", "correct"),
+    [
+        *(("go2", mass, False) for mass in (0.95, 0.975, 1.0, 1.025)),
+        *(("go2", mass, True) for mass in (1.05, 0.95)),
+        *(("a1", 1.0, False), ("a1", 1.05, True)),
+    ],
 )
-def test_it_lands_there_too(jump: fp.Jump, heavier: float, correct: bool) -> None:
-    """All 5 % heavier it turns 5 degrees less than planned, and lands with corrections in flight alone."""
+def test_it_lands_there_too(name: str, heavier: float, correct: bool) -> None:
+    """All 5 % heavier a Go2 turns 5 degrees less than planned, and lands with corrections in flight alone."""
+    jump: fp.Jump = made_once(f"{name}.toml", lambda: fp.jump(ROOT / "problems" / "jumps" / f"{name}.toml", starts=1))
     assert jump.flight is not None
     replanner, robot, begin = fp.Replanner(jump.flight, rate=250), jump.problem.robot, jump.takeoff_time
-    model, radius = model_of(jump, heavier)
+    (model, radius), (stiffness, damping) = model_of(jump, heavier), GAINS[name]
     data = mujoco.MjData(model)
     names = list(robot.model.names)[4:]
     planned, motors = ([names.index(name) for name in which] for which in (robot.joints, robot.motors))
@@ -88,7 +89,7 @@ def test_it_lands_there_too(jump: fp.Jump, heavier: float, correct: bool) -> Non
             wanted = replanner.reference(time)
             goal[motors], rate[motors] = robot.motor_ratios @ wanted.positions, robot.motor_ratios @ wanted.velocities
             torque[motors] = replanner.reference(time + EVERY * STEP / 2).motors
-        torque += KP * (goal - places) + KD * (rate - rates)
+        torque += stiffness * (goal - places) + damping * (rate - rates)
         data.qfrc_applied[columns] = np.clip(torque, low, high)
         mujoco.mj_step(model, data, nstep=EVERY)
         touched |= {model.geom(geom).name for pair in data.contact.geom.tolist() for geom in pair}
