@@ -208,7 +208,7 @@ def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[Plan
     for contact in contacts:
         instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
         state = plan.at(instant)
-        if contact.ratio == math.inf and contact.speed(state.orientation_rate, state.velocities) < ROUNDED:
+        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED:
             continue
         if not contact.ok:
             subject, rate, limit = contact.joint or contact.frame, contact.rate, contact.limit
