@@ -104,7 +104,7 @@ def in_order(pool: Executor | None, tasks: Sequence[tuple[Any, ...]], alone: Cal
     turn comes.
     """
     futures: list[Future[Any]] = []
-    with suppress(BrokenExecutor):
+    with suppress(BrokenExecutor, OSError):  # a process that is made while another is killed finds pipes closed
         futures += [pool.submit(_do, *task) for task in tasks] if pool else []
     for task, future in zip_longest(tasks, futures):
         try:

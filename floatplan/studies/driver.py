@@ -188,7 +188,7 @@ class StudyRun:
                     chunk = self._next(waiting, places)
                     try:
                         running[self._submit(executor, chunk)] = chunk
-                    except RuntimeError:  # it is broken, or was shut down
+                    except (RuntimeError, OSError):  # it is broken, or was shut down
                         lost.append(chunk)
                 finished, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in finished:
