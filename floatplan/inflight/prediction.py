@@ -120,7 +120,8 @@ class Views:
     """Instants and rows of a plan's flight.
 
     Changes y (m, n) of the free polynomials, ``whitening @ y / amplitude`` of their coefficients, are in rad and make a
-    second derivative of the positions by u whose root mean square is at most ``|y|``.
+    second derivative of the positions by u whose root mean square is at most ``|y|``. Of all coefficients (6+m, n) of
+    a difference of motions, ``amplitude * unwhitening @`` these is the y that comes nearest to its second derivative.
     """
 
     def __init__(self, plan: Plan, form: Form) -> None:
@@ -135,7 +136,9 @@ class Views:
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self.functions = basis(form)
-        self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
+        products = _second_derivatives(form)
+        self.whitening = np.linalg.inv(np.linalg.cholesky(products[:, CONDITIONS:])).T
+        self.unwhitening = self.whitening.T @ products
         nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _instants_needed(plan, self.flight, obstacles)
         count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
         self._always = nodes.also(np.linspace(0.0, 1.0, count))
@@ -193,7 +196,7 @@ def _level(plan: Plan) -> int:
 
 
 def _second_derivatives(form: Form) -> Array:
-    """Gram matrix (m, m) of the second derivatives by u of the free polynomials."""
+    """Products (m, 6+m) of the second derivatives by u of the free polynomials with those of all."""
     quadrature = gauss_grid(NODE_COUNTS[-1] if form.width > 20 else 48).quadrature
-    second = basis(form).values(quadrature.nodes)[2][:, CONDITIONS:]
-    return np.asarray(second.T @ (quadrature.weights[:, None] * second))
+    second = basis(form).values(quadrature.nodes)[2]
+    return np.asarray(second[:, CONDITIONS:].T @ (quadrature.weights[:, None] * second))

@@ -45,6 +45,7 @@ SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own acceler
 FIRST = 8  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
+QUINTIC = 10 / math.sqrt(3)  # [-] peak acceleration of one that moves by 1 in a time of 1, at rest at both ends
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
 LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
@@ -187,6 +188,8 @@ class Replanner:
         rewriting = Rewriting(plan)
         self.views = Views(plan, rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
+        fastest = float(np.abs(rewriting.first.at(plan.duration)[1]).max())
+        self._pace = scale / (QUINTIC * fastest) if fastest else math.inf
         self._update = Update(plan.robot.tree, self.views, rewriting, float(sigma), scale)
         self._plausible = Plausibility(plan)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
@@ -343,12 +346,13 @@ class Replanner:
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
-        """When the robot lands, s; moved by a share of what remains at most."""
+        """When the robot lands, s; moved by a share of what remains at most, and as far as joints can follow."""
         estimate = self._estimate
         found = estimate.landing(self._landing_height) if estimate.placed else None
         if found is None:
             return self._landing
-        reach = LARGEST_STRETCH * (self._landing - now)
+        left = self._landing - now
+        reach = min(LARGEST_STRETCH * left, self._pace * left * left)
         return min(max(found, self._landing - reach), self._landing + reach)
 
     def _unchanged(self, status: Status, reason: str) -> Correction:

@@ -37,6 +37,7 @@ SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
 SHORTER = 0.3  # [-] of a step that is no better
 MOST_ROWS = 24  # [-] of a block that are looked at in a step
 KEPT = 1e-3  # [-] a row that is less below zero counts as kept
+TAKEN_BACK = 0.15  # [-] of what earlier corrections changed and the landing does not need, by each
 SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
@@ -156,14 +157,17 @@ class Update:
         self._robot.structure.is_real = False
         shapes: dict[str, Any] = dict.fromkeys(("positions", "velocities"), n)
         shapes |= {"measured_positions": n, "measured_velocities": n, "map": n + 1, "asked": (3, n)}
-        shapes |= {"torques": n + motors, "coefficients": (columns, n), "warm_start": (width, n)}
-        shapes |= {"worst": len(blocks), "torque_peak": motors, "row_values": (constraints.rows, len(grid.s))}
+        shapes |= dict.fromkeys(("coefficients", "planned"), (columns, n)) | {"warm_start": (width, n)}
+        shapes |= {"torques": n + motors, "worst": len(blocks), "torque_peak": motors}
+        shapes |= {"row_values": (constraints.rows, len(grid.s))}
         self._called = {name: np.zeros(shape) for name, shape in shapes.items()}
         self.row_values = self._called["row_values"]
         gap, law = gauss_legendre(GAP_NODES), constants("Law", vars(filtering), globals())
         counts = {"width": width, "instants": len(grid.s), "nodes": grid.nodes, "motors": motors}
         numbers = {"goal": views.flight.final_orientation, "sigma": sigma, "acceleration": acceleration, "law": law}
         made = {"motions": np.zeros((MEMORY, 2 + 3 * columns * n)), "columns": width * np.arange(n + 1)}
+        by_time = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
+        made["plan"] = np.concatenate(([first.begin, first.end], np.ravel(by_time)))
         made |= {"gap": gap.nodes, "gap_weights": gap.weights, "at_landing": rewriting.landing}
         made["turns"] = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         later = dict.fromkeys((*FILTER, "room"))  # see begin()

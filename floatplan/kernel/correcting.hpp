@@ -1,11 +1,12 @@
 // The correction with the least sum of miss at the landing, change of the accelerations, and breach of limits, softly.
-// With the miss c, the change y of the motion and the rows g of the limits that are near, each of one instant, a few
-// Gauss-Newton steps on
+// With the miss c, the change y from the plan's motion and the rows g of the limits that are near, each of one instant,
+// a few Gauss-Newton steps on
 //
 //     c^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
 //
 // tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for
-// it both go to zero, and the minimal-norm correction's torque would grow like 1 / tau^2.
+// it both go to zero, and the minimal-norm correction's torque would grow like 1 / tau^2. It is of the change from the
+// plan, not from the motion at hand: what many corrections did for estimates that have changed since is taken back.
 
 class Correcting {
   public:
@@ -14,7 +15,7 @@ class Correcting {
 
     void lay_out(Arena &arena) {
         const Index most = 1 + f.law.most_rows * f.blocks;
-        for (double **each : {&best, &y, &step}) arena.take(*each, size);
+        for (double **each : {&best, &y, &step, &begun}) arena.take(*each, size);
         arena.take(hessian, size * size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
@@ -51,7 +52,7 @@ class Correcting {
             copy(y, best, size);
             found.share = 0;
             for (double scale : {f.law.scales[0], f.law.scales[1]}) {
-                for (Index k = 0; k < size; ++k) step[k] = scale * y[k];
+                for (Index k = 0; k < size; ++k) step[k] = begun[k] + scale * (y[k] - begun[k]);
                 change(*tried, step, found);
                 if (!keeps(*tried) || !(std::fabs(tried->miss) < std::fabs(missed))) continue;
                 found.share = scale;
@@ -60,7 +61,7 @@ class Correcting {
                 break;
             }
             if (found.share == 0) {
-                zero(best, size);
+                copy(best, begun, size);
                 change(*present, best, found);
                 found.share = warm;
             }
@@ -75,12 +76,27 @@ class Correcting {
     Predicted two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst, *sorted;
+    double *best, *y, *step, *begun, *hessian, *jacobian, *residual, *first, *worst, *sorted;
 
     // What is kept, and what changes are of: the present motion.
     void begin_at_present() {
         copy(first, present->coefficients, (6 + width) * n);
         copy(worst, present->worst, f.blocks);
+    }
+
+    // By how much that differs from the plan's, but for what turns the base: what the miss needs is not taken back.
+    void compare_with_plan() {
+        for (Index i = 0; i < n; ++i)
+            for (Index k = 0; k < width; ++k) {
+                double change = 0;
+                for (Index c = 0; c < 6 + width; ++c)
+                    change += f.unwhitening[k * (6 + width) + c] * (first[c * n + i] - f.planned[c * n + i]);
+                begun[i * width + k] = f.amplitude[i] * change;
+            }
+        rest.differentiate_miss(*present, jacobian);
+        const double square = dot(jacobian, jacobian, size);
+        if (square > 0) add(-dot(jacobian, begun, size) / square, jacobian, size, begun);
+        for (Index k = 0; k < size; ++k) begun[k] *= f.law.taken_back;
     }
 
     void report(Corrected &found) {
@@ -122,10 +138,12 @@ class Correcting {
         return true;
     }
 
-    void change(Predicted &a, const double *by, Corrected &found) const {
+    void change(Predicted &a, const double *to, Corrected &found) const {
         for (Index c = 0; c < 6 + width; ++c)
             for (Index i = 0; i < n; ++i) {
-                const double part = c < 6 ? 0 : dot(f.whitening + (c - 6) * width, by + i * width, width);
+                double part = 0;
+                for (Index k = 0; c >= 6 && k < width; ++k)
+                    part += f.whitening[(c - 6) * width + k] * (to[i * width + k] - begun[i * width + k]);
                 a.coefficients[c * n + i] = first[c * n + i] + part / f.amplitude[i];
             }
         rest.evaluate(a);
@@ -141,11 +159,12 @@ class Correcting {
         return part * part + stiffness * dot(of, of, size) + a.square;
     }
 
-    // Gauss-Newton steps from the present motion, which is left the best one, changed by `best`.
+    // Gauss-Newton steps from the present motion, which is left the best one, by `best` from the plan's.
     void solve(Index evaluations, Corrected &found) {
         const double enough = f.law.settled * f.law.settled, square = f.acceleration * rest.T * rest.T;
         stiffness = 1 / (square * square);
-        zero(best, size);
+        compare_with_plan();
+        copy(best, begun, size);
         double sigma = tolerance(present->miss), least = cost(*present, best, sigma);
         next_step(sigma);
         for (Index number = 0; number < evaluations; ++number) {

@@ -106,22 +106,23 @@ class FlightUpdate {
         }
     }
 
-    // The present motion from now to the landing, written anew.
-    void rewrite() {
+    // A motion from a time of its own to its end, written anew from now to the landing.
+    void rewrite(const double *motion, double from, double *coefficients) {
         const double left = f.landing - f.now;
-        const double *motion = motion_at(f.now);
-        for (Index r = 0; r < columns; ++r)
-            argument(motion, f.now + f.points[r] * (motion[1] - f.now), 0, values + r * n);
-        multiply(f.of_values, columns, columns, values, n, f.coefficients);
+        for (Index r = 0; r < columns; ++r) argument(motion, from + f.points[r] * (motion[1] - from), 0, values + r * n);
+        multiply(f.of_values, columns, columns, values, n, coefficients);
         double scale = 1;
         for (Index order = 0; order < 3; ++order, scale *= left) {
-            argument(motion, f.now, order, f.coefficients + order * n);
+            argument(motion, from, order, coefficients + order * n);
             for (Index i = 0; i < n; ++i) {
-                f.coefficients[order * n + i] *= scale;
-                f.coefficients[(3 + order) * n + i] = scale * f.at_landing[order * n + i];
+                coefficients[order * n + i] *= scale;
+                coefficients[(3 + order) * n + i] = scale * f.at_landing[order * n + i];
             }
         }
     }
+
+    // The present motion.
+    void rewrite() { rewrite(motion_at(f.now), f.now, f.coefficients); }
 
     // Torques of joints and motors in the state that is asked about.
     void find_torques() {
@@ -144,6 +145,7 @@ class FlightUpdate {
         rest.orientation = f.state[0] + f.turn_after;
         rest.change = f.goal - rest.orientation;
         if (!corrected) return correcting.predict(f.coefficients, f.corrected);
+        rewrite(f.plan, f.now / f.landing * f.plan[1], f.planned);
         correcting.correct(f.coefficients, f.evaluations, f.corrected);
         remember(f.now, f.landing, f.coefficients);
     }

@@ -252,7 +252,7 @@ struct Corrected {
 // Constants of corrections and of the filter.
 struct Law {
     Index gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
-    double far, weighed, settled, shorter, kept, scales[2];
+    double far, weighed, settled, shorter, kept, taken_back, scales[2];
     double angle_noise, rate_noise, largest_error, surprising;
 };
 
@@ -268,7 +268,8 @@ struct Flight {
     const double *value, *first, *second;            // (columns, K)
     const double *basis;                             // (3, n width, K), of changes y
     const Index *columns;                     // (n + 1): where each joint's y begin
-    const double *whitening;                         // (width, width)
+    const double *whitening, *unwhitening;           // (width, width), (width, columns)
+    const double *plan;                              // its motion, as one of `motions`
     const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
     const double *at_landing;                        // (3, n)
     const double *gap, *gap_weights;                 // (gap_nodes)
@@ -296,7 +297,7 @@ struct Flight {
     double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
     double turn_before, turn_after, expected_rate, aside, variance, noise;
     Index evaluations, is_warm;
-    double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
+    double *warm_start, *coefficients, *planned, *worst;  // (width, n), twice (columns, n), (blocks)
     double *row_values, *torque_peak;                // (rows, K), (motors)
     Corrected corrected;
     double *room;                                    // what floatplan_flight_room() says
