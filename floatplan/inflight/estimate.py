@@ -48,10 +48,10 @@ MOMENTUM_ERROR = 0.2  # [-] of the plan's h
 SLOWEST_TURN = 1.0  # [rad/s] whose momentum is the least scale of h
 ORIENTATION_ERROR = 0.05  # [rad] at takeoff
 ANGLE_NOISE = 0.002  # [rad] of measured angles
-RATE_NOISE = 0.06  # [rad/s] of measured rates, also by when they are measured: beside the angles, or half a step later
+RATE_NOISE = 0.04  # [rad/s] of measured rates, also by when they are measured: beside the angles, or half a step later
 WANDER = 0.002  # [-] of the errors, per root of a second, by which the state may change
 ORIENTATION_WANDER = 0.0005  # [rad] the same of the orientation
-SURPRISING = 2.0  # [-] deviations of a momentum from what is expected
+SURPRISING = 3.0  # [-] deviations of a momentum from what is expected
 MOST_SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
 
 

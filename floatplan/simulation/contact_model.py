@@ -179,6 +179,17 @@ def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     return found
 
 
+def least_heights(jump: JumpMotion, positions: Array) -> Array:
+    """How high (N,), m, the lowest foot is above the ground, of all coordinates (N, BASE + J) of ``robot.model``."""
+    robot, feet, data = jump.problem.robot, _feet(jump).values(), jump.problem.robot.model.createData()
+    found = []
+    for row in positions:
+        pin.forwardKinematics(robot.model, data, row)
+        places = [data.oMi[joint].act(centre) @ robot.plane.vertical - radius for joint, centre, radius in feet]
+        found.append(min(places) - jump.ground)
+    return np.array(found)
+
+
 def _prism(robot: Robot, link: str) -> tuple[int, Array] | None:
     """The joint that carries a link, and its prism (2 c, 3) m in the joint's axes; None of what is no shape."""
     corners = np.array([[each.start, each.end] for each in robot.link_hulls[link]]).ravel()

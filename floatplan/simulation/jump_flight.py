@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
-from floatplan.simulation.contact_model import STEP, ContactRobot
+from floatplan.simulation.contact_model import STEP, ContactRobot, least_heights
 from floatplan.simulation.jump_landings import AFTER, PERIOD, FlownJump
 from floatplan.simulation.perturbation import Drawn, Perturbation
 from floatplan.simulation.recorded_motion import SLOW
@@ -23,6 +23,7 @@ from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE, JumpState
 
 STEPS = round(PERIOD / STEP)  # [-] of the simulation in it
+CLEAR = 5e-3  # [m] of feet above the ground as planned: lower ones of a robot that is not as planned may touch it
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,10 @@ class JumpControl:
         self.motor_torques = self.wanted.torques @ robot.transmission
         self.to_planned = np.linalg.pinv(robot.selection[BASE:])
         self.flown = jump.takeoff_time, jump.takeoff_time + jump.flight.duration
+        flying = (self.times >= self.flown[0]) & (self.times < self.flown[1])
+        heights = least_heights(jump, self.wanted.positions[flying])
+        clear = self.times[flying][heights > CLEAR]
+        self.clear = (clear[0], self.flown[1] - clear[-1]) if len(clear) else (self.flown[0], 0.0)  # s, before landing
         self.goal = jump.flight.problem.final.orientation
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
         self.every = 1 if rate is None else max(1, round(1 / (rate * PERIOD)))
@@ -170,7 +175,8 @@ class _Loop:
             goal = np.stack((control.wanted.positions[row, BASE:], control.wanted.velocities[row, BASE:]))
             return goal, control.torques[row]
         resting = np.stack((robot.reference[BASE:], np.zeros(len(control.joints))))
-        if tick % control.every == 0 and then >= 0 and control.times[then] >= begin:
+        in_air = then >= 0 and control.times[then] >= control.clear[0] and now < self.landing - control.clear[1]
+        if tick % control.every == 0 and in_air:
             places, rates = known = self.measured[then]
             angles, velocities = (known[:, BASE:] - resting) @ control.to_planned.T
             pin.centerOfMass(robot.model, control.data, places, rates)
