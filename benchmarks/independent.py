@@ -81,7 +81,7 @@ class Look:
 
     @cached_property
     def orientation(self) -> np.ndarray:
-        """Orientation (K,) at the times: the integral of (4), interpolated at Chebyshev points until these are enough."""
+        """Orientation (K,) at the times: the integral of (4), from its values at Chebyshev points that are enough."""
         for degree in DEGREES:
             rate = Chebyshev.interpolate(self.rates_at, degree, domain=[0.0, self.plan.duration])
             if np.abs(rate.coef[-TAIL:]).max() <= TOLERANCE * np.abs(rate.coef).max():
