@@ -207,7 +207,8 @@ class Attempts:
         self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
         (self.plain_start,) = self.first_starts(problem.degrees, 1)
         self._level = self._watching_level() if self.constraints else 0
-        self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
+        all_known = (problem, self.model, self.constraints, self._level)
+        self._compiled = None if is_plain(problem) else compiled_attempts(*all_known)
 
     def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
         """Return the first starts at these degrees: so many, or all where there are not so many."""
