@@ -217,3 +217,35 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     change = found.motion.coefficients[CONDITIONS:] - rest.motion.coefficients[CONDITIONS:]
     expected = replanner.views.whitening @ y / rest.motion.amplitude
     np.testing.assert_allclose(change, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.long
+def test_what_is_not_needed_any_more_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of corrections for a momentum that was an error, after as many more; the landing stays where it is."""
+    plan = forward_plan(fp.load_problem(PROBLEMS / "somersault.toml"), size=0.3)
+    left = []
+    for taken_back in (0.0, update.TAKEN_BACK):
+        monkeypatch.setattr(update, "TAKEN_BACK", taken_back)
+        replanner = fp.Replanner(plan)
+        replanner.reset()
+        now, momentum = replanner._update, plan.angular_momentum
+        for index, begin in enumerate(np.linspace(0.0, 0.5, 41) * plan.duration):
+            replanner._estimate.inertial.state[:2] = (
+                _turned(replanner, plan, begin),
+                momentum * (1.1 if index < 10 else 1),
+            )
+            found = now.corrected(float(begin), plan.duration, 4)
+        assert abs(found.miss) < 0.005
+        times = np.linspace(0.5, 1.0, 50) * plan.duration
+        left.append(float(np.abs(replanner.motion.at(times)[2] - plan.joint_motion(times)[2]).max()))
+    assert left[1] < 0.8 * left[0]
+
+
+def _turned(replanner: fp.Replanner, plan: fp.Plan, time: float) -> float:
+    """Orientation at a time of the robot that follows the motions so far, rad."""
+    times = np.linspace(0.0, time, 400)
+    motions = list(replanner._update.motions)
+    rows = [max((each for each in motions if each.begin <= t), key=lambda each: each.begin).at([t])[:2] for t in times]
+    positions, velocities = (np.concatenate(part) for part in zip(*rows, strict=True))
+    rates = replanner.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)
+    return float(plan.problem.initial.orientation + np.trapezoid(rates, times))

@@ -15,6 +15,8 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.simulation.forward import first_gains
+from floatplan.simulation.jump_flight import JumpControl
 from floatplan.view.report.flights import write_jump_pages
 
 if not INSTALLED:
@@ -101,6 +103,25 @@ def test_seeds_and_corrections() -> None:
     assert both.statuses["applied"] > 20
 
 
+def test_corrections_end_before_feet_may_touch_and_ask_for_no_torque_when_they_do() -> None:
+    """What is measured near the ground may be its push: it is not asked for, and as a measurement it moves no legs."""
+    jump = backflip()
+    plan = jump.flight
+    assert plan is not None
+    control = JumpControl(jump, first_gains(jump, (57.0, 0.98)), 250.0)
+    lifted, lowered = control.clear[0] - jump.takeoff_time, plan.duration - control.clear[1]
+    assert 0.005 < lifted < 0.06 < plan.duration - 0.06 < lowered < plan.duration - 0.005
+    replanner, peaks = control.replanner, []
+    assert replanner is not None
+    for left in (0.012, 0.008, 0.004, 0.002):
+        t = plan.duration - left
+        state, path = plan.at(np.array([t])), plan.ballistics
+        place, speed = path.positions(np.array([t]))[0], path.velocity0 - [0.0, path.gravity * t - 0.5 * (left < 0.01)]
+        known = state.orientation[0], state.orientation_rate[0], state.positions[0], state.velocities[0]
+        peaks.append(replanner.update(t, *known, t, place, speed).torque_peak / plan.problem.motor_torque_limits)
+    assert np.max(peaks) < 0.5
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "gains"), [("a1", (56.0, 0.98)), ("go1", (53.0, 0.88))])
 def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[float, float]) -> None:
@@ -112,6 +133,8 @@ def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[floa
     assert both.uncorrected.clean.all()
     assert both.corrected.clean.all()
     assert both.corrected.pitch_rms < np.deg2rad(1)
+    assert both.corrected.torque.max() < 1
+    assert np.median(both.corrected.slid) < 1.2 * np.median(both.uncorrected.slid)
 
 
 @pytest.mark.parametrize(
