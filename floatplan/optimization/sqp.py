@@ -116,8 +116,7 @@ def minimise(
     active = np.empty(0, dtype=np.int64)
     slack_penalty = SLACK_PENALTY * float(hessian.diagonal().max(initial=1.0))
     metric_norm = math.sqrt(float(np.vdot(program.metric, program.metric)))
-    was_reset, slow_steps = True, 0
-    optimal, iteration = False, 0
+    was_reset, optimal, slow_steps, iteration = True, False, 0, 0
     multipliers = Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
