@@ -71,9 +71,10 @@ def test_starts_between_motions_are_those_of_python(ready):
     def measured(motions):
         each = [trajectory(model, variables, nodes, x) for x in motions]
         squares = [
-            [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.s)].sum() for block in kept] for at in each
+            [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept]
+            for at in each
         ]
-        return np.array([at.residual[0, 0] for at in each]), np.array(squares).sum(axis=1)
+        return np.array([at.residual[0] for at in each]), np.array(squares).sum(axis=1)
 
     missed, size = measured(drawn)[0], np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (missed > 0, missed < 0))
