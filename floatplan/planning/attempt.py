@@ -15,13 +15,12 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.batch import CAUTIOUS, STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.compiled_attempt import (
-    CLOSER,
     PROMISING,
     WATCHED_AT_MOST,
     CompiledAttempts,
@@ -100,11 +99,10 @@ def follow_together(problem: Problem, search: Search) -> Followed | None:
     return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
 
 
-def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_step: float) -> Followed | None:
-    """Follow one start as :func:`~floatplan.planning.transcription.exchange.solve` does; None as above."""
-    if not (is_planar(model.flight) and is_plain(problem)):
-        return None
+def follow_compiled(problem: Problem, start: Start) -> Followed:
+    """Follow one start of a plain problem."""
     compiled, variables = solver(problem, start.variables.degrees), start.variables
+    settings = batch.FINE if start.at_once else batch.CAUTIOUS
     rows = Rows(
         duration=np.array([variables.polynomials.duration]),
         momentum=variables.angular_momentum(start.x),
@@ -112,7 +110,8 @@ def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_
         boundary=variables.polynomials.boundary[None],
         start=variables.free_coefficients(start.x)[None],
     )
-    return Followed(rows.momentum, compiled.plan(rows, Search(longest_step=longest_step)), compiled.bodies)
+    answers = compiled.plan(rows, Search(longest_step=settings.longest_step))
+    return Followed(rows.momentum, answers, compiled.bodies)
 
 
 class Reached(NamedTuple):
@@ -207,8 +206,7 @@ class Attempts:
         self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
         (self.plain_start,) = self.first_starts(problem.degrees, 1)
         self._level = self._watching_level() if self.constraints else 0
-        all_known = (problem, self.model, self.constraints, self._level)
-        self._compiled = None if is_plain(problem) else compiled_attempts(*all_known)
+        self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
 
     def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
         """Return the first starts at these degrees: so many, or all where there are not so many."""
@@ -282,7 +280,10 @@ class Attempts:
     def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work - start.work
-        if self._compiled:
+        if is_plain(self.problem):
+            followed = follow_compiled(self.problem, start)
+            outcome = self._judge_compiled(followed, start.variables)
+        elif self._compiled:
             left = -1.0 if stop() else most_work - start.work
             outcome = self._follow_compiled(self._compiled, start, left)
             if not stop() and outcome.violation < NEAR_MISS and not outcome.is_optimal:
@@ -310,44 +311,38 @@ class Attempts:
         return Outcome(start.variables, reached, self.model, *of_end, named, missed=ended.missed)
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
-        """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
+        """Follow a start in space to the objective, and by way of a feasible motion where that fails."""
         model, variables, blocks = self.model, start.variables, self.constraints
-        settings = batch.FINE if start.at_once and not blocks else CAUTIOUS
-        level = self._level if start.at_once or not blocks else min(self._level + CLOSER, WATCHED_AT_MOST)
 
         def make_objective(nodes: Sampling) -> Objective:
             return objective(self.problem, model, variables, nodes)
 
         def follow(x: Array) -> Outcome:
-            solution = solve(model, variables, make_objective, blocks, x, settings, stop, level)
-            return self._judge_solution(variables, solution)
+            settings = batch.CAUTIOUS if blocks else batch.FINE
+            return judge(solve(model, variables, make_objective, blocks, x, settings, stop, self._level))
+
+        def judge(solution: Solution[Trajectory]) -> Outcome:
+            reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
+            return self.judge(variables, reached, solution.evaluation.detail)
 
         def begins() -> Iterator[Array]:
-            """The start; of those followed at once the best motion without limits as well."""
+            """The start, and the best motion without limits."""
             yield start.x
-            if start.at_once:
-                yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
+            yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
 
-        if not blocks:
-            compiled = follow_compiled(self.problem, model, start, settings.longest_step)
-            return self._judge_compiled(compiled, variables) if compiled else follow(start.x)
-        outcome = follow(start.x) if start.at_once else None
-        if outcome and (outcome.holds or stop()):
+        outcome = follow(start.x)
+        if outcome.holds or stop() or not blocks:
             return outcome
-        nodes = model.nodes(level, variables.polynomials.form)
+        nodes = model.nodes(self._level, variables.polynomials.form)
         sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
         program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
         for x in begins():
             nearest = reduce_violations(program, x, stop)
-            if nearest.squared_violation < PROMISING:
-                other = follow(nearest.x)
-            else:
-                unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-                other = self._judge_solution(variables, unsolved)
-            outcome = best([outcome, other]) if outcome else other
+            unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
+            other = follow(nearest.x) if nearest.squared_violation < PROMISING else judge(unsolved)
+            outcome = best([outcome, other])
             if outcome.holds or stop():
                 break
-        assert outcome is not None, "every start gives a point to follow"
         return outcome
 
     def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> Outcome:
@@ -362,18 +357,12 @@ class Attempts:
             variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
         nodes = model.nodes(COMPILED_LEVEL, variables.polynomials.form)
-        aim = objective(self.problem, model, variables, nodes)
-        evaluation = FlightProgram(model, variables, nodes, aim).evaluate(x)
-        solution = Solution(x, evaluation, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self._judge_solution(variables, solution)
+        reached = Reached(x, followed.status, counts["iterations"], counts["evaluations"])
+        outcome = self.judge(variables, reached, trajectory(model, variables, nodes, x))
         outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
         if outcome.holds:
             outcome.coefficients = answers.coefficients[0]
         return outcome
-
-    def _judge_solution(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
-        reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
-        return self.judge(variables, reached, solution.evaluation.detail)
 
     def judge(self, variables: DecisionVariables, reached: Reached, known: Trajectory | None = None) -> Outcome:
         """Check (14) and the constraints, between the instants too; the motion is ``known`` at some grid."""

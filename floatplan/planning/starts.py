@@ -13,7 +13,7 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import SPREADS, Numbers, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import SPREADS, Numbers, Search, is_plain, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.compiled_attempt import crossings
 from floatplan.planning.transcription.constraints import Constraint
@@ -60,7 +60,7 @@ def starts(
     start = _plain_start(problem, degrees, momentum)
     plain = start.variables
     yield start
-    if plain.size and is_planar(model.flight) and is_plain(problem):
+    if plain.size and is_plain(problem):
         rows = replace(Numbers.of_problems([problem]).rows(), momentum=momentum.centre)
         for number in count(1):  # those that the kernel follows after the plain one
             search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from general_path import take_general_path
 
 import floatplan as fp
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import compiled_attempt
 from floatplan.planning.transcription.compiled_attempt import BATCH_LEVEL, crossings
 from floatplan.planning.transcription.constraints import applies
@@ -26,14 +27,12 @@ def ready(request, root) -> Attempts:
     return Attempts(fp.load_problem(path), 0)
 
 
-def in_python(ready: Attempts) -> Outcome:
-    ready._compiled = None
-    return ready.attempt(ready.plain_start)
-
-
-def test_a_start_ends_where_python_ends(ready):
+def test_a_start_ends_where_the_general_path_ends(ready, monkeypatch):
     compiled = ready.attempt(ready.plain_start)
-    general = in_python(ready)
+    take_general_path(monkeypatch)
+    general = Attempts(ready.problem, 0)
+    assert general._compiled is None
+    general = general.attempt(general.plain_start)
     assert (compiled.holds, compiled.solution.status) == (general.holds, general.solution.status)
     assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-6)
     assert ready.judge(compiled.variables, compiled.solution).violation == compiled.violation == 0
@@ -72,9 +71,10 @@ def test_starts_between_motions_are_those_of_python(ready):
     def measured(motions):
         each = [trajectory(model, variables, nodes, x) for x in motions]
         squares = [
-            [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.s)].sum() for block in kept] for at in each
+            [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept]
+            for at in each
         ]
-        return np.array([at.residual[0, 0] for at in each]), np.array(squares).sum(axis=1)
+        return np.array([at.residual[0] for at in each]), np.array(squares).sum(axis=1)
 
     missed, size = measured(drawn)[0], np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (missed > 0, missed < 0))

@@ -182,18 +182,20 @@ def test_command(
     facts = json.loads(run.stdout)
     assert (run.code, facts["landed"], facts["control"]["rate"]) == (0, True, 500.0)
     assert [each["gains"] for each in asked] == [(57.0, 0.98)]
-    for words, reason in (
-        (["--engine", "pinocchio"], "--engine: knows no ground"),
-        (["--authority"], "--authority: is for plans"),
-        (["--step", "0.001"], "--step: is for plans"),
-        (["--save"], "--save: is for plans"),
-        (["--feedback", "3"], "--feedback: is for plans"),
-        (["--perturb", "wind=3"], "cannot perturb 'wind'"),
-        (["--kp", "x=3"], "--kp"),
-    ):
-        run = floatplan("replay", path, *words)
-        assert (run.code, len(run.stderr.splitlines())) == (2, 1)
-        assert reason in run.stderr
+    with monkeypatch.context() as patched:
+        patched.setattr("floatplan.cli.common.read_motion", lambda *_: backflip())  # as it was read above
+        for words, reason in (
+            (["--engine", "pinocchio"], "--engine: knows no ground"),
+            (["--authority"], "--authority: is for plans"),
+            (["--step", "0.001"], "--step: is for plans"),
+            (["--save"], "--save: is for plans"),
+            (["--feedback", "3"], "--feedback: is for plans"),
+            (["--perturb", "wind=3"], "cannot perturb 'wind'"),
+            (["--kp", "x=3"], "--kp"),
+        ):
+            run = floatplan("replay", path, *words)
+            assert (run.code, len(run.stderr.splitlines())) == (2, 1)
+            assert reason in run.stderr
     content = json.loads(path.read_text())
     content["stances"][0]["y"][0][3] = None
     path.write_text(json.dumps(content))

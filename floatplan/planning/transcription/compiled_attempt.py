@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, SECANT_STEPS, STATUS, constrained_settings
+from floatplan.compiled.batch import FINE, SECANT_STEPS, STATUS, constrained_settings, is_planar
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -29,7 +29,6 @@ from floatplan.planning.transcription.program import (
     changes_at_ends,
     instants_beside_nodes,
     objective,
-    watch_of,
 )
 from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_unit
@@ -88,19 +87,9 @@ class CompiledAttempts:
     def follow(self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float) -> Ended:
         """Follow a start to its end, ``at_once`` straight to the objective; it ends when it has done the most work."""
         watch, found = self._watch, x.copy()
-        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
-        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
-        levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
-        work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
-        counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
-        arrays = {"at_ends": at_ends, "instants": instants, "x": found, "tolerance": self._tolerance}
-        numbers = {**self._aim(variables), **levels, **work, **counts}
-        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
-        motions = _motions(self._model.flight, variables, watch.also is None)
-        grids, ended = nodes_of_levels(variables.polynomials.form), attempt.structure
-        settings = constrained_settings(), _rules(self._model.flight.bodies)
-        given = *watch.references, motions.structure, grids, *settings, ended
-        if watch.kernel.attempt(*given, watch.kernel.instructions):
+        given, attempt, _ = self.prepared(variables, found, at_once, most_work)
+        ended = attempt.structure
+        if watch.kernel.attempt(*given, ended, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
         self._model.work += ended.work
         kept = slice(0, ended.minima.found)
@@ -108,6 +97,24 @@ class CompiledAttempts:
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
         counted = ended.judged_level, ended.iterations, ended.evaluations
         return Ended(found, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
+
+    def prepared(
+        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float
+    ) -> tuple[tuple[Any, ...], Filled, Filled]:
+        """Return what the kernel is given to follow a start, the start, which ends at x (size,), and its class."""
+        watch = self._watch
+        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
+        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
+        levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
+        work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
+        counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
+        arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance}
+        numbers = {**self._aim(variables), **levels, **work, **counts}
+        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
+        motions = _motions(self._model.flight, variables, watch.also is None)
+        grids = nodes_of_levels(variables.polynomials.form)
+        settings = constrained_settings(), _rules(self._model.flight.bodies)
+        return (*watch.references, motions.structure, grids, *settings), attempt, motions
 
     @cached_property
     def _window_ends(self) -> tuple[float, ...]:
@@ -127,12 +134,17 @@ class CompiledAttempts:
 def compiled_attempts(
     problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], level: int
 ) -> CompiledAttempts | None:
-    """Make a problem ready; None where the kernel does not know all of its rows, or its objective."""
-    quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    watch = watch_of(model.flight, constraints, quantity)
-    if watch is None or not all(watch.known) or (quantity and watch.also is None):
+    """Make a problem ready; None in space."""
+    if not is_planar(model.flight):
         return None
+    watch = _watch(model.flight, constraints, OBJECTIVE_TABLE[problem.motion.objective].quantity or "")
     return CompiledAttempts(problem, model, constraints, watch, level)
+
+
+@lru_cache(maxsize=16)
+def _watch(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints:
+    """What computes the constraints' rows, and the quantity ``also``."""
+    return CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], also)
 
 
 def crossings(
@@ -144,19 +156,15 @@ def crossings(
 ) -> Array:
     """Return starts (S, size) that meet (14) between motions x (N, size), at a few nodes: ``crossings.hpp``.
 
-    Those that violate least of the rows that the kernel knows come first. ``others`` are in the place of ``DRAWN``.
+    Those that violate the rows least come first. ``others`` are in the place of ``DRAWN``.
     """
-    watch = watch_of(model.flight, constraints, "")
-    assert watch, "the flight is in a plane"
+    watch = _watch(model.flight, constraints, "")
     numbers: dict[str, Any] = DRAWN | others
     starts = np.empty((numbers["most"], variables.size))
-    known = [block for block, is_known in zip(constraints, watch.known, strict=True) if is_known]
-    windows = np.repeat(
-        [block.window for block in known] or np.empty((0, 2)), [len(block.labels) for block in known], 0
-    )
+    look = where_to_look(constraints)[2]
     of_attempt = {"rows": watch.rows, "level": BATCH_LEVEL, "objective_scale": 1.0, "bodies": model.flight.bodies}
     arrays = {"tolerance": None, "at_ends": np.zeros(watch.rows, np.int64), "instants": None, "x": None}
-    attempt = Filled("Attempt", **of_attempt, **arrays, low=windows[:, 0], high=windows[:, 1])
+    attempt = Filled("Attempt", look, **of_attempt, **arrays)
     drawn = Filled("Drawn", count=len(motions), motions=motions, starts=starts, **numbers)
     given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
     settings = constrained_settings(), _rules(model.flight.bodies)

@@ -9,13 +9,13 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
-from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
+from floatplan.optimization.sqp import Solution, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, Window, applies, window_ends
 from floatplan.planning.transcription.program import (
     BACK_OFF,
@@ -105,7 +105,7 @@ def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ..
     lengths = [length for length, _ in blocks]
     block = np.repeat(np.arange(len(lengths)), lengths)
     low, high = np.array([window for _, window in blocks]).reshape(-1, 2)[block].T
-    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
+    grid = distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
     row = np.array([row for length in lengths for row in range(length)], np.int64)
     return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
 
@@ -150,17 +150,18 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), solve=_counting(model))
+    guess = program.hessian(start)
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
     for _ in range(batch.MOST_ROUNDS):
-        solution = minimise(program, x, guess, stage, stop, start)
+        solution = minimise(program, x, guess, stage, stop, start, _counting(model))
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < batch.HOPELESS:
             solution = _made_feasible(program, solution, stop)
-        x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
+        x, start = solution.x, solution.evaluation
+        guess = guess if solution.hessian is None else solution.hessian
         motion = start.detail
         was_last, (stage, error) = stage == settings, next(stages, (stage, error))
         needed = max(level, motion.flown.level_needed(error))
