@@ -15,7 +15,7 @@
 #include "program.hpp"
 #include "constrained.hpp"
 #include "exchange.hpp"
-#include "crossings.hpp"
+#include "starts.hpp"
 #include "prediction.hpp"
 #include "correcting.hpp"
 #include "flight.hpp"

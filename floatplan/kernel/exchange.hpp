@@ -18,8 +18,12 @@ class Follower {
         for (double **each : {&start, &ended, &best}) arena.take(*each, program.size);
     }
 
+    Program program;
+    double objective = 0;  // of where it ended
+
     // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
     void follow() {
+        is_best = false;
         for (double *each : {start, best}) copy(each, attempt.x, program.size);
         attempt.violation = HUGE_VAL;
         if (attempt.at_once) {
@@ -55,7 +59,6 @@ class Follower {
     }
 
   private:
-    Program program;
     Constrained search;
     const Settings &set;
     const Exchange &rules;
@@ -173,16 +176,7 @@ class Follower {
         copy(best, now.x, program.size);
         attempt.violation = violation, attempt.missed = std::fabs(now.equality);
         attempt.judged_level = level;
+        objective = now.objective;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;
     }
 };
-
-static inline Index follow_attempt(const Robot &robot, const Constraints &constraints, const Motions &motions,
-                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                   Attempt &attempt) {
-    Follower follower(robot, constraints, motions, levels, settings, rules, attempt);
-    Room room;
-    if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
-    follower.follow();
-    return 0;
-}

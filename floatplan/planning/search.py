@@ -21,7 +21,8 @@ from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.attempt import ATTEMPTS, SAME, Attempts, Followed, Outcome, best
-from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
+from floatplan.planning.starts import Start
+from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
@@ -75,7 +76,7 @@ class SearchResult:
         return {
             "iterations": sum(solution.iterations for solution in solutions),
             "evaluations": sum(solution.evaluations for solution in solutions),
-            "starts": sum(outcome.starts for outcome in self.outcomes),
+            "starts": _starts(self.outcomes),
             "solved": sum(outcome.solved for outcome in self.outcomes if outcome.holds),
         }
 
@@ -132,8 +133,6 @@ def search(
     together: of these the best alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where
     there is none.
     """
-    if not options.near_miss and prepared.impossible:
-        most = 0
     expired = expiry(options.budget)
     work = DEFAULT_WORK if options.budget is None else np.inf
     patience = np.inf if options.patience is None else options.patience
@@ -151,15 +150,25 @@ def search(
                 options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
-            if len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and not outcomes[0].holds and prepared.impossible:
+            tried_enough = not options.near_miss or len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
+            if tried_enough and not outcomes[0].holds and prepared.impossible:
+                if not options.near_miss:
+                    return SearchResult([_untried(prepared)])
                 break
     except KeyboardInterrupt:
         interrupted = True
     if not outcomes:
-        outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
+        outcomes.append(_untried(prepared))
         outcomes[0].starts = int(interrupted)
     out_of_patience = allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0)
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
+
+
+def _untried(prepared: Attempts) -> Outcome:
+    """Return the plain motion as it is."""
+    outcome = prepared.attempt(prepared.plain_start, lambda: True)
+    outcome.starts = 0
+    return outcome
 
 
 def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
@@ -171,7 +180,7 @@ def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
 def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
     outcome = outcomes[-1]
     degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
-    start = sum(each.starts for each in outcomes)
+    start = _starts(outcomes)
     steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
     least = f"best violation {min(each.violation for each in outcomes):.3g}"
     if outcome.holds:
@@ -219,7 +228,7 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         values = np.sort([outcomes[index].objective_value for index in solved])
         agreeing = int((values - values[0] <= AGREEMENT * values).sum())
         enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST
-        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
+        return _starts(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
     if easy[0] or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
@@ -256,9 +265,18 @@ def _outcomes(
         allowance.grants(together, True)
         yield together
 
-    def here(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-        start = prepared.numbered(degrees, given, number)
-        return prepared.attempt(start, expired, allowance.left) if start else None
+    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+        return prepared.attempts(degrees, given, numbers, expired, allowance.left)
+
+    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome | None]:
+        """One after the other as long as it matters where each ends, then together."""
+        number = numbers.start
+        while number < numbers.stop:
+            matters = len(tried) < ATTEMPTS_FOR_THE_IMPOSSIBLE or any(each.holds for each in tried)
+            most = 1 if matters or prepared.problem.raises_degree else (options.attempts or ATTEMPTS) - _starts(tried)
+            outcome = here(degrees, given, range(number, min(number + most, numbers.stop)))
+            yield outcome
+            number += outcome.starts if outcome else 1
 
     ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
     several = options.jobs > 1
@@ -268,7 +286,8 @@ def _outcomes(
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
             numbers = range(together.starts if together else 0, attempts)
             tried = []
-            for outcome in in_order(pool, [(degrees, raised, number) for number in numbers], here):
+            alone = ((degrees, raised, range(number, number + 1)) for number in numbers)
+            for outcome in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):
                 if outcome is None:  # there are not so many starts
                     break
                 if not allowance.grants(outcome, is_first):
@@ -276,9 +295,14 @@ def _outcomes(
                 is_first = False
                 yield outcome
                 tried.append(outcome)
-                allowance.gave_up = len(tried) == options.attempts and not any(each.holds for each in tried)
+                allowance.gave_up = _starts(tried) == options.attempts and not any(each.holds for each in tried)
                 if allowance.gave_up:
                     break
+
+
+def _starts(outcomes: Sequence[Outcome]) -> int:
+    """How many were followed."""
+    return sum(outcome.starts for outcome in outcomes)
 
 
 def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
@@ -307,8 +331,8 @@ def _attempting(
     prepared, expired = Attempts(problem, seed, momentum), expiry(budget)
 
     @one_thread
-    def attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-        start = prepared.numbered(degrees, given, number)
-        return replace(prepared.attempt(start, expired, most_work)) if start else None  # without what it caches
+    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+        outcome = prepared.attempts(degrees, given, numbers, expired, most_work)
+        return replace(outcome) if outcome else None  # without what it caches
 
     return attempt

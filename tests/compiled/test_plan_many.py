@@ -317,7 +317,9 @@ def test_a_start_that_is_drawn_leads_where_it_leads_the_kernel(root):
     problem = fp.load_problem(root / "problems" / "falling_cat.toml")
     rows, found = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
     led_there = []
-    for number, start in enumerate(Attempts(problem, 0).first_starts(problem.degrees, 30)):
+    prepared = Attempts(problem, 0)
+    for number in range(30):
+        start = prepared.start(problem.degrees, number)
         alone = found.plan(rows, Search(first_start=number, most_starts=number + 1))
         polynomials, z = start.variables.polynomials, start.variables.free_coefficients(start.x)
         drawn = found.plan(replace(rows, boundary=polynomials.boundary[None], start=z[None]), Search())

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import floatplan as fp
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.transcription import compiled_attempt
-from floatplan.planning.transcription.compiled_attempt import BATCH_LEVEL, crossings
+from floatplan.planning.starts import on_branch
+from floatplan.planning.transcription.compiled_attempt import DRAWN, drawn_start
 from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 NAMES = ("obstacle", "torque_limited", "moving_hoop", "handstand_ground", "gallery/solo", "gallery/bolt")
-MOTIONS = 6
+DRAWN_ALONE = 40  # starts, the first of them plain ones at other h where that is free
 
 
 @pytest.fixture(params=NAMES)
@@ -62,12 +65,17 @@ def test_of_what_does_not_hold_both_judges_say_the_same(ready):
     assert np.sort(judged.worst.value) == pytest.approx(np.sort(ended.worst.value), abs=1e-7)
 
 
-def test_starts_between_motions_are_those_of_python(ready):
-    """The secant method between pairs, by the general path's evaluations."""
-    model, kept, variables = ready.model, ready.constraints, ready.plain_start.variables
-    drawn = ready.plain_start.x + 0.3 * np.random.default_rng(0).normal(size=(MOTIONS, variables.size))
-
-    nodes = model.nodes(BATCH_LEVEL, variables.polynomials.form)
+@pytest.mark.parametrize("number", [17, 18])
+def test_a_drawn_start_is_that_of_python(ready, number, monkeypatch):
+    """The secant method between pairs, by the general path's evaluations, on plain branches and on others."""
+    model, kept, plain = ready.model, ready.constraints, ready.plain_start
+    used = []
+    given = compiled_attempt._draws
+    monkeypatch.setattr(compiled_attempt, "_draws", lambda *args: used.append(given(*args)) or used[0])
+    found, branch, at_once = drawn_start(model, kept, plain.variables, plain.x, number, 3)
+    drawn, variables = used[0]["motions"], on_branch(ready.problem, plain.variables, branch)
+    nodes = model.nodes(DRAWN["level"], variables.polynomials.form)
+    assert not at_once
 
     def measured(motions):
         each = [trajectory(model, variables, nodes, x) for x in motions]
@@ -76,20 +84,61 @@ def test_starts_between_motions_are_those_of_python(ready):
         ]
         return np.array([at.residual[0, 0] for at in each]), np.array(squares).sum(axis=1)
 
+    assert drawn[0] == pytest.approx(variables.plain_motion(), abs=1e-9)
     missed, size = measured(drawn)[0], np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (missed > 0, missed < 0))
-    if len(over) and len(under):
-        pairs = max(len(over), len(under))
-        (low, high), (below, above) = ([of[np.resize(side, pairs)] for side in (over, under)] for of in (drawn, missed))
-        for _ in range(2):
-            share = np.clip(below / (below - above), 0.05, 0.95)[:, None]
-            middle = low + share * (high - low)
-            left, violations = measured(middle)
-            is_over = left > 0
-            low, below = np.where(is_over[:, None], middle, low), np.where(is_over, left, below)
-            high, above = np.where(is_over[:, None], high, middle), np.where(is_over, above, left)
-        expected = middle[np.argsort(violations + 1e-9 * np.linalg.norm(middle, axis=1))]
-    else:
-        expected = drawn[[np.argmin(np.abs(missed))]]
-    found = crossings(model, kept, variables, drawn, steps=2, most=MOTIONS, apart=0.0)
-    assert found == pytest.approx(expected, abs=1e-8)
+    if not (len(over) and len(under)):
+        assert found == pytest.approx(drawn[np.argmin(np.abs(missed))], abs=1e-9)
+        return
+    pairs = max(len(over), len(under))
+    (low, high), (below, above) = ([of[np.resize(side, pairs)] for side in (over, under)] for of in (drawn, missed))
+    for _ in range(DRAWN["steps"]):
+        share = np.clip(below / (below - above), DRAWN["least_share"], 1 - DRAWN["least_share"])[:, None]
+        middle = low + share * (high - low)
+        left, violations = measured(middle)
+        is_over = left > 0
+        low, below = np.where(is_over[:, None], middle, low), np.where(is_over, left, below)
+        high, above = np.where(is_over[:, None], high, middle), np.where(is_over, above, left)
+    expected = middle[np.argmin(violations + 1e-9 * np.linalg.norm(middle, axis=1))]
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_starts_are_drawn_from_gentle_to_wild_and_not_twice(ready):
+    model, kept, plain = ready.model, ready.constraints, ready.plain_start
+    found = [drawn_start(model, kept, plain.variables, plain.x, number, 0) for number in range(DRAWN_ALONE)]
+    again = drawn_start(model, kept, plain.variables, plain.x, DRAWN_ALONE - 1, 0)
+    assert np.array_equal(found[-1][0], again[0])
+    assert len({x.tobytes() for x, *_ in found}) == DRAWN_ALONE
+    branches = np.array([branch for _, branch, _ in found])
+    assert set(branches.ravel().tolist()) == {-1, 0, 1}
+    free = plain.variables.momentum.free
+    assert [at_once for *_, at_once in found[:4]] == ([True, True, False, True] if free else [True, *3 * [False]])
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_where_a_start_on_other_branches_ends_both_judges_say_the_same(ready, number):
+    ended = ready.attempts(ready.problem.degrees, [], range(number, number + 1), lambda: False)
+    judged = ready.judge(ended.variables, ended.solution)
+    assert judged.violation == pytest.approx(ended.violation, rel=1e-3)  # far from a plan, minima are not all found
+    assert judged.objective_value == pytest.approx(ended.objective_value, rel=1e-9)
+    start = ready.start(ready.problem.degrees, number)
+    alone = ready.attempt(start)
+    assert (alone.holds, alone.solution.status) == (ended.holds, ended.solution.status)
+
+
+def test_starts_that_are_followed_together_end_as_alone(root):
+    """None of them leads to a plan; of those before the first that does, it alone counts."""
+    problem = fp.load_problem(root / "problems" / "obstacle.toml")
+    blocked = replace(problem, obstacles=(fp.Circle(center=(1.1, 2.0), radius=0.6, margin=0.02),))
+    ready, none = Attempts(blocked, 5), ()
+    together = ready.attempts(blocked.degrees, none, range(6), lambda: False)
+    alone = [ready.attempts(blocked.degrees, none, range(number, number + 1), lambda: False) for number in range(6)]
+    assert [each.starts for each in (together, *alone)] == [6, *6 * [1]]
+    nearest = min(alone, key=lambda each: each.violation)
+    assert together.violation == nearest.violation > 0
+    assert np.array_equal(together.solution.x, nearest.solution.x)
+    assert together.work == pytest.approx(sum(each.work for each in alone))
+    assert together.solution.evaluations == sum(each.solution.evaluations for each in alone)
+    least = alone[0].work + alone[1].work
+    cut = ready.attempts(blocked.degrees, none, range(6), lambda: False, least + 1)
+    assert (cut.starts, cut.work) == (2, pytest.approx(least))

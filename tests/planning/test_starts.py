@@ -4,30 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
+from itertools import count, islice, takewhile
 
 import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.planar.flight import gauss_grid, momentum_set
-from floatplan.planning.starts import Start, starts
-from floatplan.planning.transcription.constraints import constraints
+from floatplan.motion.planar.flight import gauss_grid
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.starts import Start
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
 
 NODES = 96
 NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
 
 
-def momentum_of(problem: fp.Problem) -> MomentumSet:
-    return momentum_set(problem)
-
-
 def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Start]:
-    model = flight_model(problem)
-    kept = constraints(problem, model)
-    return starts(problem, model, kept, problem.degrees, momentum_of(problem), seed)
+    prepared = Attempts(problem, seed)
+    return takewhile(bool, (prepared.start(problem.degrees, number) for number in count()))
 
 
 def missed(problem: fp.Problem, start: Start) -> float:
@@ -69,19 +63,11 @@ def test_a_seed_settles_them(obstructed):
     assert [start.x.tobytes() for start in first] != [start.x.tobytes() for start in other]
 
 
-def test_neighbours_of_a_batch_lie_apart(obstructed):
-    one, other = islice(starts_of(obstructed), 1, 3)
-    assert one.variables is other.variables
-    assert np.linalg.norm(one.variables.metric @ (one.x - other.x)) > 0.25
-
-
 def test_drawing_counts_as_work(obstructed):
-    model = flight_model(obstructed)
-    momentum = momentum_of(obstructed)
-    drawing = starts(obstructed, model, constraints(obstructed, model), obstructed.degrees, momentum, 0)
-    plain, drawn = islice(drawing, 2)
-    assert plain.work == pytest.approx(0.0)
-    assert 0 < drawn.work <= model.work
+    prepared = Attempts(obstructed, 0)
+    assert prepared.plain_start.work == 0
+    before = prepared.model.work
+    assert prepared.start(obstructed.degrees, 1).work == prepared.model.work - before > 0
 
 
 def test_with_a_free_momentum_plain_motions_take_turns(obstructed):

@@ -1,4 +1,4 @@
-"""One start of a problem with constraints in a plane, followed to its end by the kernel: ``exchange.hpp``.
+"""Starts of a problem with constraints in a plane, followed to their ends by the kernel: ``starts.hpp``.
 
 What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
 """
@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, distinct
+from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, SECANT_STEPS, STATUS, constrained_settings
+from floatplan.compiled.batch import FINE, SECANT_STEPS, SPREADS, STATUS, constrained_settings
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -41,20 +41,26 @@ MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
-BATCH_LEVEL = 2  # of grids, where starts are drawn
-# Starts of a batch; steps between two motions, and of each step the least share; starts that are nearer, rad, root mean
-# square of p, lead to the same motion.
-DRAWN = {"most": 2, "steps": SECANT_STEPS, "least_share": 0.05, "apart": 0.3}
+NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
+SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
+ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
+MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
+# How starts are drawn: level of grids, random motions for each, steps between two of them, and of each step the least
+# share.
+DRAWN = {"level": 2, "random": 24, "steps": SECANT_STEPS, "least_share": 0.05, "spreads": SPREADS}
 
 
 @dataclass(frozen=True, eq=False)
 class Ended:
-    """Where a start ended: x, its status, and the local minima of its rows, at the nodes of a level.
+    """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
-    ``violation`` is the largest one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much.
+    Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
+    one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much. ``starts`` were followed, in
+    as many iterations and evaluations.
     """
 
     x: Array
+    branch: IntArray
     status: str
     violation: float
     missed: float
@@ -62,6 +68,7 @@ class Ended:
     level: int
     iterations: int
     evaluations: int
+    starts: int
 
 
 class CompiledAttempts:
@@ -85,29 +92,37 @@ class CompiledAttempts:
         numbers = {"instants": len(self._look.grid), "near": self._look.near, "span": self._look.span}
         self._minima = Filled("Minima", self._look, **numbers, **found)
 
-    def follow(self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float) -> Ended:
-        """Follow a start to its end, ``at_once`` straight to the objective; it ends when it has done the most work."""
+    def follow(
+        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float, numbers: range, seed: int
+    ) -> Ended:
+        """Follow starts by number to their ends, one after the other, until one holds or has done much work.
+
+        Number 0 is x, followed ``at_once`` straight to the objective or not, others are drawn; the first ends when it
+        has done the most work, of others those are left out that would do more.
+        """
         watch, found = self._watch, x.copy()
         instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
         at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
         levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
         work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
         counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
+        asked = {"first": numbers.start, "count": len(numbers)}
         arrays = {"at_ends": at_ends, "instants": instants, "x": found, "tolerance": self._tolerance}
-        numbers = {**self._aim(variables), **levels, **work, **counts}
-        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
+        numbers_of = {**self._aim(variables), **levels, **work, **counts, **asked}
+        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers_of, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
+        draws = _draws(variables, seed, len(self._constraints))
         grids, ended = nodes_of_levels(variables.polynomials.form), attempt.structure
         settings = constrained_settings(), _rules(self._model.flight.bodies)
-        given = *watch.references, motions.structure, grids, *settings, ended
+        given = *watch.references, motions.structure, grids, *settings, ended, draws.structure
         if watch.kernel.attempt(*given, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
         self._model.work += ended.work
         kept = slice(0, ended.minima.found)
         row = self._found_row[kept]
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
-        counted = ended.judged_level, ended.iterations, ended.evaluations
-        return Ended(found, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
+        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started
+        return Ended(found, draws["branch"], STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
 
     @cached_property
     def _window_ends(self) -> tuple[float, ...]:
@@ -135,36 +150,48 @@ def compiled_attempts(
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-def crossings(
+def drawn_start(
     model: FlightModel,
     constraints: tuple[Constraint, ...],
     variables: DecisionVariables,
-    motions: Array,
-    **others: float,
-) -> Array:
-    """Return starts (S, size) that meet (14) between motions x (N, size), at a few nodes: ``crossings.hpp``.
+    x: Array,
+    number: int,
+    seed: int,
+) -> tuple[Array, IntArray, bool]:
+    """Return the start of a number as the kernel follows it: ``starts.hpp``; x and ``variables`` are of number 0.
 
-    Those that violate least of the rows that the kernel knows come first. ``others`` are in the place of ``DRAWN``.
+    Returns
+    -------
+    x : (size,), branch : (n,) int, at_once : bool
     """
     watch = watch_of(model.flight, constraints, "")
     assert watch, "the flight is in a plane"
-    numbers: dict[str, Any] = DRAWN | others
-    starts = np.empty((numbers["most"], variables.size))
     known = [block for block, is_known in zip(constraints, watch.known, strict=True) if is_known]
     windows = np.repeat(
         [block.window for block in known] or np.empty((0, 2)), [len(block.labels) for block in known], 0
     )
-    of_attempt = {"rows": watch.rows, "level": BATCH_LEVEL, "objective_scale": 1.0, "bodies": model.flight.bodies}
-    arrays = {"tolerance": None, "at_ends": np.zeros(watch.rows, np.int64), "instants": None, "x": None}
+    of_attempt = {"rows": watch.rows, "first": number, "objective_scale": 1.0, "bodies": model.flight.bodies}
+    found, at_ends = x.copy(), np.zeros(watch.rows, np.int64)
+    arrays = {"tolerance": None, "at_ends": at_ends, "instants": None, "x": found}
     attempt = Filled("Attempt", **of_attempt, **arrays, low=windows[:, 0], high=windows[:, 1])
-    drawn = Filled("Drawn", count=len(motions), motions=motions, starts=starts, **numbers)
+    draws = _draws(variables, seed, len(constraints))
     given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
     settings = constrained_settings(), _rules(model.flight.bodies)
-    parts = attempt.structure, drawn.structure, watch.kernel.instructions
+    parts = attempt.structure, draws.structure, watch.kernel.instructions
     if watch.kernel.draw(*watch.references, *given, *settings, *parts):
-        raise MemoryError("no memory to choose starts")
+        raise MemoryError("no memory to draw a start")
     model.work += attempt.structure.work
-    return starts[: drawn.structure.found]
+    return found, draws["branch"], bool(attempt.structure.at_once)
+
+
+def _draws(variables: DecisionVariables, seed: int, constraints: int) -> Filled:
+    """How starts are drawn; where nothing is constrained, h is not tried first."""
+    numbers: dict[str, Any] = DRAWN
+    fractions = np.array(MOMENTUM_FRACTIONS if constraints else ())
+    motions = np.empty((1 + numbers["random"], variables.size))
+    branch = np.zeros(len(variables.polynomials.free), np.int64)
+    arrays = {"fraction": fractions, "offset_map": variables.offset_map, "motions": motions, "branch": branch}
+    return Filled("Draws", seed=seed, fractions=len(fractions), **numbers, **arrays)
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,317 @@
+// Starts by their numbers: number 0 is the x given; where h is free, the same x at other h takes turns with the first of
+// the others. These are drawn between random motions: theta0(T) is continuous in x, so that between a motion that turns
+// too much and one that turns too little there is one that meets (14). Pairs of them are followed by the secant method,
+// all together so many steps; of what they lead to that counts which violates the rows least, then the smallest.
+
+// A class of motions that lands on other branches of the arcsine than another: odd ones mirror p about pi/2.
+class BranchedMotions {
+  public:
+    Motions at;
+
+    BranchedMotions(const Motions &plain, const double *offset_map, Index joints)
+        : at(plain), plain(plain), offset_map(offset_map), n(joints), free(plain.first[joints]) {}
+
+    void lay_out(Arena &arena) {
+        arena.take(boundary, n * plain.given);
+        arena.take(offset, free);
+        arena.take(rates, plain.goal.knots * n);
+        for (double **each : {&curvature, &bend}) arena.take(*each, n);
+        at.boundary = boundary, at.offset = offset;
+        if (plain.goal.knots) at.goal = {plain.goal.knots, plain.goal.momenta, rates, curvature, bend};
+    }
+
+    void land_on(const Index *branch) {
+        copy(boundary, plain.boundary, n * plain.given);
+        copy(offset, plain.offset, free);
+        for (Index i = 0; i < n; ++i) {
+            const double sign = branch[i] % 2 ? -1 : 1;
+            double *own = boundary + i * plain.given;
+            for (Index condition = 3; condition < 6; ++condition)
+                if (plain.condition[condition] >= 0) own[plain.condition[condition]] *= sign;
+            own[plain.condition[3]] += branch[i] * 3.141592653589793;
+            for (Index knot = 0; knot < plain.goal.knots; ++knot)
+                rates[knot * n + i] = sign * plain.goal.rates[knot * n + i];
+            if (plain.goal.knots) curvature[i] = sign * plain.goal.curvature[i], bend[i] = sign * plain.goal.bend[i];
+            for (Index r = plain.first[i]; offset_map && branch[i] && r < plain.first[i + 1]; ++r)
+                offset[r] = dot(offset_map + r * plain.given, own, plain.given);
+        }
+    }
+
+  private:
+    const Motions &plain;
+    const double *offset_map;
+    Index n, free;
+    double *boundary, *offset, *rates, *curvature, *bend;
+};
+
+class NumberedStarts {
+  public:
+    NumberedStarts(Program &program, BranchedMotions &motions, const Exchange &rules, double bodies, Draws &draws,
+                   Index joints)
+        : program(program), motions(motions), rules(rules), bodies(bodies), draws(draws), n(joints),
+          free(motions.at.first[joints]), size(motions.at.size), count(1 + draws.random) {}
+
+    void lay_out(Arena &arena) {
+        for (double **each : {&missed, &length, &low_missed, &high_missed, &merit}) arena.take(*each, count);
+        for (Index **each : {&over, &under}) arena.take(*each, count);
+        for (double **each : {&low, &high, &middle}) arena.take(*each, count * size);
+        for (double **each : {&given, &beside}) arena.take(*each, size);
+        for (double **each : {&inverse, &matrix}) arena.take(*each, free * free);
+    }
+
+    // The x of number 0, of the class that is plain.
+    void begin(const double *x) {
+        copy(given, x, size);
+        copy(matrix, motions.at.scaling, free * free);
+        zero(inverse, free * free);
+        for (Index k = 0; k < free; ++k) inverse[k * free + k] = 1;
+        eliminate(matrix, inverse, free, free);
+    }
+
+    // Takes the class of a start and writes its x; whether it is one to follow straight to the objective.
+    bool place(Index number, double *x) {
+        const Index fractions = motions.at.axes ? draws.fractions : 0, beyond = number - 2 * fractions;
+        const bool is_drawn = beyond > 0 || (number > 0 && number % 2 == 0);
+        for (Index i = 0; i < n; ++i) draws.branch[i] = 0;
+        if (is_drawn) {
+            draw(beyond > 0 ? number - fractions - 1 : number / 2 - 1, x);
+        } else {
+            motions.land_on(draws.branch);
+            copy(x, given, size);
+            if (number) x[free] = draws.fraction[number / 2];
+        }
+        return !is_drawn;
+    }
+
+  private:
+    Program &program;
+    BranchedMotions &motions;
+    const Exchange &rules;
+    const double bodies;
+    Draws &draws;
+    Index n, free, size, count, *over, *under;
+    double *missed, *length, *low, *high, *middle, *low_missed, *high_missed, *merit, *given, *beside;
+    double *inverse, *matrix;  // of the scaling
+
+    // Half of the motions are cheap for the objective, half are drawn in z, on the plain branches and on others in turns.
+    void draw(Index number, double *x) {
+        Random random{draws.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(number + 1)};
+        for (Index i = 0; number % 2 && i < n; ++i) {
+            const double drawn = random.uniform();
+            draws.branch[i] = drawn < 0.25 ? -1 : drawn < 0.75 ? 0 : 1;
+        }
+        motions.land_on(draws.branch);
+        for (Index k = 0; k < count; ++k) {
+            double *motion = draws.motions + k * size;
+            const double spread = k ? draws.spreads[(k - 1) / 2 % 6] : 0;
+            for (Index i = 0; i < free; ++i) beside[i] = spread * random.normal();
+            if (k % 2) copy(motion, beside, free);
+            else to_variables(beside, motion);
+            for (Index a = free; a < size; ++a) motion[a] = k ? 2 * random.uniform() - 1 : 0;
+        }
+        const double before = program.work;
+        const Index evaluations = program.evaluations;
+        program.back_off = 0;
+        program.watches = false;
+        program.watch(draws.level, nullptr, 0);
+        find(x);
+        program.watches = true;
+        const double instants = (program.evaluations - evaluations) * program.nodes();
+        program.work = before + (1 + draws.steps) * rules.evaluation + instants * bodies;  // a step's motions together
+        program.evaluations = evaluations;
+    }
+
+    void to_variables(double *z, double *x) const {
+        for (Index i = 0; i < free; ++i) z[i] -= motions.at.offset[i];
+        multiply(inverse, free, free, z, 1, x);
+    }
+
+    void find(double *x) {
+        for (Index k = 0; k < count; ++k) {
+            const double *motion = draws.motions + k * size;
+            missed[k] = miss(motion);
+            length[k] = std::sqrt(dot(motion, motion, size));
+        }
+        const Index overs = rank_side(over, 1), unders = rank_side(under, -1);
+        if (overs && unders) return cross(overs, unders, x);
+        Index nearest = 0;  // where all turn too much, or all too little
+        for (Index k = 1; k < count; ++k)
+            if (std::fabs(missed[k]) < std::fabs(missed[nearest])) nearest = k;
+        copy(x, draws.motions + nearest * size, size);
+    }
+
+    double miss(const double *x) {
+        Evaluated &at = program.two[0];
+        copy(at.x, x, size);
+        program.evaluate(at);
+        return at.equality;
+    }
+
+    // The motions on one side of the goal, shorter ones first; how many.
+    Index rank_side(Index *side, double sign) {
+        Index found = 0;
+        for (Index k = 0; k < count; ++k)
+            if (sign * missed[k] > 0) side[found++] = k;
+        std::stable_sort(side, side + found, [&](Index a, Index b) { return length[a] < length[b]; });
+        return found;
+    }
+
+    void cross(Index overs, Index unders, double *x) {
+        const Index pairs = overs > unders ? overs : unders;
+        for (Index k = 0; k < pairs; ++k) {
+            const Index a = over[k % overs], b = under[k % unders];
+            copy(low + k * size, draws.motions + a * size, size), low_missed[k] = missed[a];
+            copy(high + k * size, draws.motions + b * size, size), high_missed[k] = missed[b];
+        }
+        for (Index step = 0; step < draws.steps; ++step) {
+            program.watches = step + 1 == draws.steps;
+            for (Index k = 0; k < pairs; ++k) follow(k);
+        }
+        copy(x, middle + (std::min_element(merit, merit + pairs) - merit) * size, size);
+    }
+
+    // One step of a pair's secant method.
+    void follow(Index k) {
+        double *from = low + k * size, *to = high + k * size, *x = middle + k * size;
+        double share = low_missed[k] / (low_missed[k] - high_missed[k]);
+        share = smaller(larger(share, draws.least_share), 1 - draws.least_share);
+        for (Index i = 0; i < size; ++i) x[i] = from[i] + share * (to[i] - from[i]);
+        const double left = miss(x);
+        copy(left > 0 ? from : to, x, size);
+        (left > 0 ? low_missed : high_missed)[k] = left;
+        merit[k] = program.two[0].squares + 1e-9 * std::sqrt(dot(x, x, size));
+        if (!(merit[k] < HUGE_VAL)) merit[k] = HUGE_VAL;
+    }
+};
+
+// Starts followed one after the other.
+class StartsFollower {
+  public:
+    StartsFollower(const Robot &robot, const Constraints &constraints, const Motions &plain, const Nodes *levels,
+                   const Settings &settings, const Exchange &rules, Attempt &attempt, Draws &draws)
+        : motions(plain, draws.offset_map, robot.joints),
+          follower(robot, constraints, motions.at, levels, settings, rules, attempt),
+          starts(follower.program, motions, rules, attempt.bodies, draws, robot.joints), rules(rules),
+          attempt(attempt), draws(draws), n(robot.joints), size(plain.size) {}
+
+    void lay_out(Arena &arena) {
+        motions.lay_out(arena);
+        starts.lay_out(arena);
+        follower.lay_out(arena);
+        for (Ended *each : {&best, &before}) {
+            const Index most = attempt.rows * attempt.minima.instants;
+            for (double **some : {&each->s, &each->least}) arena.take(*some, most);
+            arena.take(each->row, most);
+            arena.take(each->x, size);
+            arena.take(each->branch, n);
+        }
+    }
+
+    // Until one holds, or work has been done that the search is to know of; one that would do more than the most work
+    // ends there, and is left out where it is not the first.
+    void follow() {
+        starts.begin(attempt.x);
+        const bool plain_at_once = attempt.at_once;
+        Program &program = follower.program;
+        attempt.started = 0;
+        for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
+            const Index iterations = attempt.iterations, evaluations = attempt.evaluations;
+            const double work = attempt.work;
+            attempt.at_once = starts.place(number, attempt.x);
+            if (number == 0) attempt.at_once = plain_at_once;
+            follow_start();
+            if (attempt.started && program.work > attempt.most_work) {
+                attempt.iterations = iterations, attempt.evaluations = evaluations, attempt.work = work;
+                break;
+            }
+            if (!attempt.started++ || attempt.violation < best.violation) keep(best);
+            if (best.violation <= 0 || program.work > rules.enough_work) break;
+        }
+        take(best);
+    }
+
+  private:
+    struct Ended {
+        double violation, missed, objective;
+        Index status, level, found, *row, *branch;
+        double *x, *s, *least;
+    };
+
+    BranchedMotions motions;
+    Follower follower;
+    NumberedStarts starts;
+    const Exchange &rules;
+    Attempt &attempt;
+    Draws &draws;
+    Index n, size;
+    Ended best, before;
+
+    // One start, and once more from its end where that nearly holds, or is not known to be optimal.
+    void follow_start() {
+        follower.follow();
+        const bool nearly = attempt.violation < rules.near_miss && attempt.status != optimal;
+        if (!nearly || follower.program.work > attempt.most_work) return;
+        keep(before);
+        attempt.at_once = 1;
+        follower.follow();
+        if (!is_better()) take(before);
+    }
+
+    // Whether the second end is: of the same motion, one that is known to be optimal; the first was not.
+    bool is_better() const {
+        if (attempt.violation != before.violation) return attempt.violation < before.violation;
+        const double beyond = follower.objective - before.objective, same = rules.same * std::fabs(before.objective);
+        return beyond < 0 || (attempt.status == optimal && beyond <= same);
+    }
+
+    void keep(Ended &to) const {
+        const Minima &minima = attempt.minima;
+        to.violation = attempt.violation, to.missed = attempt.missed, to.objective = follower.objective;
+        to.status = attempt.status, to.level = attempt.judged_level, to.found = minima.found;
+        copy(to.x, attempt.x, size);
+        copy(to.s, minima.s, minima.found);
+        copy(to.least, minima.least, minima.found);
+        std::copy(minima.row, minima.row + minima.found, to.row);
+        std::copy(draws.branch, draws.branch + n, to.branch);
+    }
+
+    void take(const Ended &from) {
+        Minima &minima = attempt.minima;
+        attempt.violation = from.violation, attempt.missed = from.missed, follower.objective = from.objective;
+        attempt.status = from.status, attempt.judged_level = from.level, minima.found = from.found;
+        copy(attempt.x, from.x, size);
+        copy(minima.s, from.s, from.found);
+        copy(minima.least, from.least, from.found);
+        std::copy(from.row, from.row + from.found, minima.row);
+        std::copy(from.branch, from.branch + n, draws.branch);
+    }
+};
+
+static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &motions,
+                                  const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                  Attempt &attempt, Draws &draws) {
+    StartsFollower follower(robot, constraints, motions, levels, settings, rules, attempt, draws);
+    Room room;
+    if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
+    follower.follow();
+    return 0;
+}
+
+static inline Index draw_start(const Robot &robot, const Constraints &constraints, const Motions &plain,
+                               const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
+                               Draws &draws) {
+    BranchedMotions motions(plain, draws.offset_map, robot.joints);
+    Program program(robot, constraints, motions.at, levels, settings, rules, attempt);
+    NumberedStarts starts(program, motions, rules, attempt.bodies, draws, robot.joints);
+    Room room;
+    auto lay_out = [&](Arena &arena) {
+        motions.lay_out(arena);
+        program.lay_out(arena, levels[draws.level].nodes);
+        starts.lay_out(arena);
+    };
+    if (!room.make(lay_out)) return 1;
+    starts.begin(attempt.x);
+    attempt.at_once = starts.place(attempt.first, attempt.x);
+    attempt.work = program.work;
+    return 0;
+}
