@@ -8,7 +8,7 @@ class Follower {
              const Settings &settings, const Exchange &rules, Attempt &attempt)
         : program(robot, constraints, motions, levels, settings, rules, attempt),
           search(program, settings, rules, attempt), set(settings), rules(rules), attempt(attempt),
-          most_nodes(levels[settings.levels - 1].nodes) {}
+          most_nodes(levels[settings.levels - 1].nodes), has_rows(attempt.rows > 0) {}
 
     void lay_out(Arena &arena) {
         const Index most = most_nodes + rules.most_instants;
@@ -26,12 +26,13 @@ class Follower {
         is_best = false;
         for (double *each : {start, best}) copy(each, attempt.x, program.size);
         attempt.violation = HUGE_VAL;
+        program.watches = has_rows;
         if (attempt.at_once) {
             solve(start, attempt.level);
             judge();
         }
         const Index level = attempt.at_once ? attempt.level : attempt.closer_level;
-        for (int way = 0; way < 1 + attempt.at_once && !is_over(); ++way) {
+        for (int way = 0; way < 1 + (attempt.at_once && has_rows) && !is_over(); ++way) {
             if (way == 1) {  // from the best motion without limits
                 program.watches = false;
                 solve(start, level);
@@ -65,7 +66,7 @@ class Follower {
     Attempt &attempt;
     Index most_nodes, extra_count = 0;
     Status status = infeasible;
-    bool is_best = false;
+    bool has_rows, is_best = false;
     double *extra, *watched, *start, *ended, *best;
 
     bool is_over() const { return attempt.violation <= 0 || search.is_exhausted(); }
@@ -93,7 +94,8 @@ class Follower {
         const Index before = search.iterations;
         bool is_last = false;
         for (Index round = 0; round < set.most_rounds; ++round) {
-            const double longest = program.watches ? set.longest_step : rules.longest_free_step;
+            const bool is_free = !program.watches && attempt.at_once;
+            const double longest = is_free ? rules.longest_free_step : set.longest_step;
             status = search.minimise(set.stages[is_last ? 2 : 0], longest, is_last);
             if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
             Index needed = program.level_needed(*search.now, set.stages[2].quadrature_error);
@@ -163,7 +165,7 @@ class Follower {
         if (level < attempt.level) level = attempt.level;
         for (begin(level, now.x); program.unresolved(now) > set.unresolved && level + 1 < set.levels;)
             begin(++level, now.x);
-        program.watches = true;
+        program.watches = has_rows;
         const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
         program.look(now, attempt.minima);
         double violation = missed <= set.tolerance ? 0 : missed;

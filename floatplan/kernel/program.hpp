@@ -221,6 +221,8 @@ class Program {
 
     // Local minima of the rows over the whole motion.
     void look(const Evaluated &at, Minima &minima) {
+        minima.found = 0;
+        if (!rows) return;
         const Index terms = motions.terms, N = nodes();
         for (int order = 0; order < 3; ++order)
             multiply(motions.series + order * terms * motions.columns, terms, motions.columns, at.coefficients, n,

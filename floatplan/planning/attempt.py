@@ -204,7 +204,8 @@ class Attempts:
         self.seed = seed
         self.plain_start = self.start(problem.degrees, 0)
         self._level = self._watching_level() if self.constraints else 0
-        self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
+        all_known = (problem, self.model, self.constraints, self._level)
+        self._compiled = None if is_plain(problem) else compiled_attempts(*all_known)
 
     def start(self, degrees: tuple[int, ...], number: int) -> Start | None:
         """Return a start by its number: 0 is the plain one; None where there are no others."""

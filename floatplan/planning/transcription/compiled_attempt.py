@@ -145,7 +145,7 @@ def compiled_attempts(
     """Make a problem ready; None where the kernel does not know all of its rows, or its objective."""
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
     watch = watch_of(model.flight, constraints, quantity)
-    if not constraints or watch is None or not all(watch.known) or (quantity and watch.also is None):
+    if watch is None or not all(watch.known) or (quantity and watch.also is None):
         return None
     return CompiledAttempts(problem, model, constraints, watch, level)
 

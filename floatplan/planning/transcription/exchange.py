@@ -104,9 +104,9 @@ def where_to_look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArr
 def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ...]) -> tuple[IntArray, IntArray, Look]:
     lengths = [length for length, _ in blocks]
     block = np.repeat(np.arange(len(lengths)), lengths)
-    low, high = np.array([window for _, window in blocks])[block].T
+    low, high = np.array([window for _, window in blocks]).reshape(-1, 2)[block].T
     grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
-    row = np.concatenate([np.arange(length) for length in lengths])
+    row = np.array([row for length in lengths for row in range(length)], np.int64)
     return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
 
 
