@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 from typing import ClassVar
 
 import numpy as np
@@ -30,6 +29,7 @@ from floatplan.tables import Range
 LOG = logging.getLogger(__name__)
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 3 to 7 s in space, 1 s in a plane
 MOST_JOBS = 64  # [-] processes
+MOST_ATTEMPTS = 10**6  # [-] at all degrees
 MOST_SOLVED = 1000  # [-] solved starts to choose the best from
 JOBS = whole(Range(1, MOST_JOBS, ""))
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
@@ -124,7 +124,7 @@ class SearchOptions(Checked):
 
 
 def search(
-    prepared: Attempts, options: SearchOptions, most: int | None = None, followed: Followed | None = None
+    prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS, followed: Followed | None = None
 ) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
@@ -141,7 +141,7 @@ def search(
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), most):
+        for outcome in _outcomes(prepared, options, expired, allowance, followed, most):
             outcomes.append(outcome)
             log_attempt(prepared, outcomes)
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
@@ -252,8 +252,9 @@ def _outcomes(
     expired: Callable[[], bool],
     allowance: Allowance,
     followed: Followed | None,
+    most: int,
 ) -> Iterator[Outcome]:
-    """Outcomes of the attempts, in their order, from this process or from several.
+    """Outcomes of the attempts, in their order, from this process or from several; of so many starts at most.
 
     The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
     none: how far it came would depend on what ran beside it.
@@ -263,6 +264,7 @@ def _outcomes(
     is_first = together is None
     if together:
         allowance.grants(together, True)
+        most -= together.starts
         yield together
 
     def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
@@ -273,8 +275,8 @@ def _outcomes(
         number = numbers.start
         while number < numbers.stop:
             matters = len(tried) < ATTEMPTS_FOR_THE_IMPOSSIBLE or any(each.holds for each in tried)
-            most = 1 if matters or prepared.problem.raises_degree else (options.attempts or ATTEMPTS) - _starts(tried)
-            outcome = here(degrees, given, range(number, min(number + most, numbers.stop)))
+            count = 1 if matters or prepared.problem.raises_degree else (options.attempts or ATTEMPTS) - _starts(tried)
+            outcome = here(degrees, given, range(number, min(number + count, numbers.stop)))
             yield outcome
             number += outcome.starts if outcome else 1
 
@@ -284,7 +286,8 @@ def _outcomes(
         for degrees, attempts in _stages(prepared.problem):
             nearest = _nearest(tried)
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
-            numbers = range(together.starts if together else 0, attempts)
+            first = together.starts if together else 0
+            numbers = range(first, min(attempts, first + most))
             tried = []
             alone = ((degrees, raised, range(number, number + 1)) for number in numbers)
             for outcome in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):
@@ -293,6 +296,7 @@ def _outcomes(
                 if not allowance.grants(outcome, is_first):
                     return
                 is_first = False
+                most -= outcome.starts
                 yield outcome
                 tried.append(outcome)
                 allowance.gave_up = _starts(tried) == options.attempts and not any(each.holds for each in tried)

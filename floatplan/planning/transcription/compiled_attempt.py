@@ -45,9 +45,9 @@ NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is f
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
 ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
-# How starts are drawn: level of grids, random motions for each, steps between two of them, and of each step the least
-# share.
-DRAWN = {"level": 2, "random": 24, "steps": SECANT_STEPS, "least_share": 0.05, "spreads": SPREADS}
+MOTIONS_PER_VARIABLE = 10  # random ones, between which a start is drawn; fewer find worse plans of many joints
+# How starts are drawn: level of grids, steps between two motions, of each step the least share, how wild motions are.
+DRAWN = {"level": 2, "steps": SECANT_STEPS, "least_share": 0.05, "spreads": SPREADS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,13 @@ class CompiledAttempts:
         self._minima = Filled("Minima", self._look, **numbers, **found)
 
     def follow(
-        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float, numbers: range, seed: int
+        self,
+        variables: DecisionVariables,
+        x: Array,
+        at_once: bool,
+        most_work: float,
+        numbers: range = range(1),
+        seed: int = 0,
     ) -> Ended:
         """Follow starts by number to their ends, one after the other, until one holds or has done much work.
 
@@ -186,7 +192,7 @@ def drawn_start(
 
 def _draws(variables: DecisionVariables, seed: int, constraints: int) -> Filled:
     """How starts are drawn; where nothing is constrained, h is not tried first."""
-    numbers: dict[str, Any] = DRAWN
+    numbers: dict[str, Any] = {**DRAWN, "random": MOTIONS_PER_VARIABLE * variables.size}
     fractions = np.array(MOMENTUM_FRACTIONS if constraints else ())
     motions = np.empty((1 + numbers["random"], variables.size))
     branch = np.zeros(len(variables.polynomials.free), np.int64)
