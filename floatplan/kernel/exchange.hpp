@@ -19,13 +19,47 @@ class Follower {
     }
 
     Program program;
-    double objective = 0;  // of where it ended
+
+    // From x, once more from its end where that nearly holds, or is not known to be optimal.
+    void follow(const double *x) {
+        copy(best, x, program.size);
+        attempt.violation = HUGE_VAL;
+        follow_best();
+        if (attempt.violation < rules.near_miss && attempt.status != optimal && !search.is_exhausted()) {
+            attempt.at_once = 1;
+            follow_best();
+        }
+        if (!is_best) finish(best, attempt.status);
+        copy(attempt.x, best, program.size);
+        attempt.iterations = search.iterations;
+        attempt.evaluations = program.evaluations;
+        attempt.work = program.work;
+    }
+
+    // Judges where a start ended, with that status.
+    void finish(const double *x, Index ended_as) {
+        copy(attempt.x, x, program.size);
+        status = static_cast<Status>(ended_as);
+        attempt.violation = HUGE_VAL;
+        begin(0, attempt.x);
+        judge();
+    }
+
+  private:
+    Constrained search;
+    const Settings &set;
+    const Exchange &rules;
+    Attempt &attempt;
+    Index most_nodes, extra_count = 0;
+    Status status = infeasible;
+    bool has_rows, is_best = false;
+    double objective = 0;  // of the best
+    double *extra, *watched, *start, *ended, *best;
 
     // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
-    void follow() {
+    void follow_best() {
+        copy(start, best, program.size);
         is_best = false;
-        for (double *each : {start, best}) copy(each, attempt.x, program.size);
-        attempt.violation = HUGE_VAL;
         program.watches = has_rows;
         if (attempt.at_once) {
             solve(start, attempt.level);
@@ -49,25 +83,7 @@ class Follower {
             }
             judge();
         }
-        if (!is_best) {
-            begin(0, best);
-            judge();
-        }
-        copy(attempt.x, best, program.size);
-        attempt.iterations = search.iterations;
-        attempt.evaluations = program.evaluations;
-        attempt.work = program.work;
     }
-
-  private:
-    Constrained search;
-    const Settings &set;
-    const Exchange &rules;
-    Attempt &attempt;
-    Index most_nodes, extra_count = 0;
-    Status status = infeasible;
-    bool has_rows, is_best = false;
-    double *extra, *watched, *start, *ended, *best;
 
     bool is_over() const { return attempt.violation <= 0 || search.is_exhausted(); }
 
@@ -156,7 +172,8 @@ class Follower {
         return holds;
     }
 
-    // Checks (14) and the rows, between the instants too; keeps what violates least.
+    // Checks (14) and the rows, between the instants too; keeps what violates least, of equals what costs less, or is known
+    // to be optimal.
     void judge() {
         Evaluated &now = *search.now;
         program.watches = false;
@@ -173,7 +190,9 @@ class Follower {
             const double least = attempt.minima.least[found];
             if (least < -attempt.tolerance[attempt.minima.row[found]]) violation = larger(violation, -least);
         }
-        is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL);
+        const double dearer = now.objective - objective, same = rules.same * std::fabs(objective);
+        is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL) ||
+                  (violation == attempt.violation && (dearer < 0 || (status == optimal && dearer <= same)));
         if (!is_best) return;
         copy(best, now.x, program.size);
         attempt.violation = violation, attempt.missed = std::fabs(now.equality);

@@ -228,13 +228,6 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
     return CHOSEN(follow_starts(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *draws));
 }
 
-// Draws the start of a number; returns 0, or 1 where there was no memory for it.
-EXPORT Index floatplan_draw(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                            const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
-                            Draws *draws, Index instructions) {
-    return CHOSEN(draw_start(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *draws));
-}
-
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));

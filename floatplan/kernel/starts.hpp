@@ -184,134 +184,49 @@ class NumberedStarts {
     }
 };
 
-// Starts followed one after the other.
-class StartsFollower {
-  public:
-    StartsFollower(const Robot &robot, const Constraints &constraints, const Motions &plain, const Nodes *levels,
-                   const Settings &settings, const Exchange &rules, Attempt &attempt, Draws &draws)
-        : motions(plain, draws.offset_map, robot.joints),
-          follower(robot, constraints, motions.at, levels, settings, rules, attempt),
-          starts(follower.program, motions, rules, attempt.bodies, draws, robot.joints), rules(rules),
-          attempt(attempt), draws(draws), n(robot.joints), size(plain.size) {}
-
-    void lay_out(Arena &arena) {
-        motions.lay_out(arena);
-        starts.lay_out(arena);
-        follower.lay_out(arena);
-        for (Ended *each : {&best, &before}) {
-            const Index most = attempt.rows * attempt.minima.instants;
-            for (double **some : {&each->s, &each->least}) arena.take(*some, most);
-            arena.take(each->row, most);
-            arena.take(each->x, size);
-            arena.take(each->branch, n);
-        }
-    }
-
-    // Until one holds, or work has been done that the search is to know of; one that would do more than the most work
-    // ends there, and is left out where it is not the first.
-    void follow() {
-        starts.begin(attempt.x);
-        const bool plain_at_once = attempt.at_once;
-        Program &program = follower.program;
-        attempt.started = 0;
-        for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
-            const Index iterations = attempt.iterations, evaluations = attempt.evaluations;
-            const double work = attempt.work;
-            attempt.at_once = starts.place(number, attempt.x);
-            if (number == 0) attempt.at_once = plain_at_once;
-            follow_start();
-            if (attempt.started && program.work > attempt.most_work) {
-                attempt.iterations = iterations, attempt.evaluations = evaluations, attempt.work = work;
-                break;
-            }
-            if (!attempt.started++ || attempt.violation < best.violation) keep(best);
-            if (best.violation <= 0 || program.work > rules.enough_work) break;
-        }
-        take(best);
-    }
-
-  private:
-    struct Ended {
-        double violation, missed, objective;
-        Index status, level, found, *row, *branch;
-        double *x, *s, *least;
-    };
-
-    BranchedMotions motions;
-    Follower follower;
-    NumberedStarts starts;
-    const Exchange &rules;
-    Attempt &attempt;
-    Draws &draws;
-    Index n, size;
-    Ended best, before;
-
-    // One start, and once more from its end where that nearly holds, or is not known to be optimal.
-    void follow_start() {
-        follower.follow();
-        const bool nearly = attempt.violation < rules.near_miss && attempt.status != optimal;
-        if (!nearly || follower.program.work > attempt.most_work) return;
-        keep(before);
-        attempt.at_once = 1;
-        follower.follow();
-        if (!is_better()) take(before);
-    }
-
-    // Whether the second end is: of the same motion, one that is known to be optimal; the first was not.
-    bool is_better() const {
-        if (attempt.violation != before.violation) return attempt.violation < before.violation;
-        const double beyond = follower.objective - before.objective, same = rules.same * std::fabs(before.objective);
-        return beyond < 0 || (attempt.status == optimal && beyond <= same);
-    }
-
-    void keep(Ended &to) const {
-        const Minima &minima = attempt.minima;
-        to.violation = attempt.violation, to.missed = attempt.missed, to.objective = follower.objective;
-        to.status = attempt.status, to.level = attempt.judged_level, to.found = minima.found;
-        copy(to.x, attempt.x, size);
-        copy(to.s, minima.s, minima.found);
-        copy(to.least, minima.least, minima.found);
-        std::copy(minima.row, minima.row + minima.found, to.row);
-        std::copy(draws.branch, draws.branch + n, to.branch);
-    }
-
-    void take(const Ended &from) {
-        Minima &minima = attempt.minima;
-        attempt.violation = from.violation, attempt.missed = from.missed, follower.objective = from.objective;
-        attempt.status = from.status, attempt.judged_level = from.level, minima.found = from.found;
-        copy(attempt.x, from.x, size);
-        copy(minima.s, from.s, from.found);
-        copy(minima.least, from.least, from.found);
-        std::copy(from.row, from.row + from.found, minima.row);
-        std::copy(from.branch, from.branch + n, draws.branch);
-    }
-};
-
-static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &motions,
+// Starts followed one after the other, until one holds, or work has been done that the search is to know of. What the
+// most work ends is left out where it is not the first: how far it came hangs on what was done before.
+static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &plain,
                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
                                   Attempt &attempt, Draws &draws) {
-    StartsFollower follower(robot, constraints, motions, levels, settings, rules, attempt, draws);
-    Room room;
-    if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
-    follower.follow();
-    return 0;
-}
-
-static inline Index draw_start(const Robot &robot, const Constraints &constraints, const Motions &plain,
-                               const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
-                               Draws &draws) {
     BranchedMotions motions(plain, draws.offset_map, robot.joints);
-    Program program(robot, constraints, motions.at, levels, settings, rules, attempt);
-    NumberedStarts starts(program, motions, rules, attempt.bodies, draws, robot.joints);
+    Follower follower(robot, constraints, motions.at, levels, settings, rules, attempt);
+    NumberedStarts starts(follower.program, motions, rules, attempt.bodies, draws, robot.joints);
+    double *x, *best;
+    Index *branch, status = infeasible;
     Room room;
     auto lay_out = [&](Arena &arena) {
         motions.lay_out(arena);
-        program.lay_out(arena, levels[draws.level].nodes);
         starts.lay_out(arena);
+        follower.lay_out(arena);
+        for (double **each : {&x, &best}) arena.take(*each, plain.size);
+        arena.take(branch, robot.joints);
     };
     if (!room.make(lay_out)) return 1;
     starts.begin(attempt.x);
-    attempt.at_once = starts.place(attempt.first, attempt.x);
-    attempt.work = program.work;
+    attempt.started = 0;
+    const bool at_once = attempt.at_once;
+    bool is_best = false;
+    double least = HUGE_VAL;
+    for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
+        const Attempt before = attempt;
+        attempt.at_once = starts.place(number, x) && (number || at_once);
+        follower.follow(x);
+        if (attempt.started && follower.program.work > attempt.most_work) {
+            attempt = before, is_best = false;
+            break;
+        }
+        is_best = !attempt.started++ || attempt.violation < least;
+        if (is_best) {
+            least = attempt.violation, status = attempt.status;
+            copy(best, attempt.x, plain.size);
+            std::copy(draws.branch, draws.branch + robot.joints, branch);
+        }
+        if (least <= 0 || follower.program.work > rules.enough_work) break;
+    }
+    if (is_best) return 0;
+    std::copy(branch, branch + robot.joints, draws.branch);
+    motions.land_on(branch);
+    follower.finish(best, status);
     return 0;
 }

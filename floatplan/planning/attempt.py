@@ -18,7 +18,7 @@ from floatplan.compiled.batch import CAUTIOUS, STATUS, Answers, Numbers, Rows, S
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
-from floatplan.planning.starts import Start, numbered_start, on_branch, plain_start
+from floatplan.planning.starts import Start, on_branch, plain_draw, plain_start
 from floatplan.planning.transcription.compiled_attempt import (
     CLOSER,
     PROMISING,
@@ -36,6 +36,7 @@ from floatplan.planning.transcription.program import (
     instants_beside_nodes,
     objective,
     objective_value,
+    watch_of,
     watching,
 )
 from floatplan.planning.transcription.trajectory import (
@@ -202,15 +203,32 @@ class Attempts:
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum = momentum or momentum_set(problem)
         self.seed = seed
-        self.plain_start = self.start(problem.degrees, 0)
+        self.plain_start = plain_start(problem, problem.degrees, self.momentum)
         self._level = self._watching_level() if self.constraints else 0
         all_known = (problem, self.model, self.constraints, self._level)
         self._compiled = None if is_plain(problem) else compiled_attempts(*all_known)
 
     def start(self, degrees: tuple[int, ...], number: int) -> Start | None:
-        """Return a start by its number: 0 is the plain one; None where there are no others."""
+        """Return a start by its number, the same for the same seed: 0 is the plain one; None where nothing is free."""
         plain = plain_start(self.problem, degrees, self.momentum)
-        return numbered_start(self.problem, self.model, self.constraints, plain, number, self.seed)
+        if number == 0 or not plain.variables.size:
+            return None if number else plain
+        if is_plain(self.problem):
+            return plain_draw(self.problem, plain.variables, number, self.seed)
+        before, given = self.model.work, (plain.variables, plain.x, plain.at_once)
+        drawn = self._drawing.follow(*given, -1.0, range(number, number + 1), self.seed)
+        variables = on_branch(self.problem, plain.variables, drawn.branch)
+        return Start(variables, drawn.x, drawn.at_once, self.model.work - before)
+
+    @cached_property
+    def _drawing(self) -> CompiledAttempts:
+        """What draws starts, by the constraints that the kernel knows."""
+        if self._compiled:
+            return self._compiled
+        watch = watch_of(self.model.flight, self.constraints, "")
+        assert watch, "the flight is in a plane"
+        known = tuple(block for block, is_known in zip(self.constraints, watch.known, strict=True) if is_known)
+        return CompiledAttempts(self.problem, self.model, known, watch, self._level)
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""

@@ -6,11 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import Numbers, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import Numbers, Search, solver
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.transcription.compiled_attempt import drawn_start
-from floatplan.planning.transcription.constraints import Constraint
-from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.problem import Problem
 
@@ -29,29 +26,13 @@ class Start:
     work: float = 0.0
 
 
-def numbered_start(
-    problem: Problem,
-    model: FlightModel,
-    constraints: tuple[Constraint, ...],
-    plain: Start,
-    number: int,
-    seed: int,
-) -> Start | None:
-    """Return a start by its number, of which ``plain`` is 0; the same for the same seed; None where nothing is free."""
-    if number == 0:
-        return plain
-    variables = plain.variables
-    if not variables.size:
-        return None
-    before = model.work
-    if is_planar(model.flight) and is_plain(problem):  # those that the kernel follows after the plain one
-        rows = replace(Numbers.of_problems([problem]).rows(), momentum=variables.momentum.centre)
-        search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)
-        draw = solver(problem, variables.degrees).plan(rows, search)
-        there = on_branch(problem, variables, draw.branch[0])
-        return Start(there, there.variables(draw.z[0], variables.momentum.centre))
-    x, branch, at_once = drawn_start(model, constraints, variables, plain.x, number, seed)
-    return Start(on_branch(problem, variables, branch), x, at_once, model.work - before)
+def plain_draw(problem: Problem, plain: DecisionVariables, number: int, seed: int) -> Start:
+    """Return a start of a problem without inequalities by its number, as the kernel follows it after the plain one."""
+    rows = replace(Numbers.of_problems([problem]).rows(), momentum=plain.momentum.centre)
+    search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)
+    draw = solver(problem, plain.degrees).plan(rows, search)
+    variables = on_branch(problem, plain, draw.branch[0])
+    return Start(variables, variables.variables(draw.z[0], plain.momentum.centre))
 
 
 def on_branch(problem: Problem, variables: DecisionVariables, at_landing: IntArray) -> DecisionVariables:

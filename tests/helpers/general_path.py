@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from general_flight import general_flight
 
-from floatplan.planning import attempt, planned, starts
+from floatplan.planning import attempt, planned
 from floatplan.planning.transcription import trajectory
 
 
@@ -13,5 +13,4 @@ def take_general_path(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plan without the kernel, but for quadratic programs and the order of starts."""
     monkeypatch.setattr(planned, "follow_together", lambda problem, search: None)
     monkeypatch.setattr(attempt, "follow_compiled", lambda *problem: None)
-    monkeypatch.setattr(starts, "is_planar", lambda flight: True)
     monkeypatch.setattr(trajectory, "flight_dynamics", general_flight)

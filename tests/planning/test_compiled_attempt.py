@@ -10,8 +10,7 @@ import pytest
 import floatplan as fp
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.transcription import compiled_attempt
-from floatplan.planning.starts import on_branch
-from floatplan.planning.transcription.compiled_attempt import DRAWN, drawn_start
+from floatplan.planning.transcription.compiled_attempt import DRAWN
 from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
@@ -68,14 +67,14 @@ def test_of_what_does_not_hold_both_judges_say_the_same(ready):
 @pytest.mark.parametrize("number", [17, 18])
 def test_a_drawn_start_is_that_of_python(ready, number, monkeypatch):
     """The secant method between pairs, by the general path's evaluations, on plain branches and on others."""
-    model, kept, plain = ready.model, ready.constraints, ready.plain_start
+    model, kept = ready.model, ready.constraints
     used = []
     given = compiled_attempt._draws
     monkeypatch.setattr(compiled_attempt, "_draws", lambda *args: used.append(given(*args)) or used[0])
-    found, branch, at_once = drawn_start(model, kept, plain.variables, plain.x, number, 3)
-    drawn, variables = used[0]["motions"], on_branch(ready.problem, plain.variables, branch)
+    start = ready.start(ready.problem.degrees, number)
+    drawn, variables, found = used[0]["motions"], start.variables, start.x
     nodes = model.nodes(DRAWN["level"], variables.polynomials.form)
-    assert not at_once
+    assert not start.at_once
 
     def measured(motions):
         each = [trajectory(model, variables, nodes, x) for x in motions]
@@ -103,16 +102,16 @@ def test_a_drawn_start_is_that_of_python(ready, number, monkeypatch):
     assert found == pytest.approx(expected, abs=1e-6)
 
 
-def test_starts_are_drawn_from_gentle_to_wild_and_not_twice(ready):
-    model, kept, plain = ready.model, ready.constraints, ready.plain_start
-    found = [drawn_start(model, kept, plain.variables, plain.x, number, 0) for number in range(DRAWN_ALONE)]
-    again = drawn_start(model, kept, plain.variables, plain.x, DRAWN_ALONE - 1, 0)
-    assert np.array_equal(found[-1][0], again[0])
-    assert len({x.tobytes() for x, *_ in found}) == DRAWN_ALONE
-    branches = np.array([branch for _, branch, _ in found])
-    assert set(branches.ravel().tolist()) == {-1, 0, 1}
-    free = plain.variables.momentum.free
-    assert [at_once for *_, at_once in found[:4]] == ([True, True, False, True] if free else [True, *3 * [False]])
+def test_starts_are_drawn_on_all_branches_and_not_twice(ready):
+    found = [ready.start(ready.problem.degrees, number) for number in range(DRAWN_ALONE)]
+    again = ready.start(ready.problem.degrees, DRAWN_ALONE - 1)
+    assert np.array_equal(found[-1].x, again.x)
+    assert len({start.x.tobytes() for start in found}) == DRAWN_ALONE
+    branches = {tuple(np.round(start.variables.polynomials.boundary[:, 3], 9)) for start in found}
+    assert len(branches) > 2
+    free = ready.plain_start.variables.momentum.free
+    expected = [True, True, False, True] if free else [True, *3 * [False]]
+    assert [start.at_once for start in found[:4]] == expected
 
 
 @pytest.mark.parametrize("number", [2, 4])

@@ -69,6 +69,7 @@ class Ended:
     iterations: int
     evaluations: int
     starts: int
+    at_once: bool
 
 
 class CompiledAttempts:
@@ -127,7 +128,7 @@ class CompiledAttempts:
         kept = slice(0, ended.minima.found)
         row = self._found_row[kept]
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
-        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started
+        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started, bool(ended.at_once)
         return Ended(found, draws["branch"], STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
 
     @cached_property
@@ -154,40 +155,6 @@ def compiled_attempts(
     if watch is None or not all(watch.known) or (quantity and watch.also is None):
         return None
     return CompiledAttempts(problem, model, constraints, watch, level)
-
-
-def drawn_start(
-    model: FlightModel,
-    constraints: tuple[Constraint, ...],
-    variables: DecisionVariables,
-    x: Array,
-    number: int,
-    seed: int,
-) -> tuple[Array, IntArray, bool]:
-    """Return the start of a number as the kernel follows it: ``starts.hpp``; x and ``variables`` are of number 0.
-
-    Returns
-    -------
-    x : (size,), branch : (n,) int, at_once : bool
-    """
-    watch = watch_of(model.flight, constraints, "")
-    assert watch, "the flight is in a plane"
-    known = [block for block, is_known in zip(constraints, watch.known, strict=True) if is_known]
-    windows = np.repeat(
-        [block.window for block in known] or np.empty((0, 2)), [len(block.labels) for block in known], 0
-    )
-    of_attempt = {"rows": watch.rows, "first": number, "objective_scale": 1.0, "bodies": model.flight.bodies}
-    found, at_ends = x.copy(), np.zeros(watch.rows, np.int64)
-    arrays = {"tolerance": None, "at_ends": at_ends, "instants": None, "x": found}
-    attempt = Filled("Attempt", **of_attempt, **arrays, low=windows[:, 0], high=windows[:, 1])
-    draws = _draws(variables, seed, len(constraints))
-    given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
-    settings = constrained_settings(), _rules(model.flight.bodies)
-    parts = attempt.structure, draws.structure, watch.kernel.instructions
-    if watch.kernel.draw(*watch.references, *given, *settings, *parts):
-        raise MemoryError("no memory to draw a start")
-    model.work += attempt.structure.work
-    return found, draws["branch"], bool(attempt.structure.at_once)
 
 
 def _draws(variables: DecisionVariables, seed: int, constraints: int) -> Filled:
