@@ -56,7 +56,6 @@ CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands b
 EASY_ITERATIONS = 40  # [-] of a plain start: with fewer of them other starts promise little
 WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of random motions
-SECANT_STEPS = 4  # towards a start that meets (14), between two motions
 # Of the compiled one alone.
 FINER = 2  # levels of grids, from one to the next with twice the nodes
 USUAL_NODES = 128  # grids of more are made where they are needed

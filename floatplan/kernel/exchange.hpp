@@ -29,20 +29,19 @@ class Follower {
             attempt.at_once = 1;
             follow_best();
         }
-        if (!is_best) finish(best, attempt.status);
+        if (!is_best) finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
         copy(attempt.x, best, program.size);
         attempt.iterations = search.iterations;
         attempt.evaluations = program.evaluations;
         attempt.work = program.work;
     }
 
-    // Judges where a start ended, with that status.
-    void finish(const double *x, Index ended_as) {
+    // Judges again where a start ended, with nodes of that level.
+    void finish(const double *x, Index level, Index ended_as) {
         copy(attempt.x, x, program.size);
         status = static_cast<Status>(ended_as);
         attempt.violation = HUGE_VAL;
-        begin(0, attempt.x);
-        judge();
+        judge_at(level, attempt.x);
     }
 
   private:
@@ -175,13 +174,16 @@ class Follower {
     // Checks (14) and the rows, between the instants too; keeps what violates least, of equals what costs less, or is known
     // to be optimal.
     void judge() {
-        Evaluated &now = *search.now;
+        const Index level = program.level_needed(*search.now, set.stages[2].quadrature_error);
+        judge_at(level < attempt.level ? attempt.level : level, search.now->x);
+    }
+
+    void judge_at(Index level, const double *x) {
         program.watches = false;
         extra_count = 0;
-        Index level = program.level_needed(now, set.stages[2].quadrature_error);
-        if (level < attempt.level) level = attempt.level;
-        for (begin(level, now.x); program.unresolved(now) > set.unresolved && level + 1 < set.levels;)
-            begin(++level, now.x);
+        begin(level, x);
+        while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) begin(++level, search.now->x);
+        const Evaluated &now = *search.now;
         program.watches = has_rows;
         const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
         program.look(now, attempt.minima);

@@ -237,15 +237,14 @@ struct Attempt {
     Index status, iterations, evaluations, judged_level;
 };
 
-// How starts are drawn: each by the seed and its number alone, between random motions; see crossings.hpp.
+// How starts are drawn, each by the seed and its number alone.
 struct Draws {
-    Index level, random, steps;               // of grids; motions drawn for a start; of the secant method
-    double least_share, spreads[6];           // of a step, from either side; how wild motions are
+    Index level, random;                      // of grids; how many motions the start is one of
+    double spreads[6];                        // how wild these are
     std::uint64_t seed;
     Index fractions;                          // 0: none
     const double *fraction;                   // (fractions) of the reach of h: the x given, there, in turns with others
     const double *offset_map;                 // (m, given): by which the offset follows the boundary, or null
-    double *motions;                          // (1 + random, size)
     Index *branch;                            // (joints), at landing, against the boundary given
 };
 

@@ -1,7 +1,5 @@
 // Starts by their numbers: number 0 is the x given; where h is free, the same x at other h takes turns with the first of
-// the others. These are drawn between random motions: theta0(T) is continuous in x, so that between a motion that turns
-// too much and one that turns too little there is one that meets (14). Pairs of them are followed by the secant method,
-// all together so many steps; of what they lead to that counts which violates the rows least, then the smallest.
+// the others. Each of these is the one of some random motions that violates (14) and the rows least.
 
 // A class of motions that lands on other branches of the arcsine than another: odd ones mirror p about pi/2.
 class BranchedMotions {
@@ -49,13 +47,10 @@ class NumberedStarts {
     NumberedStarts(Program &program, BranchedMotions &motions, const Exchange &rules, double bodies, Draws &draws,
                    Index joints)
         : program(program), motions(motions), rules(rules), bodies(bodies), draws(draws), n(joints),
-          free(motions.at.first[joints]), size(motions.at.size), count(1 + draws.random) {}
+          free(motions.at.first[joints]), size(motions.at.size) {}
 
     void lay_out(Arena &arena) {
-        for (double **each : {&missed, &length, &low_missed, &high_missed, &merit}) arena.take(*each, count);
-        for (Index **each : {&over, &under}) arena.take(*each, count);
-        for (double **each : {&low, &high, &middle}) arena.take(*each, count * size);
-        for (double **each : {&given, &beside}) arena.take(*each, size);
+        for (double **each : {&given, &z}) arena.take(*each, size);
         for (double **each : {&inverse, &matrix}) arena.take(*each, free * free);
     }
 
@@ -89,11 +84,10 @@ class NumberedStarts {
     const Exchange &rules;
     const double bodies;
     Draws &draws;
-    Index n, free, size, count, *over, *under;
-    double *missed, *length, *low, *high, *middle, *low_missed, *high_missed, *merit, *given, *beside;
-    double *inverse, *matrix;  // of the scaling
+    Index n, free, size;
+    double *given, *z, *inverse, *matrix;  // the last two of the scaling
 
-    // Half of the motions are cheap for the objective, half are drawn in z, on the plain branches and on others in turns.
+    // Half of the motions are drawn in z, half are cheap for the objective, on the plain branches and on others in turns.
     void draw(Index number, double *x) {
         Random random{draws.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(number + 1)};
         for (Index i = 0; number % 2 && i < n; ++i) {
@@ -101,86 +95,32 @@ class NumberedStarts {
             draws.branch[i] = drawn < 0.25 ? -1 : drawn < 0.75 ? 0 : 1;
         }
         motions.land_on(draws.branch);
-        for (Index k = 0; k < count; ++k) {
-            double *motion = draws.motions + k * size;
-            const double spread = k ? draws.spreads[(k - 1) / 2 % 6] : 0;
-            for (Index i = 0; i < free; ++i) beside[i] = spread * random.normal();
-            if (k % 2) copy(motion, beside, free);
-            else to_variables(beside, motion);
-            for (Index a = free; a < size; ++a) motion[a] = k ? 2 * random.uniform() - 1 : 0;
-        }
         const double before = program.work;
         const Index evaluations = program.evaluations;
         program.back_off = 0;
-        program.watches = false;
-        program.watch(draws.level, nullptr, 0);
-        find(x);
         program.watches = true;
-        const double instants = (program.evaluations - evaluations) * program.nodes();
-        program.work = before + (1 + draws.steps) * rules.evaluation + instants * bodies;  // a step's motions together
-        program.evaluations = evaluations;
-    }
-
-    void to_variables(double *z, double *x) const {
-        for (Index i = 0; i < free; ++i) z[i] -= motions.at.offset[i];
-        multiply(inverse, free, free, z, 1, x);
-    }
-
-    void find(double *x) {
-        for (Index k = 0; k < count; ++k) {
-            const double *motion = draws.motions + k * size;
-            missed[k] = miss(motion);
-            length[k] = std::sqrt(dot(motion, motion, size));
-        }
-        const Index overs = rank_side(over, 1), unders = rank_side(under, -1);
-        if (overs && unders) return cross(overs, unders, x);
-        Index nearest = 0;  // where all turn too much, or all too little
-        for (Index k = 1; k < count; ++k)
-            if (std::fabs(missed[k]) < std::fabs(missed[nearest])) nearest = k;
-        copy(x, draws.motions + nearest * size, size);
-    }
-
-    double miss(const double *x) {
+        program.watch(draws.level, nullptr, 0);
         Evaluated &at = program.two[0];
-        copy(at.x, x, size);
-        program.evaluate(at);
-        return at.equality;
-    }
-
-    // The motions on one side of the goal, shorter ones first; how many.
-    Index rank_side(Index *side, double sign) {
-        Index found = 0;
-        for (Index k = 0; k < count; ++k)
-            if (sign * missed[k] > 0) side[found++] = k;
-        std::stable_sort(side, side + found, [&](Index a, Index b) { return length[a] < length[b]; });
-        return found;
-    }
-
-    void cross(Index overs, Index unders, double *x) {
-        const Index pairs = overs > unders ? overs : unders;
-        for (Index k = 0; k < pairs; ++k) {
-            const Index a = over[k % overs], b = under[k % unders];
-            copy(low + k * size, draws.motions + a * size, size), low_missed[k] = missed[a];
-            copy(high + k * size, draws.motions + b * size, size), high_missed[k] = missed[b];
+        double least = HUGE_VAL;
+        for (Index k = 0; k < draws.random; ++k) {
+            const double spread = draws.spreads[k / 2 % 6];
+            for (Index i = 0; i < free; ++i) z[i] = spread * random.normal();
+            if (k % 2) {
+                copy(at.x, z, free);
+            } else {
+                for (Index i = 0; i < free; ++i) z[i] -= motions.at.offset[i];
+                multiply(inverse, free, free, z, 1, at.x);
+            }
+            for (Index a = free; a < size; ++a) at.x[a] = 2 * random.uniform() - 1;
+            program.evaluate(at);
+            const double violated = at.equality * at.equality + at.squares;
+            if (k && !(violated < least)) continue;
+            least = violated;
+            copy(x, at.x, size);
         }
-        for (Index step = 0; step < draws.steps; ++step) {
-            program.watches = step + 1 == draws.steps;
-            for (Index k = 0; k < pairs; ++k) follow(k);
-        }
-        copy(x, middle + (std::min_element(merit, merit + pairs) - merit) * size, size);
-    }
-
-    // One step of a pair's secant method.
-    void follow(Index k) {
-        double *from = low + k * size, *to = high + k * size, *x = middle + k * size;
-        double share = low_missed[k] / (low_missed[k] - high_missed[k]);
-        share = smaller(larger(share, draws.least_share), 1 - draws.least_share);
-        for (Index i = 0; i < size; ++i) x[i] = from[i] + share * (to[i] - from[i]);
-        const double left = miss(x);
-        copy(left > 0 ? from : to, x, size);
-        (left > 0 ? low_missed : high_missed)[k] = left;
-        merit[k] = program.two[0].squares + 1e-9 * std::sqrt(dot(x, x, size));
-        if (!(merit[k] < HUGE_VAL)) merit[k] = HUGE_VAL;
+        const double instants = draws.random * program.nodes();
+        program.work = before + rules.evaluation + instants * bodies;  // all of them together
+        program.evaluations = evaluations;
     }
 };
 
@@ -193,7 +133,7 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     Follower follower(robot, constraints, motions.at, levels, settings, rules, attempt);
     NumberedStarts starts(follower.program, motions, rules, attempt.bodies, draws, robot.joints);
     double *x, *best;
-    Index *branch, status = infeasible;
+    Index *branch, level = 0, status = infeasible;
     Room room;
     auto lay_out = [&](Arena &arena) {
         motions.lay_out(arena);
@@ -218,7 +158,7 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
         }
         is_best = !attempt.started++ || attempt.violation < least;
         if (is_best) {
-            least = attempt.violation, status = attempt.status;
+            least = attempt.violation, level = attempt.judged_level, status = attempt.status;
             copy(best, attempt.x, plain.size);
             std::copy(draws.branch, draws.branch + robot.joints, branch);
         }
@@ -227,6 +167,6 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     if (is_best) return 0;
     std::copy(branch, branch + robot.joints, draws.branch);
     motions.land_on(branch);
-    follower.finish(best, status);
+    follower.finish(best, level, status);
     return 0;
 }

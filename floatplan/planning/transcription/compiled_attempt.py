@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, SECANT_STEPS, SPREADS, STATUS, constrained_settings
+from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -45,9 +45,8 @@ NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is f
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
 ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
-MOTIONS_PER_VARIABLE = 10  # random ones, between which a start is drawn; fewer find worse plans of many joints
-# How starts are drawn: level of grids, steps between two motions, of each step the least share, how wild motions are.
-DRAWN = {"level": 2, "steps": SECANT_STEPS, "least_share": 0.05, "spreads": SPREADS}
+MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer find worse plans of many joints
+LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +158,10 @@ def compiled_attempts(
 
 def _draws(variables: DecisionVariables, seed: int, constraints: int) -> Filled:
     """How starts are drawn; where nothing is constrained, h is not tried first."""
-    numbers: dict[str, Any] = {**DRAWN, "random": MOTIONS_PER_VARIABLE * variables.size}
+    numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
     fractions = np.array(MOMENTUM_FRACTIONS if constraints else ())
-    motions = np.empty((1 + numbers["random"], variables.size))
     branch = np.zeros(len(variables.polynomials.free), np.int64)
-    arrays = {"fraction": fractions, "offset_map": variables.offset_map, "motions": motions, "branch": branch}
+    arrays = {"fraction": fractions, "offset_map": variables.offset_map, "branch": branch}
     return Filled("Draws", seed=seed, fractions=len(fractions), **numbers, **arrays)
 
 
