@@ -14,14 +14,18 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from general_flight import general_flight
+from kernel_program import KernelProgram
 from scipy.optimize import minimize
 
 import floatplan as fp
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
+from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization.programs import AnyEvaluation
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import constraints
 from floatplan.planning.transcription.program import FlightProgram, objective
-from floatplan.planning.transcription.trajectory import flight_model, sample_nodes
+from floatplan.planning.transcription.trajectory import FlightModel, sample_nodes
 from floatplan.planning.transcription.variables import decision_variables
 
 NODES = 64
@@ -49,8 +53,8 @@ class Answer:
 
 
 def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
-    """Return floatplan's program at a fixed number of nodes, arcsine branches 0."""
-    model = flight_model(problem)
+    """Return floatplan's program at a fixed number of nodes, arcsine branches 0, with derivatives in NumPy."""
+    model = FlightModel(general_flight(problem))
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
     sampling = sample_nodes(gauss_grid(nodes), variables.polynomials.form)
@@ -62,7 +66,8 @@ class Slsqp:
     """SciPy's SLSQP on the reduced program."""
 
     def __init__(self, problem: fp.Problem, nodes: int = NODES, iterations: int = MOST_ITERATIONS) -> None:
-        self.program = reduced_program(problem, nodes)
+        self._variables = Attempts(problem, 0).plain_start.variables
+        self.program: FlightProgram | KernelProgram = KernelProgram(problem, NODE_COUNTS.index(nodes))
         self._iterations = iterations
         self._at: bytes = b""
 
@@ -76,7 +81,7 @@ class Slsqp:
         """Solve from the plain motion."""
         self._at = b""
         began = time.perf_counter()
-        at, variables = self._evaluation, self.program.variables
+        at, variables = self._evaluation, self._variables
         options: Any = {"maxiter": self._iterations, "ftol": 1e-9}
         rules: list[Any] = [{"type": "eq", "fun": lambda x: at(x).equality, "jac": lambda x: at(x).equality_jacobian}]
         if len(at(variables.plain_motion()).inequality):

@@ -22,11 +22,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from general_flight import GeneralFlight
 from peers import ACCEPTED, MOST_ITERATIONS, NODES, Answer, reduced_program
 
 import floatplan as fp
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.planning.transcription.program import CoefficientNorm
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -105,7 +105,7 @@ class CompiledSqp:
         """Return x, objective, (14), and a function of x that gives both with their derivatives in one pass."""
         program = self._program
         flight, variables, sampling = program.model.flight, program.variables, program.sampling
-        assert isinstance(flight, PlanarFlight), "only flight in the plane is written out"
+        assert isinstance(flight, GeneralFlight), "only flight in the plane is written out"
         polynomials = variables.polynomials
         n, width, duration = len(polynomials.free), polynomials.width, polynomials.duration
         spread = np.zeros((n * width, variables.size))

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 from general_flight import BaseRate, GeneralDynamics, general_flight
-from peers import MOST_ITERATIONS, NODES, Slsqp
+from peers import MOST_ITERATIONS, NODES, Slsqp, reduced_program
 
 import floatplan as fp
 from floatplan.arrays import Array
@@ -77,4 +77,5 @@ class PinocchioSlsqp(Slsqp):
 
     def __init__(self, problem: fp.Problem, nodes: int = NODES, iterations: int = MOST_ITERATIONS) -> None:
         super().__init__(problem, nodes, iterations)
-        self.program = replace(self.program, model=FlightModel(general_flight(problem, pinocchio_rate(problem.robot))))
+        model = FlightModel(general_flight(problem, pinocchio_rate(problem.robot)))
+        self.program = replace(reduced_program(problem, nodes), model=model)

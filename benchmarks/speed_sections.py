@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from generated_problems import random_problem
 from measuring import Counts, example, heading, in_turns, planner, stopwatch, table
-from peers import NODES, Answer, Ipopt, Slsqp
+from peers import NODES, Answer, Ipopt, Slsqp, reduced_program
 from peers_compiled import CompiledSqp, can_compile
 from peers_pinocchio import PinocchioSlsqp
 
@@ -30,7 +30,7 @@ PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea"
 
 def final_nodes(plan: fp.Plan) -> int:
     """Quadrature nodes that floatplan settles on for a motion."""
-    program = Slsqp(plan.problem).program
+    program = reduced_program(plan.problem, NODES)
     b = plan.coefficients
     polynomials = program.variables.polynomials
     powers = powers_map(polynomials.form, polynomials.duration)

@@ -77,11 +77,9 @@ def fly(correct: bool) -> tuple[float, bool, np.ndarray]:
     weakest, strongest = model.jnt_actfrcrange[[model.joint(name).id for name in names]].T
     planned, motors = ([names.index(name) for name in which] for which in (robot.joints, robot.motors))
     replanner, missed, period, pitches = fp.Replanner(plan, rate=250), nan, jump["time"][1], []
-    last = len(jump["time"]) - 1
     for tick in range(round((jump["time"][-1] + AFTER) / period)):
-        row, t = min(tick, last), tick * period - takeoff
-        q, v = (jump[name][row, -len(names) :].copy() for name in ("q", "v"))
-        torques = jump["tau"][[row, min(row + 1, last)], -len(names) :].mean(axis=0)  # held for a period
+        row, t = min(tick, len(jump["time"]) - 1), tick * period - takeoff
+        q, v, torques = (jump[name][row, -len(names) :].copy() for name in ("q", "v", "tau"))
         positions, velocities = data.qpos[places], data.qvel[rates]
         pitch, pitch_rate = 2 * atan2(data.qpos[4:7] @ normal, data.qpos[3]), data.qvel[3:6] @ normal
         pitches.append(pitch)
@@ -91,7 +89,7 @@ def fly(correct: bool) -> tuple[float, bool, np.ndarray]:
             replanner.update(t, pitch, pitch_rate, positions[planned], velocities[planned])
             reference = replanner.reference(t)
             q[motors], v[motors] = robot.motor_ratios @ reference.positions, robot.motor_ratios @ reference.velocities
-            torques[motors] = replanner.reference(t + period / 2).motors
+            torques[motors] = reference.motors
         torques += jump["kp"] * (q - positions) + jump["kd"] * (v - velocities)
         data.qfrc_applied[rates] = np.clip(torques, weakest, strongest)
         mujoco.mj_step(model, data, nstep=round(period / STEP))

@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from browser import Browser, started
 from once import made_once
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from threadpoolctl import threadpool_limits
+from typer.main import get_command
 from typer.testing import CliRunner
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ TREES = {  # plane, normal and seed of trees that stay well enough in their plan
     "tree xy": ("xy", "z", 22),
     "tree coupled": ("xz", "y", 38),
 }
+
+put_together = cache(get_command)  # what typer's runner does anew at each call
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
     for seconds in UNASKED:
         monkeypatch.setattr(seconds, math.inf)
+    monkeypatch.setattr("typer.testing._get_command", put_together)
     monkeypatch.setattr("floatplan.cli.commands.COMPARISON_BUDGET", PATIENT)
     here = tmp_path / "here"
     here.mkdir()

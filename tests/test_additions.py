@@ -16,53 +16,54 @@ MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 6
 
 Edits = Mapping[str, tuple[tuple[str, str], ...]]  # file -> what is there once, and what is put in its place
 
-POWER: Edits = {
+EFFORT: Edits = {
     "floatplan/tables.py": (
-        ('Literal["velocity", "acceleration", "torque",', 'Literal["velocity", "acceleration", "torque", "power",'),
+        ('Literal["velocity", "acceleration", "torque",', 'Literal["velocity", "acceleration", "torque", "effort",'),
         (
             '    LimitRow("orientation_rate"',
-            '    LimitRow("power", "powers", "W", "Powers", "joints"),\n    LimitRow("orientation_rate"',
+            '    LimitRow("effort", "efforts", "N m", "Efforts", "joints"),\n    LimitRow("orientation_rate"',
         ),
     ),
     "floatplan/problem/parts.py": (
         (
             "    acceleration: Annotated[",
-            '    power: Annotated[\n        Literal["none"] | JointValues,\n'
-            '        Key("Largest mechanical power", "W", "limit"),\n'
+            '    effort: Annotated[\n        Literal["none"] | JointValues,\n'
+            '        Key("Largest torque with friction", "N m", "limit"),\n'
             '    ] = "none"\n    acceleration: Annotated[',
         ),
     ),
     "floatplan/motion/dynamics.py": (
         (
             "    def shaped(self",
-            "    @property\n    def powers(self) -> Array:\n"
-            '        """Mechanical powers (..., n) of the joints, W."""\n'
-            "        return self.torques * self.velocities\n\n    def shaped(self",
+            "    @property\n    def efforts(self) -> Array:\n"
+            '        """Torques (..., n) with the friction of 1 N m s/rad, N m."""\n'
+            "        return self.torques + self.velocities\n\n    def shaped(self",
         ),
     ),
     "floatplan/planning/transcription/trajectory.py": (
         (
             '    "orientation_rate": MotionQuantity(',
-            '    "powers": MotionQuantity(\n'
-            "        lambda it: it.flown.torques * it.motion.velocities,\n"
-            "        lambda it: it.flown.torques[..., None] * it.quantity_jacobian('velocities')\n"
-            "        + it.motion.velocities[..., None] * it.quantity_jacobian('torques'),\n    ),\n"
+            '    "efforts": MotionQuantity(\n'
+            "        lambda it: it.flown.torques + it.motion.velocities,\n"
+            "        lambda it: it.quantity_jacobian('torques') + it.quantity_jacobian('velocities'),\n"
+            "        sums=lambda it: dict.fromkeys(('torques', 'velocities'), np.eye(it.tree.turns.shape[1])),\n"
+            "    ),\n"
             '    "orientation_rate": MotionQuantity(',
         ),
     ),
     "floatplan/certificate/planar/flight.py": (
-        ("    rate: Taylor\n", "    powers: Taylor\n    rate: Taylor\n"),
+        ("    rate: Taylor\n", "    efforts: Taylor\n    rate: Taylor\n"),
         (
             "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)",
-            "    powers = body_torques.linear(robot.turns.transposed) * dq\n"
-            "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), powers, rate, cos, sin)",
+            "    efforts = body_torques.linear(robot.turns.transposed) + dq\n"
+            "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), efforts, rate, cos, sin)",
         ),
     ),
     "floatplan/plans/measures.py": (
         (
             "    position_low: float\n",
-            "    power_peak: float\n    power_limit: float | None\n    power_utilisation: float | None\n"
-            "    power_instant: float\n    position_low: float\n",
+            "    effort_peak: float\n    effort_limit: float | None\n    effort_utilisation: float | None\n"
+            "    effort_instant: float\n    position_low: float\n",
         ),
     ),
 }
@@ -154,43 +155,42 @@ from floatplan.tables import LIMIT_TABLE
 
 problem = fp.load_problem(ROOT / "problems" / "somersault.toml")
 free = fp.plan(problem)
-most = float(0.8 * free.peaks.joints["power"].max())
-limited = saved(replace(problem, limits=replace(problem.limits, power=most)))
-assert limited.joint_limits["power"].tolist() == [most] * len(problem.robot.joints)
+most = float(0.8 * free.peaks.joints["effort"].max())
+limited = saved(replace(problem, limits=replace(problem.limits, effort=most)))
+assert limited.joint_limits["effort"].tolist() == [most] * len(problem.robot.joints)
 plan = fp.plan(limited, prove=True)
 assert plan.ok and plan.certificate.proved
-assert plan.peaks.joints["power"].max() <= most * (1 + 1e-9) < free.peaks.joints["power"].max()
-names = [f"power {joint}" for joint in problem.robot.joints]
-assert verdicts(plan, "power") == dict.fromkeys(names, "proved")
+assert plan.peaks.joints["effort"].max() <= most * (1 + 1e-9) < free.peaks.joints["effort"].max()
+names = [f"effort {joint}" for joint in problem.robot.joints]
+assert verdicts(plan, "effort") == dict.fromkeys(names, "proved")
 content = json.loads(Path("plan.json").read_text())
-content["problem"]["limits"]["power"] = [0.5 * most] * len(names)
+content["problem"]["limits"]["effort"] = [0.5 * most] * len(names)
 Path("tampered.json").write_text(json.dumps(content))
-assert "refuted" in {each.verdict for each in fp.certify("tampered.json").findings if each.kind == "power"}
-assert "Powers" in report(plan) and "powers" in figures(plan)
-assert LIMIT_TABLE["power"] in limits_shown(plan.utilisation)
-assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
-assert varied_number("limits.power", False).unit == "W"
-by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
-assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
+assert "refuted" in {each.verdict for each in fp.certify("tampered.json").findings if each.kind == "effort"}
+assert "Efforts" in report(plan) and "efforts" in figures(plan)
+assert LIMIT_TABLE["effort"] in limits_shown(plan.utilisation)
+assert "effort" in problem_schema()["$defs"]["LimitsTable"]["properties"]
+assert varied_number("limits.effort", False).unit == "N m"
+by_hand = edits.limit("effort", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
+assert edits.limit_of(by_hand, "effort", problem.robot.joints[0]) == edits.AMPLE * 10
 inputs = MagicMock()
 LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), inputs)
-assert f"{problem.robot.joints[0]}, W" in [call.args[0] for call in inputs.slider.call_args_list]
+assert f"{problem.robot.joints[0]}, N m" in [call.args[0] for call in inputs.slider.call_args_list]
 try:
     fp.Replanner(plan)
 except fp.InputError as error:
-    assert "corrections in flight do not know limits of powers" in str(error)
+    assert "corrections in flight do not know limits of efforts" in str(error)
 else:
-    raise AssertionError("a correction in flight does not know powers")
+    raise AssertionError("a correction in flight does not know efforts")
 """
 
 OBSTACLE_WORKS = """
 from floatplan.inflight.prediction import DISTANCE_AIM
-from floatplan.compiled.constraints import DistanceRows, compiled_constraints
-from floatplan.motion.flight import flight_dynamics
+from kernel_program import KernelProgram
+from floatplan.compiled.constraints import CompiledConstraints, DistanceRows
+from floatplan.motion.planar.flight import planar_flight
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription import program
-from floatplan.planning.transcription.program import objective
-from floatplan.planning.transcription.program import FlightProgram, watching
+from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio.panel import ObstaclesTab, obstacle_dials
 from floatplan.view.scene.scene import obstacle_slab
@@ -205,26 +205,19 @@ free = fp.plan(replace(problem, obstacles=()))
 assert free.clearances(times, [bend]).min() < 0
 assert np.array_equal(free.clearances(times, [bend]), free.clearances(times, bend.pieces))
 
-compiled = compiled_constraints(flight_dynamics(asked), [DistanceRows(bend, 0.0, 1.0)])
+compiled = CompiledConstraints(planar_flight(asked), [DistanceRows(bend, 0.0, 1.0)])
 assert compiled.rows == 2 * len(problem.robot.shapes)
 plan = fp.plan(asked, prove=True)
 assert plan.ok and plan.certificate.proved
 assert plan.clearances(times).min() >= 0.02 - 1e-8
 
-def rows():
-    ready = Attempts(asked, 0)
-    variables = ready.plain_start.variables
-    nodes = ready.model.nodes(4, variables.polynomials.form)
-    aim = objective(asked, ready.model, variables, nodes)
-    sampling = watching(nodes, ready.constraints, np.array([0.3]))
-    return FlightProgram(ready.model, variables, sampling, aim, ready.constraints).evaluate(ready.plain_start.x)
-
-of_kernel = rows().inequality
-program.compiled_constraints = lambda *arguments, **options: None
-program.watch_of.cache_clear()
-assert np.allclose(of_kernel, rows().inequality, rtol=1e-10, atol=1e-10) and np.abs(of_kernel).max() > 0
-program.compiled_constraints = compiled_constraints
-program.watch_of.cache_clear()
+ready = Attempts(asked, 0)
+start = ready.plain_start
+nodes = ready.model.nodes(4, start.variables.polynomials.form)
+of_kernel = KernelProgram(asked, 4).whole(start.x)["values"]
+(block,) = ready.constraints
+by_numpy = block.values(trajectory(ready.model, start.variables, nodes, start.x)).T
+assert np.allclose(of_kernel, by_numpy, rtol=1e-10, atol=1e-10) and np.abs(of_kernel).max() > 0
 
 assert verdicts(plan, "obstacle") == {"obstacles[0] bend": "proved"}
 for shift in np.linspace(-0.5, 0.5, 11):
@@ -274,7 +267,7 @@ def added(edits: Edits, folder: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("edits", "most", "works"),
-    [(POWER, MOST_FILES_OF_A_LIMIT, LIMIT_WORKS), (BEND, MOST_FILES_OF_AN_OBSTACLE, OBSTACLE_WORKS)],
+    [(EFFORT, MOST_FILES_OF_A_LIMIT, LIMIT_WORKS), (BEND, MOST_FILES_OF_AN_OBSTACLE, OBSTACLE_WORKS)],
     ids=["limit", "obstacle"],
 )
 def test_an_addition_works_in_every_room(edits: Edits, most: int, works: str, tmp_path: Path) -> None:
@@ -282,6 +275,7 @@ def test_an_addition_works_in_every_room(edits: Edits, most: int, works: str, tm
     folder = added(edits, tmp_path)
     program = folder / "works.py"
     program.write_text(f"ROOT = __import__('pathlib').Path({str(ROOT)!r})\n{COMMON}{works}", encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    path = os.pathsep.join(map(str, (folder, ROOT / "benchmarks")))
+    environment = {**os.environ, "PYTHONPATH": path}
     run = subprocess.run([sys.executable, program], cwd=folder, env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr  # its last lines name the place that is left

@@ -115,11 +115,8 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
 
 
 def _numbers(option: str, text: str, degrees: bool) -> list[float]:
-    return [_angle(option, part, degrees) for part in _parts(text)]
-
-
-def _angle(option: str, text: str, degrees: bool) -> float:
-    return math.radians(_number(option, text)) if degrees else _number(option, text)
+    numbers = [_number(option, part) for part in _parts(text)]
+    return list(map(math.radians, numbers)) if degrees else numbers
 
 
 def gain(option: str, text: str | None) -> float | dict[str, float] | None:

@@ -193,7 +193,7 @@ class AsTyped:
         hints = getattr(self.callback, "__annotations__", {})
         for each in self.get_params(ctx):
             kind = AS_TYPED.get(getattr(hints.get(each.name), "__origin__", None))
-            vars(each)["process_value"] = functools.partial(_value, each, kind, each.process_value)
+            vars(each).setdefault("process_value", functools.partial(_value, each, kind, each.process_value))
         return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
 
 

@@ -1,8 +1,7 @@
 """Rows of constraints of planar flights, compiled: distances, and sums of moments and rates, with their derivatives.
 
 Searches and corrections in flight share them; between nodes their least values are looked for. Their values are those
-of :mod:`floatplan.motion.planar.closed_form` and :mod:`floatplan.motion.planar.clearance`, in a few calls for each
-motion.
+of :mod:`floatplan.motion.planar.closed_form` and :mod:`floatplan.motion.planar.clearance`.
 """
 
 from __future__ import annotations
@@ -16,17 +15,16 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.compiled.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, address, kernel
-from floatplan.motion.dynamics import BaseMotion, FlightDynamics
+from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
+from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.closed_form import Ballistics
-from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
+from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
 
 SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
-RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Wanted"]
 QUANTITIES = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # of sums
 
 
@@ -56,20 +54,17 @@ class CompiledConstraints:
 
     Attributes
     ----------
-    known : tuple of bool
-        Of each block, whether the kernel knows it; others have no rows.
     block_first : (blocks + 1,) int
         Where each block's rows begin.
     differentiated : list of int
         Of each block, how many rows have derivatives that are not just the opposite of another's.
     also : (r, terms), optional
-        The numbers of that quantity as the kernel's sums, from number ``first_also`` on; None where there is none, or
-        the kernel does not know it.
+        The numbers of that quantity as the kernel's sums, from number ``first_also`` on; None where there is none.
     """
 
-    def __init__(self, flight: PlanarFlight, blocks: Sequence[Block | None], also: str = "") -> None:
+    def __init__(self, flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> None:
+        assert isinstance(flight, PlanarFlight), "the kernel's rows are of flights in a plane"
         self.kernel, self.flight = kernel(), flight
-        self.known = tuple(map(_is_known, blocks))
         tree = flight.tree
         self.links, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.links
@@ -77,17 +72,14 @@ class CompiledConstraints:
         written: Written = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
-        counts = [
-            self._write(block, written, obstacles, sums) if block and known else 0
-            for block, known in zip(blocks, self.known, strict=True)
-        ]
+        counts = [self._write(block, written, obstacles, sums) for block in blocks]
         self.rows = len(written)
         self.block_first = np.cumsum([0, *counts])
         columns = np.array(written).reshape(-1, 5).T
         kind, first, second = columns[:3].astype(np.int64)
         of_sums = np.array(sums).reshape(-1, self.terms)
         accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
-        self.also = self.sums(each_of(flight, also)) if also in QUANTITIES else None
+        self.also = self.sums(_each_of(flight, also)) if also else None
         self.needs_moments = "torque" in also or bool(moments.any())
         self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
         self.needs_places = bool((kind > SHARE).any())
@@ -138,6 +130,7 @@ class CompiledConstraints:
         of_torques = {"torques": tree.turns, "motor_torques": tree.motor_turns}
         begins = {"orientation_rate": 1, "velocities": 2, "accelerations": 2 + n}
         for quantity, weights in weighted.items():
+            assert quantity in QUANTITIES, f"the kernel knows no limits of {quantity}"
             if quantity in of_torques:
                 rows[:, 2 + 2 * n :] += weights @ of_torques[quantity].T[: weights.shape[1]]
             else:
@@ -189,132 +182,11 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
     return found
 
 
-def compiled_constraints(
-    flight: FlightDynamics, blocks: Sequence[Block | None], also: str = ""
-) -> CompiledConstraints | None:
-    """Return rows of a flight's constraints; None in space."""
-    return CompiledConstraints(flight, blocks, also) if isinstance(flight, PlanarFlight) else None
-
-
-def _is_known(block: Block | None) -> bool:
-    return block is not None and (not isinstance(block, SumRows) or block.weights.keys() <= set(QUANTITIES))
-
-
-def each_of(flight: PlanarFlight, quantity: str) -> SumRows:
+def _each_of(flight: PlanarFlight, quantity: str) -> SumRows:
     """Return the numbers of a quantity, each on its own."""
     joints, motors = (int(turns.shape[1]) for turns in (flight.tree.turns, flight.tree.motor_turns))
     width = {"motor_torques": motors, "orientation_rate": 1}.get(quantity, joints)
     return SumRows(np.zeros(width), {quantity: np.eye(width)})
-
-
-def quantity_rows(flight: FlightDynamics, quantity: str, s: Array) -> RowTargets | None:
-    """Return where the numbers of a quantity go, instant by instant; None in space."""
-    if not isinstance(flight, PlanarFlight):
-        return None
-    constraints = CompiledConstraints(flight, [each_of(flight, quantity)])
-    count = len(s) * constraints.rows
-    return RowTargets(constraints, s, np.arange(count).reshape(len(s), -1), count)
-
-
-class RowTargets:
-    """Where rows are evaluated: instants ``s`` (K,), and where each goes: ``target`` (K, rows), negative: nowhere.
-
-    ``count`` rows go somewhere; each value is lower by ``back_off``. Motions have copies of the ``template``, with
-    ``room`` numbers of memory.
-    """
-
-    def __init__(
-        self, constraints: CompiledConstraints, s: Array, target: IntArray, count: int, back_off: float = 0.0
-    ) -> None:
-        self.constraints, self.count, self.instants = constraints, count, len(s)
-        self._kept = constraints.flight.duration * s, target
-        self.template = STRUCTURES["Evaluation"](back_off=back_off)
-        self.template.motion.instants = len(s)
-        self.template.motion.per_second = 1 / constraints.flight.duration
-        self.template.point_to(times=self._kept[0], target=target)
-        self.room = constraints.kernel.motion_room(*constraints.references, self.template, 0)
-
-
-@dataclass(frozen=True, eq=False)
-class ByX:
-    """How the joints and h depend on x: ``basis`` (3, size, 8 ..) of p and its derivatives by s at instants.
-
-    ``columns`` (n+1,) says where each joint's x begin, and then those of h, which is moved by ``axes`` (H,); they move
-    p too by ``of_axes`` (3, n, H, 8 ..), where the conditions (13) change with h.
-    """
-
-    basis: Array
-    columns: IntArray
-    axes: Array
-    of_axes: Array | None = None
-
-
-class MotionRows:
-    """A flight at these instants; what it computes of the base's motion, ``flown`` need not compute again."""
-
-    def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
-        assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
-        joints, constraints = flown.joints, instants.constraints
-        self._instants, self._flown, self._constraints = instants, flown, constraints
-        self._memory = np.empty(instants.room)
-        self._structure = type(instants.template).from_buffer_copy(instants.template)
-        constraints.kernel.motion_room(*constraints.references, self._structure, address(self._memory))
-        motion = self._structure.motion
-        self._rate, self._moment = np.empty(motion.stride), np.empty((constraints.links, motion.stride))
-        motion.point_to(rate=self._rate, moment=self._moment)
-        self._structure.momentum = flown.angular_momentum[0, 0]
-        self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
-        self._call(RATES)
-        flown.__dict__["base_rate"] = self._rate[: instants.instants]
-
-    def _call(self, wanted: int, result: int = 0, count: int = 0, given: int = 0) -> None:
-        constraints = self._constraints
-        pack = np.empty((self._structure.variables.size, 8))
-        rows, instructions = constraints.kernel.rows, constraints.kernel.instructions
-        rows(*constraints.references, self._structure, wanted, given, count, address(pack), result, instructions)
-
-    def values(self) -> Array:
-        """Values (count,) of the rows."""
-        constraints, structure, flown = self._constraints, self._structure, self._flown
-        if constraints.needs_accelerations:
-            structure.point_to(accelerations=flown.joints.accelerations)
-        if constraints.needs_places:
-            structure.point_to(attitude=flown.attitude)
-        values = np.empty(self._instants.count)
-        self._call(VALUES, address(values))
-        if constraints.needs_moments:
-            flown.__dict__["moments"] = self._moment[:, : self._instants.instants].T
-        return values
-
-    def drift(self, by_x: ByX, instants: int) -> Array:
-        """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
-        structure, joints, variables = self._structure, self._flown.joints, self._structure.variables
-        variables.size, variables.stride = by_x.basis.shape[1:]
-        structure.point_to(sine=joints.sine, cosine=joints.position_by_p, p_rate=joints.p_rate)
-        if self._constraints.needs_accelerations:
-            structure.point_to(p_curvature=joints.p_curvature)
-        variables.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
-        if by_x.of_axes is not None:
-            variables.point_to(of_axes=by_x.of_axes)
-        drift = np.empty((variables.size, variables.stride))
-        self._call(DRIFT, address(drift), instants)
-        return drift[:, :instants].T
-
-    def jacobian(self, attitude_slopes: Array) -> Array:
-        """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
-        variables = self._structure.variables
-        padded = np.zeros((variables.size, variables.stride))
-        padded[:, : len(attitude_slopes)] = attitude_slopes.reshape(-1, variables.size).T
-        self._structure.point_to(attitude_slopes=padded)
-        jacobian = np.empty((self._instants.count, variables.size))
-        self._call(JACOBIAN, address(jacobian))
-        return jacobian
-
-    def gradient(self, weights: Array) -> Array:
-        """Derivatives (size,) by x of quantities times ``weights`` (instants, terms), summed; after :meth:`drift`."""
-        gradient = np.empty(self._structure.variables.size)
-        self._call(GRADIENT, address(gradient), len(weights), address(weights))
-        return gradient
 
 
 @dataclass(frozen=True, eq=False)

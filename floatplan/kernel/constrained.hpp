@@ -124,6 +124,12 @@ class Constrained {
         return squared;
     }
 
+    const double *elastic_step(double penalty) {
+        slack_penalty = penalty;
+        gather(*now), find_elastic_step();
+        return direction;
+    }
+
   private:
     struct Line {
         bool accepted;

@@ -186,25 +186,6 @@ EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolat
     return CHOSEN(measure_batch(*robot, interpolations, constraints, *peaks));
 }
 
-// Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.
-EXPORT Index floatplan_motion_room(const Robot *robot, const Constraints *constraints, Evaluation *at, double *memory) {
-    Arena arena = aligned(memory);
-    baseline::lay_out_motion(arena, at->motion, *robot, constraints->capsules, at->motion.instants);
-    return arena.numbers();
-}
-
-// Rows of constraints, see rows.hpp.
-EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, Evaluation *at, Index wanted,
-                           const double *given, Index count, double *pack, double *result, Index instructions) {
-    switch (static_cast<Wanted>(wanted)) {
-    case Wanted::rates: return CHOSEN(evaluate_rates(*robot, *at));
-    case Wanted::values: return CHOSEN(evaluate_rows(*robot, *constraints, *at, result));
-    case Wanted::drift: return CHOSEN(evaluate_drift(*robot, *at, count, result));
-    case Wanted::jacobian: return CHOSEN(evaluate_jacobian(*robot, *constraints, *at, pack, result));
-    default: return CHOSEN(evaluate_gradient(*robot, *constraints, *at, given, count, pack, result));
-    }
-}
-
 // How many numbers an update of a flight's corrections works in.
 EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight) {
     return baseline::FlightUpdate(*robot, *constraints, *flight, nullptr).room();
@@ -226,6 +207,13 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
                                const Nodes *levels, const Settings *settings, const Exchange *rules,
                                Attempt *attempt, Draws *draws, Index instructions) {
     return CHOSEN(follow_starts(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *draws));
+}
+
+// A program at one x; returns 0, or 1 where there was no memory for it.
+EXPORT Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
+                                const Nodes *levels, const Settings *settings, const Exchange *rules,
+                                const Attempt *attempt, Evaluation *at, Index instructions) {
+    return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
 }
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.

@@ -109,9 +109,6 @@ struct Constraints {
     const double *sums;  // (sums, 2 + 2 joints + links): constant, of theta0', velocities, accelerations, moments
 };
 
-// What is wanted of a motion's rows.
-enum class Wanted : Index { rates, values, drift, jacobian, gradient };
-
 // How joints and h depend on so many variables x.
 struct Variables {
     Index size;
@@ -120,18 +117,6 @@ struct Variables {
     const Index *columns;     // (joints + 1): where each joint's x begin; then h
     const double *axes;       // of h, by the rest of x
     const double *of_axes;    // (3, joints, axes, stride): p by these too, or null
-};
-
-// One motion of a search at some instants, and by what its rows change.
-struct Evaluation {
-    Variables variables;
-    double momentum, back_off;
-    const double *positions, *velocities, *accelerations;  // (instants, joints)
-    const double *times, *attitude;                        // (instants)
-    const Index *target;                                   // (instants, rows): where a row goes, negative: nowhere
-    const double *sine, *cosine, *p_rate, *p_curvature;    // (instants, joints) of JointMotion
-    const double *attitude_slopes;                         // (size, stride)
-    Motion motion;
 };
 
 // A whole motion, as sums of Chebyshev polynomials in 2 s - 1; of the orientation too.
@@ -235,6 +220,16 @@ struct Attempt {
     double *x;                                // (size): start number 0, then the best end
     double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; that of (14)
     Index status, iterations, evaluations, judged_level;
+};
+
+// A program at one x, at the nodes of a level and at other instants, all rows differentiated; and its elastic step, for a
+// penalty and with the Hessian that is guessed.
+struct Evaluation {
+    Index level, extra;
+    const double *others, *x;                 // (extra), rising; (size)
+    double back_off, penalty, objective, equality;
+    double *gradient, *row, *hessian, *step;  // (size), of (14) (size), (size, size), (size)
+    double *values, *slopes;                  // (rows, instants ..), (rows, instants .., size)
 };
 
 // How starts are drawn, each by the seed and its number alone.

@@ -24,8 +24,7 @@ from floatplan.arrays import Array
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Obstacle
 
-# The joints' rates (2, n), rad/s, at takeoff and landing for h (e,), and their derivatives (2, n, e) by h
-RatesAtEnds: TypeAlias = Callable[[Array], tuple[Array, Array]]
+RatesAtEnds: TypeAlias = Callable[[Array], Array]  # the joints' rates (2, n), rad/s, at takeoff and landing for h (e,)
 
 
 class Partials(NamedTuple):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +25,8 @@ Detail = TypeVar("Detail")
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
-ELASTIC_ITERATIONS = 20  # of Newton's method
+ELASTIC_ITERATIONS = 80  # of Newton's method
+ENOUGH = 1e-6  # [-] of the slope along a step of that: the whole step is taken where no more is left
 REGULARISATION = 1e-12  # [-] of the elastic system, relative to the slack penalty
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 ACTIVE_PER_VARIABLE = 4  # [-] inequalities of the last QP that the next begins with; at a vertex there is 1
@@ -245,25 +247,48 @@ def _most_violated(values: Array, threshold: float) -> IntArray:
 def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> Step:
     """Solve the QP with a slack in every constraint and a quadratic penalty on the slacks: it always has a solution.
 
-    Without the slacks it is a piecewise quadratic function, minimised by Newton's method on the violated rows.
+    Without the slacks it is a convex function, quadratic piece by piece, minimised by Newton's method on the violated
+    rows, each step as far as the function falls.
     """
     equality, rows = current.equality_jacobian, current.inequality_jacobian
-    fixed_hessian = hessian + slack_penalty * equality.T @ equality
-    fixed_gradient = current.gradient + slack_penalty * equality.T @ current.equality
+    fixed = hessian + slack_penalty * equality.T @ equality
+    regular = REGULARISATION * slack_penalty * np.eye(len(hessian))
     direction: Array = np.zeros(len(hessian))
-    violated = current.inequality < 0
+    linearised, gradient = current.inequality, current.gradient + slack_penalty * equality.T @ current.equality
     for _ in range(ELASTIC_ITERATIONS):
+        violated = linearised < 0
         jacobian = rows[violated]
-        regular = REGULARISATION * slack_penalty * np.eye(len(hessian))
-        matrix = fixed_hessian + slack_penalty * jacobian.T @ jacobian + regular
-        direction = -solved(matrix, fixed_gradient + slack_penalty * jacobian.T @ current.inequality[violated])
-        violated_after = current.inequality + rows @ direction < 0
-        if (violated_after == violated).all():
+        slope = gradient + slack_penalty * jacobian.T @ linearised[violated]
+        change = -solved(fixed + slack_penalty * jacobian.T @ jacobian + regular, slope)
+        pieces = linearised, rows @ change, slack_penalty
+        length = _lowest(float(gradient @ change), float(change @ fixed @ change), *pieces)
+        direction, gradient = direction + length * change, gradient + length * fixed @ change
+        linearised = current.inequality + rows @ direction
+        if length == 1 and ((linearised < 0) == violated).all():
             break
-        violated = violated_after
-    residual, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
+    residual = current.equality + equality @ direction
     multipliers = Multipliers(slack_penalty * residual, slack_penalty * np.maximum(-linearised, 0))
     return Step(direction, multipliers, total_violation(residual, linearised), elastic=True)
+
+
+def _lowest(slope: float, bend: float, values: Array, changes: Array, penalty: float) -> float:
+    """Where a convex function is least along a line: of its part without rows slope and second derivative are given.
+
+    Rows have these values (k,), and change so much; between two lengths at which one vanishes it is quadratic.
+    """
+
+    def derivative(length: float) -> float:
+        violated = np.minimum(values + length * changes, 0)
+        return slope + length * bend + penalty * float(changes @ violated)
+
+    lengths = np.divide(-values, changes, out=np.full(len(values), np.inf), where=changes != 0)
+    kinks = [0.0, *np.sort(lengths[(lengths > 0) & np.isfinite(lengths)]).tolist()]
+    after = bisect_left(kinks, 0.0, lo=1, key=derivative)
+    low, high = kinks[after - 1], kinks[after] if after < len(kinks) else kinks[after - 1] + 1
+    below, above = derivative(low), derivative(high)
+    return (
+        1.0 if abs(derivative(1.0)) <= ENOUGH * abs(derivative(0.0)) else low - below * (high - low) / (above - below)
+    )
 
 
 def solved(matrix: Array, right: Array) -> Array:

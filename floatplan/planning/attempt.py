@@ -14,13 +14,12 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.batch import CAUTIOUS, STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
+from floatplan.compiled.batch import STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, on_branch, plain_draw, plain_start
 from floatplan.planning.transcription.compiled_attempt import (
-    CLOSER,
     PROMISING,
     SAME,
     WATCHED_AT_MOST,
@@ -36,7 +35,6 @@ from floatplan.planning.transcription.program import (
     instants_beside_nodes,
     objective,
     objective_value,
-    watch_of,
     watching,
 )
 from floatplan.planning.transcription.trajectory import (
@@ -99,11 +97,10 @@ def follow_together(problem: Problem, search: Search) -> Followed | None:
     return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
 
 
-def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_step: float) -> Followed | None:
-    """Follow one start as :func:`~floatplan.planning.transcription.exchange.solve` does; None as above."""
-    if not (is_planar(model.flight) and is_plain(problem)):
-        return None
+def follow_compiled(problem: Problem, start: Start) -> Followed:
+    """Follow one start of a plain problem."""
     compiled, variables = solver(problem, start.variables.degrees), start.variables
+    settings = batch.FINE if start.at_once else batch.CAUTIOUS
     rows = Rows(
         duration=np.array([variables.polynomials.duration]),
         momentum=variables.angular_momentum(start.x),
@@ -111,7 +108,8 @@ def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_
         boundary=variables.polynomials.boundary[None],
         start=variables.free_coefficients(start.x)[None],
     )
-    return Followed(rows.momentum, compiled.plan(rows, Search(longest_step=longest_step)), compiled.bodies)
+    answers = compiled.plan(rows, Search(longest_step=settings.longest_step))
+    return Followed(rows.momentum, answers, compiled.bodies)
 
 
 class Reached(NamedTuple):
@@ -205,8 +203,7 @@ class Attempts:
         self.seed = seed
         self.plain_start = plain_start(problem, problem.degrees, self.momentum)
         self._level = self._watching_level() if self.constraints else 0
-        all_known = (problem, self.model, self.constraints, self._level)
-        self._compiled = None if is_plain(problem) else compiled_attempts(*all_known)
+        self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
 
     def start(self, degrees: tuple[int, ...], number: int) -> Start | None:
         """Return a start by its number, the same for the same seed: 0 is the plain one; None where nothing is free."""
@@ -215,20 +212,11 @@ class Attempts:
             return None if number else plain
         if is_plain(self.problem):
             return plain_draw(self.problem, plain.variables, number, self.seed)
+        assert self._compiled, "the flight is in a plane"
         before, given = self.model.work, (plain.variables, plain.x, plain.at_once)
-        drawn = self._drawing.follow(*given, -1.0, range(number, number + 1), self.seed)
+        drawn = self._compiled.follow(*given, -1.0, range(number, number + 1), self.seed)
         variables = on_branch(self.problem, plain.variables, drawn.branch)
         return Start(variables, drawn.x, drawn.at_once, self.model.work - before)
-
-    @cached_property
-    def _drawing(self) -> CompiledAttempts:
-        """What draws starts, by the constraints that the kernel knows."""
-        if self._compiled:
-            return self._compiled
-        watch = watch_of(self.model.flight, self.constraints, "")
-        assert watch, "the flight is in a plane"
-        known = tuple(block for block, is_known in zip(self.constraints, watch.known, strict=True) if is_known)
-        return CompiledAttempts(self.problem, self.model, known, watch, self._level)
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -288,7 +276,9 @@ class Attempts:
     def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work - start.work
-        if self._compiled:
+        if is_plain(self.problem):
+            outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
+        elif self._compiled:
             outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work - start.work, range(1))
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
@@ -310,7 +300,8 @@ class Attempts:
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
         numbers = range(numbers.start - len(given), numbers.stop - len(given))
-        if self._compiled and (numbers.start == 0 or self.plain_start.variables.size):
+        there_is_one = numbers.start == 0 or self.plain_start.variables.size
+        if self._compiled and there_is_one and not is_plain(self.problem):
             plain, before = plain_start(self.problem, degrees, self.momentum), self.model.work
             outcome = self._follow_compiled(self._compiled, plain, -1.0 if stop() else most_work, numbers)
             outcome.work = self.model.work - before
@@ -335,44 +326,38 @@ class Attempts:
         return Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts, missed=ended.missed)
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
-        """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
+        """Follow a start in space to the objective, and by way of a feasible motion where that fails."""
         model, variables, blocks = self.model, start.variables, self.constraints
-        settings = batch.FINE if start.at_once and not blocks else CAUTIOUS
-        level = self._level if start.at_once or not blocks else min(self._level + CLOSER, WATCHED_AT_MOST)
 
         def make_objective(nodes: Sampling) -> Objective:
             return objective(self.problem, model, variables, nodes)
 
         def follow(x: Array) -> Outcome:
-            solution = solve(model, variables, make_objective, blocks, x, settings, stop, level)
-            return self._judge_solution(variables, solution)
+            settings = batch.CAUTIOUS if blocks else batch.FINE
+            return judge(solve(model, variables, make_objective, blocks, x, settings, stop, self._level))
+
+        def judge(solution: Solution[Trajectory]) -> Outcome:
+            reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
+            return self.judge(variables, reached, solution.evaluation.detail)
 
         def begins() -> Iterator[Array]:
-            """The start; of those followed at once the best motion without limits as well."""
+            """The start, and the best motion without limits."""
             yield start.x
-            if start.at_once:
-                yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
+            yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
 
-        if not blocks:
-            compiled = follow_compiled(self.problem, model, start, settings.longest_step)
-            return self._judge_compiled(compiled, variables) if compiled else follow(start.x)
-        outcome = follow(start.x) if start.at_once else None
-        if outcome and (outcome.holds or stop()):
+        outcome = follow(start.x)
+        if outcome.holds or stop() or not blocks:
             return outcome
-        nodes = model.nodes(level, variables.polynomials.form)
+        nodes = model.nodes(self._level, variables.polynomials.form)
         sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
         program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
         for x in begins():
             nearest = reduce_violations(program, x, stop)
-            if nearest.squared_violation < PROMISING:
-                other = follow(nearest.x)
-            else:
-                unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-                other = self._judge_solution(variables, unsolved)
-            outcome = best([outcome, other]) if outcome else other
+            unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
+            other = follow(nearest.x) if nearest.squared_violation < PROMISING else judge(unsolved)
+            outcome = best([outcome, other])
             if outcome.holds or stop():
                 break
-        assert outcome is not None, "every start gives a point to follow"
         return outcome
 
     def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> Outcome:
@@ -387,18 +372,12 @@ class Attempts:
             variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
         nodes = model.nodes(COMPILED_LEVEL, variables.polynomials.form)
-        aim = objective(self.problem, model, variables, nodes)
-        evaluation = FlightProgram(model, variables, nodes, aim).evaluate(x)
-        solution = Solution(x, evaluation, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self._judge_solution(variables, solution)
+        reached = Reached(x, followed.status, counts["iterations"], counts["evaluations"])
+        outcome = self.judge(variables, reached, trajectory(model, variables, nodes, x))
         outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
         if outcome.holds:
             outcome.coefficients = answers.coefficients[0]
         return outcome
-
-    def _judge_solution(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
-        reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
-        return self.judge(variables, reached, solution.evaluation.detail)
 
     def judge(self, variables: DecisionVariables, reached: Reached, known: Trajectory | None = None) -> Outcome:
         """Check (14) and the constraints, between the instants too; the motion is ``known`` at some grid."""

@@ -1,8 +1,8 @@
 """One flight of a whole jump in MuJoCo with contact, by torques and by springs with dampers on the joints.
 
-500 times a second each motor gets the jump's torque, the mean of the period for which it is held, and joint feedback,
-up to what it can at its speed. Feedback compares what was measured, late, with what was wanted then. With corrections,
-a :class:`~floatplan.inflight.replanner.Replanner` gets the same measurements while the robot is in the air. Nothing of
+500 times a second each motor gets the jump's torque at that time and joint feedback, held for the period, up to what it
+can at its speed. Feedback compares what was measured, late, with what was wanted then. With corrections, a
+:class:`~floatplan.inflight.replanner.Replanner` gets the same measurements while the robot is in the air. Nothing of
 the planner is used: the ground pushes as MuJoCo's contacts do.
 """
 
@@ -63,8 +63,8 @@ class JumpControl:
         losses = [[each.get(name, 0.0) for name in self.joints] for each in (robot.damping, robot.friction)]
         rates = self.wanted.velocities[:, BASE:]
         lost = np.array(losses[0]) * rates + np.array(losses[1]) * np.tanh(rates / SLOW)
-        held = (self.wanted.torques + np.append(self.wanted.torques[1:], self.wanted.torques[-1:], axis=0)) / 2
-        self.torques, self.motor_torques = held[:, BASE:] + lost, held @ robot.transmission
+        self.torques = self.wanted.torques[:, BASE:] + lost
+        self.motor_torques = self.wanted.torques @ robot.transmission
         self.to_planned = np.linalg.pinv(robot.selection[BASE:])
         self.flown = jump.takeoff_time, jump.takeoff_time + jump.flight.duration
         self.goal = jump.flight.problem.final.orientation
@@ -178,7 +178,7 @@ class _Loop:
             joints = angles, velocities, now - begin, *(control.axes @ each for each in of_com)
             done = self.replanner.update(float(control.times[then]) - begin, base[0], base[1], *joints)
             self.statuses[done.status] += 1
-        reference, held = (self.replanner.reference(now - begin + later) for later in (0.0, PERIOD / 2))
+        reference = self.replanner.reference(now - begin)
         torques = control.torques[tick].copy()
-        torques[control.motors] += held.motors - control.motor_torques[tick]
+        torques[control.motors] += reference.motors - control.motor_torques[tick]
         return resting + np.stack((reference.positions, reference.velocities)) @ robot.selection[BASE:].T, torques

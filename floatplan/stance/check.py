@@ -148,7 +148,7 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * height]).max()
     yield from ((name, shares.max(initial=0.0)) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
-    joints, (low, high) = state.planned(robot)[1:].T, np.asarray(problem.position_limits).T
+    joints, (low, high) = state.planned(robot)[0, 1:].T, np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
         mean = (ahead[1:] + ahead[:-1]) / 2
@@ -174,7 +174,7 @@ def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
 def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
     """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
     robot, tree, weight = stance.robot, stance.robot.tree, stance.robot.mass * stance.gravity
-    y, touching = state.planned(robot), stance.touching(state.positions)
+    y, touching = state.planned(robot)[0], stance.touching(state.positions)
     angles = tree.absolute_angles(y[0], y[1:].T)
     for contact in stance.contacts:
         for name, spot in zip(contact.names, contact.spots, strict=True):
@@ -194,7 +194,7 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
 
     ``stance`` is what stands, nothing where there is none.
     """
-    robot, y = jump.problem.robot, state.planned(jump.problem.robot)
+    robot, y = jump.problem.robot, state.planned(jump.problem.robot)[0]
     base = state.positions[:, 0] + 1j * state.positions[:, 1]
     com = base - heights_over_com(robot, [Spot(0, 0j)], y)[:, 0]
     own = () if stance is None else stance.contacts

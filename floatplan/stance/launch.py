@@ -262,8 +262,7 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
             motion[:, rows, beyond] = quintic(times[beyond], times[beyond][[0, -1]], *(seam, flies)[::way])[:, rows]
         grid = Grid(times[nodes], closed[0], closed[1], closed[2], np.zeros((len(phase.others), closed.shape[2])))
         forces = Stance(program.model.robot, program.model.gravity, phase.contacts, 0j, grid).at(grid.times).forces
-        for row, contact in enumerate(phase.others):
-            plain[3 + index][2 * row : 2 * row + 2] = np.sum([forces[name] for name in contact.names], axis=0).T
+        plain[3 + index] = phase.gathered(forces)
     plain[-1][:] = FACTOR
     return program.join([*motion, *plain[3:]])
 

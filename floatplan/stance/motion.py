@@ -94,8 +94,12 @@ class JumpState:
     points: dict[str, Array]
 
     def planned(self, robot: Robot) -> Array:
-        """Orientation and planned joints (n+1, N), rad."""
-        return np.vstack((self.positions[:, 2], np.linalg.pinv(robot.selection) @ (self.positions - robot.reference).T))
+        """Orientation and planned joints with two derivatives (3, n+1, N), rad."""
+        full, joints = (
+            (self.positions - robot.reference, self.velocities, self.accelerations),
+            np.linalg.pinv(robot.selection),
+        )
+        return np.stack([np.vstack((each[:, BASE - 1], joints @ each.T)) for each in full])
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Phases of a jump: which contacts stand when, for how long; and the standing posture at both ends."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -80,6 +80,11 @@ class Phase:
     def others(self) -> tuple[Contact, ...]:
         """The contacts beside the anchor."""
         return self.contacts[1:]
+
+    def gathered(self, forces: Mapping[str, Array]) -> Array:
+        """Forces (2 others, N) of the contacts beside the anchor, from those (N, 2) of points by their names."""
+        sums = [np.sum([forces[name] for name in each.names], axis=0).T for each in self.others]
+        return np.concatenate([np.empty((0, self.intervals + 1)), *sums])
 
     def own_joints(self, tree: PlanarTree, contact: Contact) -> list[int]:
         """Indices of the joints that keep a contact beside the anchor where it stands: its leg's, from the foot up.

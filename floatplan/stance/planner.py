@@ -8,6 +8,7 @@ from time import process_time
 import numpy as np
 
 from floatplan.arguments import SEED, TRIES, made, optional
+from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.kernel.layout import kernel
 from floatplan.pool import one_thread
@@ -20,6 +21,7 @@ from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
+from floatplan.stance.phases import instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
@@ -40,6 +42,7 @@ def jump(
     starts: int = STARTS,
     progress: Callable[[str], None] | None = None,
     helps: bool = True,
+    near: Jump | None = None,
 ) -> Jump:
     """Plan a whole jump: from standing through a flight to standing again.
 
@@ -60,6 +63,9 @@ def jump(
     helps : bool
         Whether it is told what stands in the way where no jump is found, and tried what would help, which takes as
         long again at most, or little more.
+    near : Jump, optional
+        One of nearly the same problem, with the same phases: the search begins from it, and only where that finds
+        nothing with the starts.
 
     Returns
     -------
@@ -78,14 +84,14 @@ def jump(
     asked: JumpRequest = optional(made(JumpRequest))(request, "request") or problem.jump or JumpRequest()
     if asked is not problem.jump:
         problem = replace(problem, jump=asked)
-    seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
+    seed, starts, near = SEED(seed, "seed"), TRIES(starts, "starts"), optional(made(Jump))(near, "near")
     say = progress or (lambda _: None)
     with naming(file):
         setup = jump_setup(problem, asked)
         first = setup.program(ROOM)
         first.separation.check_standing(first.node, first.motion(first.guess()))
     began = process_time()
-    answer, best, tried = _searched(setup, first, seed, starts, say)
+    answer, best, tried = _searched(setup, first, seed, starts, say, near)
     if answer is not None and answer.ok:
         return answer
     until = 2 * process_time() - began
@@ -125,7 +131,7 @@ def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, sa
 
 
 def _searched(
-    setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]
+    setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None], near: Jump | None
 ) -> tuple[Jump | None, tuple[JumpProgram, Solution] | None, int]:
     """The first jump that is found, or what a solution came to; the nearest without one; and how many were tried."""
     best: tuple[JumpProgram, Solution] | None = None
@@ -137,6 +143,14 @@ def _searched(
         found = completed(setup, program, solution, seed)
         return found, None if found.ok else found.check.figures
 
+    begun = None if near is None else beside(first, near)
+    if begun is not None:
+        say("from the jump at hand")
+        found = solved(first.warm(), begun)
+        if found[1].converged:
+            again = corrected(ROOM, setup.request, found, lambda room: setup.program(room).warm(), complete)
+            if again.ok:
+                return again, None, 0
     for start in range(starts):
         if spent >= WORK * starts:
             break
@@ -153,6 +167,23 @@ def _searched(
         if answer.ok:
             break
     return answer, best, tried
+
+
+def beside(program: JumpProgram, near: Jump) -> Array | None:
+    """Return a jump with a program's phases as a guess (size,), as slow as these may be; None of one with others."""
+    stands = [tuple(name for contact in phase.contacts for name in contact.names) for phase in program.phases]
+    if near.problem.robot.joints != program.model.robot.joints or [each.contacts for each in near.phases] != stands:
+        return None
+    assert near.flight is not None
+    parts, lasted = program.split(program.guess()), np.array([each.end - each.begin for each in near.phases])
+    lasts = np.clip(lasted, *np.transpose([phase.bounds for phase in program.phases]))
+    state = near.at(np.minimum(instants(program.phases, lasted), near.duration))
+    for index, phase in enumerate(program.phases):
+        nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
+        parts[3 + index] = phase.gathered({name: force[nodes] for name, force in state.forces.items()})
+    parts[:3] = state.planned(near.problem.robot)
+    parts[-3][:, 0], parts[-2][:] = lasts, near.flight.angular_momentum
+    return program.join(parts)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

@@ -54,6 +54,14 @@ ONE_SIDE = {"adaptive_mu_globalization": "never-monotone-mode"}  # where the fli
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 250  # 40 to 125 find a first solution where there is one, more those near what stands in the way
+WARM = {
+    "mu_strategy": "monotone",
+    "mu_init": 1e-4,
+    "mu_target": 1e-4,
+    "bound_push": 1e-5,
+    "bound_frac": 1e-5,
+    "max_iter": 80,
+}
 AROUND = 250  # [-] of IPOPT where distances are kept: what is missing of them lets it begin near an answer
 
 
@@ -117,7 +125,7 @@ class JumpProgram:
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations = limits, iterations
+        self._limits, self._iterations, self._warm = limits, iterations, False
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -219,6 +227,7 @@ class JumpProgram:
         cost = total / unit + (STEADY if self._limits else ROUGHNESS) * rough
         cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
+        settings |= WARM if self._warm else {}
         return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
@@ -379,6 +388,12 @@ class JumpProgram:
             part[1:] = [[f"{words} {name} ({self.phases[phase].name})" for phase in at] for name in names]
         parts[-3][:, 0] = [f"duration of ({phase.name})" for phase in self.phases]
         return [*np.concatenate([np.ravel(part, order="F") for part in parts]), *[""] * len(self.separation.start)]
+
+    def warm(self) -> Self:
+        """The same program, solved near a guess in which all but little holds, in few iterations or not at all."""
+        other = self.kept(self.separation, self.node.held)
+        other._warm = True
+        return other
 
     def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
         """The same program, with what it keeps apart, and what is among its rows of what is left out at first."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -123,20 +123,20 @@ class PlanTask:
     """Plan a problem: as ``floatplan plan`` does, with its proof, or within a ``budget``, s, the best motion so far.
 
     A search with a budget begins from the plan ``near`` it, where there is one, and is for the flight alone. Without, a
-    problem with a jump is answered as ``floatplan jump`` does.
+    problem with a jump is answered as ``floatplan jump`` does, but that the search begins from the jump that is near.
     """
 
     problem: fp.Problem
     budget: float | None = None
-    near: fp.Plan | None = None
+    near: fp.Plan | Jump | None = None
 
-    def answer(self) -> ShownPlan:
-        """Plan."""
+    def answer(self, say: Callable[[str], None] | None = None) -> ShownPlan:
+        """Plan, and say in a few words what is done."""
         if self.budget is not None:
             return ShownPlan.of(self._searched(self.budget), settled=False)
         if self.problem.jump is None:
-            return ShownPlan.of(fp.plan(self.problem, prove=True), settled=True)
-        jump = fp.jump(self.problem)
+            return ShownPlan.of(fp.plan(self.problem, progress=say, prove=True), settled=True)
+        jump = fp.jump(self.problem, progress=say, near=self.near if isinstance(self.near, Jump) else None)
         if jump.flight is None:
             return ShownPlan.of(self._searched(NEAR_BUDGET), True, jump)
         jump = jump.with_certificate(fp.certify(jump.flight))
@@ -144,7 +144,8 @@ class PlanTask:
         return ShownPlan.of(jump.flight, True, jump)
 
     def _searched(self, budget: float) -> fp.Plan:
-        return planned(self.problem, SearchOptions(budget=budget), self.near).plan
+        near = self.near.flight if isinstance(self.near, Jump) else self.near
+        return planned(self.problem, SearchOptions(budget=budget), near).plan
 
 
 def pose_times(duration: float) -> Array:

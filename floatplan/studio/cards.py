@@ -1,7 +1,5 @@
 """What the page says, as HTML: pure functions of what is to be shown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
@@ -23,6 +21,7 @@ BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
     "waiting": (GREY, "Searching …"),
     "planned": (BLUE, "Planned; proving …"),
     "failed": (RED, "Not possible"),
+    "stopped": (GREY, "Stopped"),
 }
 COLOURS: Mapping[Tone, str] = {"good": GREEN, "open": AMBER, "bad": RED}
 
@@ -31,7 +30,7 @@ def is_news(drawn: View | None, view: View) -> bool:
     """Whether a view is to be drawn at once: that a search has begun matters only where it lasts."""
     if drawn is None or view.is_current or view.fault or view.refusal != drawn.refusal:
         return True
-    return view.answer is not drawn.answer
+    return view.answer is not drawn.answer or view.doing not in ("", drawn.doing)
 
 
 def status_card(view: View) -> str:
@@ -79,14 +78,17 @@ def _stance(row: Row) -> str:
 
 def _words(view: View) -> list[str]:
     answer = view.answer
-    if view.fault or answer is None or not view.is_current:
-        return [view.fault] if view.fault else []
+    if view.fault:
+        return [view.fault]
+    doing = [f"{view.doing.capitalize()} …"] if view.doing else []
+    if answer is None or not view.is_current:
+        return doing
     if answer.jump is not None:
         return [answer.jump.explanation, *([] if answer.view else ["Shown is a flight alone."])]
     if view.verdict == "not found":
         return [answer.plan.explanation, "Shown is the nearest motion found."]
     if view.verdict == "waiting":
-        return [f"Shown is {'the nearest motion so far' if view.problem.jump is None else 'a flight alone'}."]
+        return [*doing, f"Shown is {'the nearest motion so far' if view.problem.jump is None else 'a flight alone'}."]
     if answer.plan.certificate is None:
         return []
     if view.verdict == "proved":

@@ -1,7 +1,5 @@
 """Shares of limits over time, measured where a motion was planned; and the curves below the scene, as HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape

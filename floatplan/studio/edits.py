@@ -1,7 +1,5 @@
 """Changes of a problem, and the numbers at its paths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Inputs: sliders of numbers by their paths, choices of words and ticks; none fights with the user who holds it."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

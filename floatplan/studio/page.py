@@ -3,8 +3,6 @@
 Only the studio's own page may connect, and no other that a browser on this machine shows.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """The panel: what is asked, as sliders and choices, and what the session says about it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -120,6 +118,7 @@ class Controls:
         actions = {
             "Undo": session.undo,
             "Redo": session.redo,
+            "Stop search": session.stop,
             "Play / pause": lambda: setattr(player, "playing", not player.playing),
         }
 

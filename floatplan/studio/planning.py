@@ -3,8 +3,6 @@
 Two processes plan: the page stays quick, and what is out of date ends at once.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging
@@ -14,11 +12,15 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor, wait
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import Pipe
 from typing import Any
 
 import floatplan as fp
 from floatplan.pool import processes
+from floatplan.stance.jump import Jump
 from floatplan.studio.answers import Failure, LaunchTask, Map, MapTask, PlanTask, ShownPlan
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
@@ -82,10 +84,11 @@ class Worker:
         self._lock = threading.Lock()
         self._running = contextlib.ExitStack()
         self._executor: Any = None
+        self._heard, self._told = Pipe(duplex=False)  # words about the progress; None after the last
         self._closed = False
 
-    def ask(self, task: PlanTask | LaunchTask | MapTask) -> Any:
-        """Return the answer, or a :class:`Failure`; one thread at a time may ask.
+    def ask(self, task: PlanTask | LaunchTask | MapTask, say: Callable[[str], object] = str) -> Any:
+        """Return the answer, or a :class:`Failure`; one thread at a time may ask, and is told what is done.
 
         Raises
         ------
@@ -93,7 +96,11 @@ class Worker:
             :meth:`stop` was called meanwhile, or the process has died.
         """
         try:
-            answer = self._started().submit(_answer, packed(task, self._robot)).result()
+            answering = self._started().submit(_answer, packed(task, self._robot))
+            answering.add_done_callback(lambda _: self._told.send(None))
+            while (words := self._heard.recv()) is not None:
+                say(words)
+            answer = answering.result()
         except (CancelledError, RuntimeError):  # so a pool says that it was stopped, or has lost its process
             self.stop()
             raise StoppedError from None
@@ -120,25 +127,26 @@ class Worker:
             if self._closed:
                 raise StoppedError
             if self._executor is None:
-                pool = processes(1, ("__main__", *LOADED), _prepare, self._robot, self._niceness)
+                pool = processes(1, ("__main__", *LOADED), _prepare, self._robot, self._niceness, self._told)
                 self._executor = self._running.enter_context(pool)
             return self._executor
 
 
-_robots: list[fp.Robot] = []  # of a process that answers: the one that it is asked about
+_given: list[Any] = []  # to a process that answers: the robot that it is asked about, and where it says what it does
 
 
-def _prepare(robot: fp.Robot, niceness: int) -> None:
+def _prepare(robot: fp.Robot, niceness: int, told: Any) -> None:
     """Make a process ready to answer about a robot, with so much less priority."""
-    _robots[:] = [robot]
+    _given[:] = robot, told
     if hasattr(os, "nice"):
         os.nice(niceness)
 
 
 def _answer(content: bytes) -> bytes:
-    (robot,) = _robots
+    robot, told = _given
     try:
-        return packed(unpacked(content, robot).answer(), robot)
+        task = unpacked(content, robot)
+        return packed(task.answer(told.send) if isinstance(task, PlanTask) else task.answer(), robot)
     except Exception as error:  # whatever it is, the page goes on and says it
         return packed(Failure.of(error), robot)
 
@@ -180,6 +188,8 @@ class Planning:
         come in the order of their questions, those that newer ones overtook are left out.
     on_map : callable
         Told the number of a question, and the map as far as it is known.
+    on_words : callable
+        Told the number of a question, and what is done about it.
     """
 
     def __init__(
@@ -187,12 +197,14 @@ class Planning:
         robot: fp.Robot,
         on_plan: Callable[[int, ShownPlan | Failure], None],
         on_map: Callable[[int, Map], None],
+        on_words: Callable[[int, str], None],
     ) -> None:
-        self._on_plan, self._on_map = on_plan, on_map
+        self._on_plan, self._on_map, self._on_words = on_plan, on_map, on_words
         self._quick, self._thorough = Worker(robot), Worker(robot, LAST)
         self._plans, self._proofs = Actions("plans"), Actions("proofs")
         self._newest: Question | None = None
-        self._near: fp.Plan | None = None  # the newest plan, from which the next quick one begins
+        self._near: fp.Plan | Jump | None = None  # the newest, from which the next search begins
+        self._dropped = 0  # number of the newest question that is not to be answered any more
         self._settling = False  # whether the second process is at work
         self._closed = False
 
@@ -205,6 +217,12 @@ class Planning:
         self._plans.do("plan", lambda: self._plan(question))  # after that: it would stop what settles this question
         return number
 
+    def drop(self) -> None:
+        """Answer nothing that was asked so far."""
+        self._dropped, self._newest = self._newest.number if self._newest else 0, copy(self._newest)
+        for each in (self._quick, self._thorough):
+            each.stop()
+
     def close(self) -> None:
         """End both processes."""
         self._closed = True
@@ -212,8 +230,8 @@ class Planning:
             each.close()
 
     def _tell(self, question: Question, answer: ShownPlan | Failure) -> None:
-        if isinstance(answer, ShownPlan) and answer.plan.ok:
-            self._near = answer.plan
+        if isinstance(answer, ShownPlan) and (answer.jump or answer.plan).ok:
+            self._near = answer.jump or answer.plan
         self._on_plan(question.number, answer)
 
     def _is_newest(self, question: Question) -> bool:
@@ -225,7 +243,7 @@ class Planning:
                 answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
             except StoppedError:
                 answer = Failure(LOST)
-            if not self._closed:
+            if question.number > self._dropped and not self._closed:
                 self._tell(question, answer)
         if not self._closed:
             self._proofs.do("proof", lambda: self._settle(question))
@@ -236,7 +254,8 @@ class Planning:
         try:
             if not self._is_newest(question):
                 return
-            answer = self._thorough.ask(PlanTask(question.problem))
+            say = partial(self._on_words, question.number)
+            answer = self._thorough.ask(PlanTask(question.problem, near=self._near), say)
             if self._is_newest(question):
                 self._tell(question, answer)
                 if isinstance(answer, ShownPlan) and question.problem.jump is None:

@@ -1,7 +1,5 @@
 """The session: the problem as it stands, the answer to it, and all that can be done, without a page."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time
@@ -17,11 +15,12 @@ from floatplan.studio.edits import Edit, numbers
 from floatplan.studio.planning import Planning
 
 State = TypeVar("State")
-Verdict: TypeAlias = Literal["waiting", "planned", "proved", "undecided", "refuted", "not found", "failed"]
+Verdict: TypeAlias = Literal["waiting", "planned", "proved", "undecided", "refuted", "not found", "failed", "stopped"]
 Part: TypeAlias = Literal["problem", "plan", "report"]
 FILE_NAMES: dict[Part, str] = {"problem": "problem.toml", "plan": "plan.json", "report": "report.html"}
 JUMP = "jump.json"  # in the place of a plan
 MOST = 200  # [-] states of a history
+STOPPED = "Change something, or take the last change back, to search again."
 ONE_GESTURE = 1.0  # [s] between changes of one gesture that count as one
 
 
@@ -37,6 +36,7 @@ class View:
     answer : ShownPlan or None
         The newest one, perhaps to an older question.
     answered : number of the question that it answers
+    doing : what is done to answer the newest question
     fault : why the newest question has no answer; empty where it has one, or waits for it
     refusal : why the last change was not made; empty where it was
     kept : ShownPlan or None
@@ -48,6 +48,7 @@ class View:
     number: int = 0
     answer: ShownPlan | None = None
     answered: int = 0
+    doing: str = ""
     fault: str = ""
     refusal: str = ""
     kept: ShownPlan | None = None
@@ -62,7 +63,7 @@ class View:
     def verdict(self) -> Verdict:
         """What is known of the present question; "planned" has no proof yet."""
         if self.fault:
-            return "failed"
+            return "stopped" if self.fault == STOPPED else "failed"
         if self.answer is None or not self.is_current or not (self.answer.settled or self.answer.plan.ok):
             return "waiting"
         if self.problem.jump is not None and not (self.answer.jump and self.answer.jump.ok):
@@ -123,7 +124,8 @@ class Session:
         self._view = View(problem)
         self._with_map = with_map
         self._written: dict[Path, tuple[int, int]] = {}
-        self._planning = Planning(problem.robot, self._take_plan, self._take_map)
+        self._planning = Planning(problem.robot, self._take_plan, self._take_map, self._take_words)
+        self._settled: View | None = None  # the newest with an answer to what was asked
         self._ask()
 
     @property
@@ -167,6 +169,18 @@ class Session:
             if moved:
                 self._ask()
             return moved
+
+    def stop(self) -> None:
+        """End a search; all is as it was when the newest answer came, which may be undone as any change."""
+        with self._lock:
+            if self._view.verdict != "waiting":
+                return
+            self._planning.drop()
+            if self._settled is None:
+                self._show(fault=STOPPED)
+                return
+            self._history.change(self._settled.problem)
+            self._show(**vars(replace(self._settled, kept=self._view.kept)))
 
     def jump(self, row: int, column: int) -> None:
         """Go to a point of the map."""
@@ -222,12 +236,16 @@ class Session:
         with self._lock:
             problem = self._history.present
             number = self._planning.ask(problem, self._with_map)
-            self._show(problem=problem, number=number, fault="", refusal="", map=None)
+            self._show(problem=problem, number=number, doing="", fault="", refusal="", map=None)
 
     def _take_plan(self, number: int, answer: ShownPlan | Failure) -> None:
         with self._lock:
+            if number > self._view.number:  # it was stopped
+                return
             if isinstance(answer, ShownPlan):
                 self._show(answer=answer, answered=number)
+                if answer.settled and self._view.is_current:
+                    self._settled = self._view
             elif number == self._view.number:
                 self._show(fault=answer.words)
 
@@ -235,6 +253,12 @@ class Session:
         with self._lock:
             if number == self._view.number:
                 self._show(map=chart)
+                self._settled = self._view if self._view.is_current else self._settled
+
+    def _take_words(self, number: int, words: str) -> None:
+        with self._lock:
+            if number == self._view.number:
+                self._show(doing=words)
 
     def _show(self, **changes: object) -> None:
         with self._changed:

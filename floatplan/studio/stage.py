@@ -1,7 +1,5 @@
 """The scene: the robot in flight, its start and goal, obstacles, paths; dragging these; and the clock of the flight."""
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

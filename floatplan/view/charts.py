@@ -1,7 +1,5 @@
 """What is drawn over time, in figures and in the report: curves with their limits, proved peaks and ends."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

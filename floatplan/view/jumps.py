@@ -150,15 +150,15 @@ class JumpView:
     def at(self, times: npt.ArrayLike) -> FlightState:
         """State (N,) at times (N,), s, as a plan has it."""
         state, robot, tree = self.jump.at(times), self.robot, self.robot.tree
-        planned, base = np.linalg.pinv(robot.selection).T, tree.point_weights(np.array([0]), np.array([0j]))[0]
-        joints, rates = state.planned(robot)[1:].T, state.velocities @ planned
+        base = tree.point_weights(np.array([0]), np.array([0j]))[0]
+        joints, rates, changes = state.planned(robot)[:, 1:].transpose(0, 2, 1)
         orientation, turned = state.positions[:, 2], state.velocities[:, 2]
         rotations = tree.rotations(tree.absolute_angles(orientation, joints))
         spun = 1j * tree.turn * (turned[:, None] + rates @ tree.turns.T) * rotations
         arms, speeds = (np.stack((each.real, each.imag), axis=1) for each in (rotations @ base, spun @ base))
         inertia = self.dynamics.momentum_map(joints)
         return FlightState(
-            *(state.times, orientation, turned, joints, rates, state.accelerations @ planned),
+            *(state.times, orientation, turned, joints, rates, changes),
             *(state.torques @ robot.selection, state.torques @ robot.transmission),
             *(state.positions[:, :2] - arms, state.velocities[:, :2] - speeds, state.positions[:, :2]),
             inertia[:, 0] * turned + (inertia[:, 1:] * rates).sum(axis=1),

@@ -31,8 +31,10 @@ def pair(tmp_path: Path) -> Path:
 
 
 class TestRobots:
-    def test_each_can_be_named_as_it_is_listed(self, floatplan: Command) -> None:
+    def test_each_can_be_named_as_it_is_listed(self, floatplan: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         listed = json.loads(floatplan("robots", "--json").stdout)
+        told = {facts["robot"]: facts for facts in (*listed["robots"], *listed["unusable"])}
+        monkeypatch.setattr("floatplan.cli.robots._facts", told.__getitem__)  # each is read once
         own = [facts for facts in listed["robots"] if "example-robot-data" not in facts["robot"]]
         left_open = {"cat.urdf", "diver.urdf"}  # in which plane; they are for flights in space
         assert {Path(facts["robot"]).name for facts in own} == {path.name for path in URDF.iterdir()} - left_open
@@ -43,6 +45,12 @@ class TestRobots:
         for line, facts in zip(floatplan("robots").stdout.splitlines()[1:], listed["robots"], strict=False):
             assert line.removesuffix(" --coupled mirror").endswith(facts["robot"])
             assert line.endswith("--coupled mirror") == (facts["coupled"] == "mirror")
+        if urdf.robots_folder() is None:
+            pytest.skip("example-robot-data is not installed")
+        go2 = told["example-robot-data:go2_description/urdf/go2.urdf"]
+        assert (len(go2["joints"]), len(go2["followers"]), go2["coupled"]) == (4, 4, "mirror")
+        assert all(facts["reason"] for facts in listed["unusable"])
+        assert {urdf.PREFIX + name for name in urdf.example_urdfs()} <= told.keys()
 
     def test_a_file_here_comes_before_one_of_the_same_name_that_comes_with_floatplan(self, floatplan: Command) -> None:
         own = floatplan("info", "urdf/gymnast.urdf", "--json")
@@ -57,17 +65,6 @@ class TestRobots:
         run = floatplan("plan", "problems/handstand.toml", "--quiet", "--no-figures")
         assert run.code == 0, run
         assert fp.load_plan("runs/handstand/plan.json").ok
-
-    def test_of_example_robot_data(self, floatplan: Command) -> None:
-        if urdf.robots_folder() is None:
-            pytest.skip("example-robot-data is not installed")
-        listed = json.loads(floatplan("robots", "--json").stdout)
-        named = {facts["robot"]: facts for facts in listed["robots"]}
-        go2 = named["example-robot-data:go2_description/urdf/go2.urdf"]
-        assert (len(go2["joints"]), len(go2["followers"]), go2["coupled"]) == (4, 4, "mirror")
-        assert all(facts["reason"] for facts in listed["unusable"])
-        known = {urdf.PREFIX + name for name in urdf.example_urdfs()}
-        assert known <= named.keys() | {facts["robot"] for facts in listed["unusable"]}
 
     def test_where_there_are_none_it_says_how_to_get_them(
         self, floatplan: Command, monkeypatch: pytest.MonkeyPatch

@@ -253,7 +253,7 @@ class TestWrites:
         ("shell", "code"),
         [
             (">&- 2>&-", 0),
-            (">/dev/full", 2),
+            pytest.param(">/dev/full", 2, marks=pytest.mark.long),
             ("--json >/dev/full", 2),
             pytest.param("2>&- >/dev/null", 0, marks=pytest.mark.long),
             pytest.param("2>/dev/full", 0, marks=pytest.mark.long),

@@ -18,10 +18,10 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["--version"],
+        pytest.param(["--version"], marks=pytest.mark.long),
         ["info", ROOT / "urdf" / "gymnast.urdf", "--json"],
         ["info", "nowhere.urdf"],
-        ["plan"],
+        pytest.param(["plan"], marks=pytest.mark.long),
         ["plan", ROOT / "problems" / "new_configuration.toml", "--no-figures", "--no-certify", "--quiet"],
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from importlib.util import find_spec
 
 import numpy as np
@@ -17,9 +18,15 @@ INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 
 
+@cache
+def go2() -> fp.Robot:
+    """A Go2 whose left and right legs move alike."""
+    return fp.Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+
+
 def go2_problem(turns: int = -1) -> fp.Problem:
     """A Go2 that stands, turns so many times in flight, and stands."""
-    robot = fp.Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+    robot = go2()
     standing = np.array(robot.resting)
     return fp.Problem(
         robot,

@@ -7,7 +7,7 @@ import pytest
 
 from floatplan.compiled.quadratic import dual_step
 from floatplan.optimization import programs
-from floatplan.optimization.programs import Derivatives, Evaluation, Step, solve_qp, solved
+from floatplan.optimization.programs import REGULARISATION, Derivatives, Evaluation, Step, elastic_qp, solve_qp, solved
 
 SIZE, EQUALITIES, INEQUALITIES = 7, 2, 60
 NO_ROWS = np.empty(0, dtype=np.int64)
@@ -101,6 +101,26 @@ class TestQP:
         step = solve_qp(contradictory, hessian, NO_ROWS, 1e3)
         assert step.elastic
         assert step.violation_left == pytest.approx(2, abs=0.1)
+
+
+@pytest.mark.parametrize("penalty", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("size", [3, 20])
+def test_elastic_steps_are_the_least_of_their_program(size, penalty):
+    """Where the gradient of a convex function vanishes, quadratic piece by piece: whole steps go round in circles."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        root, count = rng.normal(size=(size, size)), int(rng.integers(1, 120))
+        hessian, rows, equality_rows = root @ root.T + 0.1 * np.eye(size), rng.normal(size=(count, size)), root[:1]
+        values, gradient = rng.normal(-0.5, 1, count), 10 * rng.normal(size=size)
+        step = elastic_qp(linearised(gradient, np.ones(1), equality_rows, values, rows), hessian, penalty)
+        left = values + rows @ step.direction
+        pulls = penalty * np.minimum(left, 0), penalty * (1 + equality_rows @ step.direction)
+        unbalanced = gradient + hessian @ step.direction + rows.T @ pulls[0] + equality_rows.T @ pulls[1]
+        size_of_parts = np.abs(gradient).max() + (np.abs(rows.T) @ -pulls[0]).max()
+        regular = REGULARISATION * penalty * (1 + np.abs(step.direction).max())
+        assert np.abs(unbalanced).max() < 1e-6 * size_of_parts + 10 * regular
+        assert step.multipliers.inequality == pytest.approx(-pulls[0])
+        assert step.violation_left == pytest.approx((abs(pulls[1][0]) - pulls[0].sum()) / penalty)
 
 
 def test_a_regular_system_is_solved():

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from general_path import take_general_path
 
 import floatplan as fp
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import compiled_attempt
 from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS
 from floatplan.planning.transcription.constraints import applies
@@ -28,14 +29,12 @@ def ready(request, root) -> Attempts:
     return Attempts(fp.load_problem(path), 0)
 
 
-def in_python(ready: Attempts) -> Outcome:
-    ready._compiled = None
-    return ready.attempt(ready.plain_start)
-
-
-def test_a_start_ends_where_python_ends(ready):
+def test_a_start_ends_where_the_general_path_ends(ready, monkeypatch):
     compiled = ready.attempt(ready.plain_start)
-    general = in_python(ready)
+    take_general_path(monkeypatch)
+    general = Attempts(ready.problem, 0)
+    assert general._compiled is None
+    general = general.attempt(general.plain_start)
     assert (compiled.holds, compiled.solution.status) == (general.holds, general.solution.status)
     assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-6)
     assert ready.judge(compiled.variables, compiled.solution).violation == compiled.violation == 0

@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from general_flight import general_flight
+from kernel_program import KernelProgram
 from robot_samples import URDF_FOLDER
 from scipy.integrate import simpson
 
@@ -20,6 +21,7 @@ import floatplan as fp
 from floatplan import tables
 from floatplan.arrays import read_only
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import program as program_module
@@ -35,7 +37,6 @@ from floatplan.planning.transcription.constraints import (
 from floatplan.planning.transcription.program import (
     CoefficientNorm,
     FlightProgram,
-    FollowingCoefficientNorm,
     IntegralOfSquares,
     objective,
     watching,
@@ -83,7 +84,6 @@ OBJECTIVES = {
     "acceleration": IntegralOfSquares("accelerations", 300.0),
     "torque": IntegralOfSquares("torques", 5e4),
 }
-FOLLOWING = {"following coefficients": FollowingCoefficientNorm}  # see TestRatesThatFollow
 INSTANTS = np.array([0.0, 0.123, 0.5, 0.77, 1.0])  # besides the nodes; both ends among them
 
 
@@ -112,7 +112,7 @@ def test_every_row_of_the_tables_has_a_case():
 
 @pytest.mark.parametrize(
     ("module", "cases"),
-    [(constraints_module, CONSTRAINTS), (program_module, OBJECTIVES | FOLLOWING)],
+    [(constraints_module, CONSTRAINTS), (program_module, OBJECTIVES)],
     ids=["constraints", "objectives"],
 )
 class TestEveryBlockHasACase:
@@ -202,23 +202,13 @@ class TestDerivatives:
         assert np.abs(jacobian).min() > 0
         assert_derivative(lambda at: trajectory(*flight, at).residual[0], jacobian, x, scale)
 
-    @pytest.mark.parametrize("general", [False, True])
-    def test_of_18(self, problem, flight, x, scale, general):
-        flight = flight if general else (flight_model(problem), *flight[1:])
+    def test_of_18(self, flight, x, scale):
         jacobian = trajectory(*flight, x).attitude_jacobian[:, 0]
         assert_derivative(lambda at: trajectory(*flight, at).flown.attitude, jacobian, x, scale)
 
-    @pytest.mark.parametrize("name", ["torques", "motor_torques", "orientation_rate", "velocities", "accelerations"])
-    def test_of_quantities_by_the_kernel_and_on_the_general_path(self, problem, flight, x, name):
-        here, there = trajectory(flight_model(problem), *flight[1:], x), trajectory(*flight, x)
-        expected = there.quantity_jacobian(name)
-        assert here.quantity_jacobian(name) == pytest.approx(expected, rel=1e-10, abs=1e-10 * np.abs(expected).max())
-
-    def test_of_the_whole_program(self, problem, flight, x, scale):
+    def test_of_the_whole_program(self, flight, x, scale):
         """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""
-        program = FlightProgram(
-            flight_model(problem), *flight[1:], CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values())
-        )
+        program = FlightProgram(*flight, CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values()))
         here = program.evaluate(x)
         assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, x, scale)
         assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, x, scale)
@@ -226,71 +216,68 @@ class TestDerivatives:
 
 
 class TestRatesThatFollow:
-    """The same derivatives where the rates at both ends follow from a free h, and accelerations are free."""
+    """The kernel's derivatives where the rates at both ends follow from a free h, and accelerations are free."""
 
-    @pytest.fixture(
-        params=[
-            (*ends, general)
-            for ends in (("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free"))
-            for general in (False, True)
-        ]
-    )
+    @pytest.fixture(params=[("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free")])
     def following(self, request, problem):
-        objective_name, at_takeoff, at_landing, general = request.param
+        objective_name, at_takeoff, at_landing = request.param
         asked = replace(
             problem,
             start=replace(problem.start, velocities="takeoff", accelerations=at_takeoff),
             goal=replace(problem.goal, velocities="landing", accelerations=at_landing),
             flight=replace(problem.flight, landing=fp.Landing("hand", 0.8)),
             motion=fp.Motion([7, 9, 7], objective_name),
+            limits=fp.Limits(velocity=20.0, acceleration=300.0, torque=30.0, orientation_rate=4.0),
+            obstacles=(CIRCLE, GROUND, BAR),
+            self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         branches = np.array([[0, 0, 0], [0, 1, -1]])
         variables = decision_variables(asked, asked.degrees, branches, momentum_set(asked))
         assert variables.following
-        sampling = sample_also(sample_nodes(gauss_grid(24), variables.polynomials.form), INSTANTS)
-        model = FlightModel(general_flight(asked)) if general else flight_model(asked)
-        return (model, variables, sampling), objective(asked, model, variables, sampling)
+        return KernelProgram(asked, NODE_COUNTS.index(24), tuple(INSTANTS), variables)
 
     @pytest.fixture(params=range(3))
     def there(self, request, following):
-        (_, variables, _), _ = following
-        rng = np.random.default_rng(request.param)
+        variables, rng = following.variables, np.random.default_rng(request.param)
         z = rng.normal(scale=0.3, size=(3, variables.polynomials.width))
         return variables.variables(z, variables.momentum.centre + variables.momentum.axes @ rng.uniform(-1, 1, 1))
 
     def test_of_the_whole_program(self, following, there):
-        flight, aim = following
-        program = FlightProgram(*flight, aim, tuple(CONSTRAINTS.values()))
-        here, scale = program.evaluate(there), 0.01 * np.linalg.inv(flight[1].metric)
-        assert isinstance(aim, FollowingCoefficientNorm | IntegralOfSquares)
-        assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, there, scale)
-        assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, there, scale)
-        assert_derivative(lambda at: np.array(program.evaluate(at).objective), here.gradient, there, scale)
-        eigenvalues = np.linalg.eigvalsh(program.hessian(here))
+        here, scale = following.evaluate(there), 0.01 * np.linalg.inv(following.variables.metric)
+        assert len(here.inequality) > 500
+        assert_derivative(lambda at: following.evaluate(at).equality, here.equality_jacobian, there, scale)
+        assert_derivative(lambda at: following.evaluate(at).inequality, here.inequality_jacobian, there, scale)
+        assert_derivative(lambda at: np.array(following.evaluate(at).objective), here.gradient, there, scale)
+        eigenvalues = np.linalg.eigvalsh(following.whole(there)["hessian"])
         assert eigenvalues.min() > 1e-6 * eigenvalues.max()
 
     def test_the_norm_of_coefficients_is_17(self, following, there):
-        flight, aim = following
-        variables = flight[1]
-        if not isinstance(aim, FollowingCoefficientNorm):
+        if following.problem.motion.objective != "coefficients":
             pytest.skip("another objective")
+        variables = following.variables
 
         def both(at):
             motions = variables.motion_class(variables.angular_momentum(at))
             b = motions.powers_of_seconds(variables.free_coefficients(at))
-            return (b**2).sum() / aim.value(trajectory(*flight, at), at)
+            return (b**2).sum() / following.evaluate(at).objective
 
         assert both(there) == pytest.approx(both(-there), rel=1e-9)
 
     def test_given_states_stand_and_the_frames_rest(self, following, there):
-        (model, variables, _), _ = following
+        model, variables = flight_model(following.problem), following.variables
         ends = sample_also(model.nodes(-2, variables.polynomials.form), np.array([0.0, 1.0]))
         motion = trajectory(model, variables, ends, there).motion
-        rates, _ = variables.following.rates(variables.angular_momentum(there))
+        rates = variables.following.rates(variables.angular_momentum(there))
         assert motion.velocities[-2:] == pytest.approx(rates, abs=1e-10)
         for end, free in enumerate(end in variables.polynomials.free_ends for end in (2, 5)):
             given = variables.following.accelerations[end]
             assert not given.any() if free else motion.accelerations[end - 2] == pytest.approx(given, abs=1e-8)
+
+    def test_only_the_kernel_differentiates_them(self, following, there):
+        model, variables = FlightModel(general_flight(following.problem)), following.variables
+        motion = trajectory(model, variables, model.nodes(2, variables.polynomials.form), there)
+        with pytest.raises(AssertionError, match="in a plane alone, where derivatives are the kernel's"):
+            _ = motion.residual_jacobian
 
 
 class TestConstraints:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flight_reference import integrate_orientation
+from general_flight import general_flight
 
 import floatplan as fp
 from floatplan.compiled.batch import QUADRATURE_ERROR
@@ -16,7 +17,7 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.exchange import local_minima, solve
 from floatplan.planning.transcription.program import objective
-from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
+from floatplan.planning.transcription.trajectory import FlightModel, sample_also, sample_nodes, trajectory
 
 DENSE = 1024
 ERROR = 1e-9  # rad, that quadrature may leave of theta0(T)
@@ -63,6 +64,7 @@ class TestLocalMinima:
 class TestSolve:
     def solved(self, problem):
         ready = attempts(problem)
+        ready.model = FlightModel(general_flight(problem))
         start = ready.plain_start
 
         def make_objective(nodes):
@@ -83,7 +85,7 @@ class TestSolve:
         ready = attempts(obstructed)
         start = ready.plain_start
         solution = solve(
-            ready.model,
+            FlightModel(general_flight(obstructed)),
             start.variables,
             lambda nodes: objective(obstructed, ready.model, start.variables, nodes),
             ready.constraints,

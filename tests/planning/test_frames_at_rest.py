@@ -125,19 +125,18 @@ class TestRates:
         rates = end_rates(problem, momentum)
         reach = 3 * float(momentum.axes[0, 0])
         for h in momentum.centre[0] + np.linspace(-reach, reach, 41):
-            found, slopes = rates(np.array([h]))
+            found = rates(np.array([h]))
             for end, name in enumerate(("takeoff", "landing")):
                 exact = contact_rates(problem, name, float(h))
                 largest = max(np.abs(found[end] / exact.limits).max(), 0.0)
                 assert largest <= exact.ratio * (1 + 1e-2)
-            ahead, _ = rates(np.array([h + 1e-7]))
-            assert ahead - found == pytest.approx(1e-7 * slopes[..., 0], abs=1e-12)
+            ahead, behind = (rates(np.array([h + step])) for step in (1e-7, -1e-7))
+            assert ahead - found == pytest.approx(found - behind, abs=1e-12)
 
     def test_of_a_given_h_are_the_best(self, jumper):
         problem = problem_of(jumper)
-        found, slopes = end_rates(problem, momentum_set(problem))(np.array([-4.0]))
+        found = end_rates(problem, momentum_set(problem))(np.array([-4.0]))
         assert found[0] == pytest.approx(contact_rates(problem, "takeoff", -4.0).rates, rel=1e-12)
-        assert not slopes.any()
 
 
 class TestImpossible:
@@ -205,5 +204,5 @@ def test_given_momenta_need_no_reach(jumper):
     """The middle of a set is where rates of a given h come from."""
     problem = problem_of(jumper)
     other = MomentumSet(np.array([2.5]), np.empty((1, 0)))
-    found, _ = end_rates(problem, other)(other.centre)
+    found = end_rates(problem, other)(other.centre)
     assert found[1] == pytest.approx(contact_rates(problem, "landing", 2.5).rates, rel=1e-12)

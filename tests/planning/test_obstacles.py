@@ -22,7 +22,7 @@ NAMES = [path.stem for path in PROBLEMS]
 BUDGET = 60.0  # s: a slow machine is no reason to fail
 HOLDS = 1e-6  # m, N m, rad/s, rad
 AT_EDGE = 1e-7  # m
-DENSE = 2_001  # instants, beside those about the extremes
+DENSE = 1_001  # instants, beside those about the extremes
 Planned = Callable[[str], fp.Plan]
 
 

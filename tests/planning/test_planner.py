@@ -11,6 +11,7 @@ import proof_reference
 import pytest
 from flight_reference import integrate_orientation, joint_state
 from generated_problems import mixed_problem, random_problem
+from long_cases import cases
 from robot_samples import GYMNAST, URDF_FOLDER, flipped_axes, other_plane
 
 import floatplan as fp
@@ -124,7 +125,7 @@ class TestExamples:
         assert replace(planned("handstand"), problem=example_b).peaks.clearance < 0.01
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", cases(range(60), range(30, 60)))
 def test_generated_problem_is_solved(seed):
     """The first 60 of the 300; every third one moves at its ends. Defaults, but for the clock of a busy machine."""
     plan = fp.plan(mixed_problem(seed), budget=PATIENT)

@@ -76,7 +76,6 @@ def test_it_lands_there_too(name: str, heavier: float, correct: bool) -> None:
     low, high = model.jnt_actfrcrange[[model.joint(name).id for name in names]].T
     times = np.arange(0.0, jump.duration + AFTER, EVERY * STEP)
     q, v, tau = (each(np.minimum(times, jump.duration)) for each in (jump.q, jump.v, jump.tau))
-    tau = (tau + np.append(tau[1:], tau[-1:], axis=0)) / 2  # held from one time to the next
     data.qpos[:7], data.qpos[rows] = q[0, [0, 1, 2, 6, 3, 4, 5]], q[0, 7:]
     mujoco.mj_kinematics(model, data)
     data.qpos[2] += radius - data.geom("FL_foot").xpos[2]

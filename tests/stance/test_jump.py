@@ -16,7 +16,8 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.stance.motion import Grid
-from floatplan.stance.planner import jump
+from floatplan.stance.planner import ROOM, beside, jump
+from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -152,6 +153,50 @@ def test_what_cannot_be_is_not_found_and_says_why() -> None:
     found = jump(weak, starts=1)
     assert (found.ok, found.status) == (False, "not_found")
     assert "In the way: torque of" in found.explanation
+
+
+def test_a_jump_at_hand_is_a_guess_that_nearly_holds() -> None:
+    """Of programs with its phases, which last as long as they may there; of another it is none."""
+    found = backflip()
+    lasted = [phase.end - phase.begin for phase in found.phases]
+    asked = fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=[[0.9 * lasts] * 2 for lasts in lasted[:2]]))
+    for request, off in ((fp.JumpRequest(), 0.5), (asked, 1.0)):
+        program = jump_setup(found.problem, request).program(ROOM)
+        guess = beside(program, found)
+        assert guess is not None
+        lasts = np.array([0.9, 0.9, 1.0, 1.0, 1.0] if request is asked else [1.0] * 5) * lasted
+        assert program.motion(guess)[-1].ravel() == pytest.approx(lasts)
+        _, evaluate, rows = program.stated
+        low, high = np.concatenate(rows.low), np.concatenate(rows.high)
+        plain, near = (
+            np.maximum(np.maximum(low - values, values - high), 0).max()
+            for values in (np.asarray(evaluate(each)).ravel() for each in (program.guess(), guess))
+        )
+        assert near < off < plain
+    other = fp.JumpRequest(landing=fp.JumpLanding([["FL_foot", "RL_foot"]]))
+    assert beside(jump_setup(found.problem, other).program(ROOM), found) is None
+    assert beside(program, Jump(found.problem, found.request)) is None
+    with pytest.raises(InputError, match="near"):
+        jump(found.problem, near=found.flight)  # type: ignore[arg-type]
+
+
+@pytest.mark.long
+def test_from_a_jump_at_hand_another_is_found_that_holds_as_well() -> None:
+    """Whatever changed, without a start; and where none is, the same is said as without."""
+    found, said = backflip(), list[str]()
+    lasted = [phase.end - phase.begin for phase in found.phases]
+    durations = [[lasted[0] + 0.004] * 2, [lasted[1] - 0.004] * 2]
+    for request in (
+        fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=durations)),
+        fp.JumpRequest(friction=found.request.friction + 0.1, margin={"torque": 0.82}),
+        fp.JumpRequest(objective="limits"),
+    ):
+        again = jump(found.problem, request, near=found, progress=said.append)
+        assert again.ok
+        assert again.check.ok
+    assert set(said) == {"from the jump at hand"}
+    icy = jump(found.problem, fp.JumpRequest(friction=0.12), starts=1, helps=False, near=found)
+    assert icy.explanation == "No jump was found in 1 starts."
 
 
 @pytest.mark.long

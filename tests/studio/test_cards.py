@@ -92,6 +92,7 @@ def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: ShownPlan
     assert cards.is_news(told, replace(asked, answered=2))
     assert cards.is_news(told, replace(asked, answer=replace(present, settled=False)))
     assert cards.is_news(told, replace(asked, fault="no"))
+    assert cards.is_news(told, replace(asked, doing="start 2 of 4"))
     assert cards.is_news(told, replace(told, refusal="no"))
     assert cards.is_news(replace(told, refusal="no"), asked), "the refusal is over"
 

@@ -131,7 +131,8 @@ def test_friction_and_margins_are_numbers_of_the_problem(problem: fp.Problem) ->
 @pytest.mark.long
 def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
     problem = fp.load_problem(Path(__file__).parents[2] / "problems" / "jumps" / "go2.toml")
-    session = Session(problem)
+    session, said = Session(problem), set[str]()
+    session.listen(lambda: said.add(session.view.doing))
     try:
         assert session.wait(lambda view: view.answer is not None, PATIENCE)
         assert session.view.verdict == "waiting"
@@ -147,6 +148,8 @@ def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
         assert session.edit(edits.phases(ends, 2))
         assert session.view.answer is answer, "the last jump stays until there is another"
         assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view
+        assert said >= {"start 1 of 4", "from the jump at hand"}
+        assert "start 2 of 4" not in said
         assert session.save("plan", str(tmp_path)).endswith("jump.json is saved.")
         saved = fp.load_jump(tmp_path / "jump.json")
         assert [phase.end for phase in saved.phases] == pytest.approx(ends, abs=1e-6)

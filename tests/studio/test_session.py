@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from studio_insides import process_ids
 import floatplan as fp
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
-from floatplan.studio.planning import LAST, Actions, StoppedError, Worker, packed, unpacked
+from floatplan.studio.planning import LAST, Actions, Planning, StoppedError, Worker, _prepare, packed, unpacked
 from floatplan.studio.session import FILE_NAMES, Part, Session, View
 from floatplan.view.outlines import body_poses
 
@@ -255,6 +256,60 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
         worker.close()
     with pytest.raises(StoppedError):
         worker.ask(PlanTask(problem, PATIENCE))
+
+
+def test_a_worker_says_what_it_does(problem: fp.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To whoever asks, in its order, and nothing of it to the next."""
+
+    def answer(task: PlanTask, say: Callable[[str], None]) -> float | None:
+        say(f"asked for {task.budget}")
+        return task.budget
+
+    monkeypatch.setattr(PlanTask, "answer", answer)
+    worker, words = Worker(problem.robot), list[str]()
+    with ThreadPoolExecutor(1) as here:
+        monkeypatch.setattr(worker, "_started", lambda: here)
+        _prepare(problem.robot, 0, worker._told)
+        assert [worker.ask(PlanTask(problem, budget), words.append) for budget in (1.0, 2.0)] == [1.0, 2.0]
+    assert words == ["asked for 1.0", "asked for 2.0"]
+
+
+def test_a_search_is_stopped_and_all_is_as_it_was(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert session.wait(settled, PATIENCE)
+    before = session.view
+    session.stop()
+    assert session.view is before, "nothing was sought"
+    with monkeypatch.context() as unanswered:
+        unanswered.setattr(Planning, "_plan", lambda *_: None)
+        assert session.set("flight.duration", 1.2)
+        asked = session.view
+        session._take_words(asked.number, "start 2 of 4")
+        assert session.view.doing == "start 2 of 4"
+        assert "Start 2 of 4" in cards.status_card(session.view)
+        session.stop()
+    assert vars(session.view) == vars(before)
+    assert before.answer is not None
+    session._take_plan(asked.number, before.answer)
+    session._take_words(asked.number, "too late")
+    assert vars(session.view) == vars(before)
+    assert session.undo()
+    assert session.view.problem.flight.duration == 1.2
+    assert session.wait(lambda view: settled(view) and view.is_current and view.number > asked.number, PATIENCE)
+
+
+def test_the_first_search_is_stopped(problem: fp.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as unanswered:
+        unanswered.setattr(Planning, "_plan", lambda *_: None)
+        session = Session(problem, with_map=False)
+        session.stop()
+    try:
+        assert session.view.verdict == "stopped"
+        assert "<b>Stopped</b>" in cards.status_card(session.view)
+        assert session.set("flight.duration", 1.2)
+        assert session.wait(settled, PATIENCE)
+        assert session.view.verdict == "proved"
+    finally:
+        session.close()
 
 
 def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:

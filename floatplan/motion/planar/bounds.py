@@ -165,6 +165,11 @@ def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
     return momentum_interval(problem, changes, problem.flight.duration)
 
 
+def momentum_asked(problem: Problem, asked: float | str) -> float:
+    """Return an h that is asked for as a number, kg m^2/s: as it is, else (10)."""
+    return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
+
+
 def momentum_interval(problem: Problem, changes: Array, duration: float) -> tuple[float, float]:
     """(9) for other ``changes`` (n+1,) of orientation and joints, rad, or another duration, s."""
     low, high = inertia_extremes(problem.robot, problem.position_limits)
@@ -265,7 +270,8 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     """A frame leaves or meets the ground at rest with rates within the limits, or not at all."""
     if not np.isfinite(problem.velocity_limits).any():
         return
-    momentum = None if problem.flight.momentum_in_plane == "free" else _given_momentum(problem)
+    asked = problem.flight.momentum_in_plane
+    momentum = None if asked == "free" else momentum_asked(problem, asked)
     takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
     for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
@@ -285,7 +291,7 @@ def _turning(problem: Problem) -> Iterator[str]:
         return
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
-    momentum = _given_momentum(problem)
+    momentum = momentum_asked(problem, problem.flight.momentum_in_plane)
     duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
     least, most = momentum - swing, momentum + swing
     slowest = duration * least / (high[0] if least > 0 else low[0])
@@ -295,11 +301,6 @@ def _turning(problem: Problem) -> Iterator[str]:
             f"Under the velocity limits the orientation changes by {slowest:+.4g} to {fastest:+.4g} rad in"
             f" {duration:.4g} s whatever the joints do; the goal needs {turn:+.4g} rad."
         )
-
-
-def _given_momentum(problem: Problem) -> float:
-    given = problem.flight.momentum_in_plane
-    return sum(angular_momentum_interval(problem)) / 2 if isinstance(given, str) else float(given)
 
 
 def _impassable(index: int, obstacle: Obstacle, times: Array, path: ComplexArray, point: CentralPoint) -> Iterator[str]:

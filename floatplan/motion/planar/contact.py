@@ -15,7 +15,7 @@ import numpy as np
 from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.files import plain
-from floatplan.motion.planar.bounds import angular_momentum_interval, momentum_interval
+from floatplan.motion.planar.bounds import momentum_asked, momentum_interval
 from floatplan.motion.planar.closed_form import ballistics, frame_weights
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
@@ -233,7 +233,7 @@ def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) ->
     if asked == "free":
         shared = shared_momentum(problem)
         asked = "midpoint" if shared is None else shared
-    return asked, sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
+    return asked, momentum_asked(problem, asked)
 
 
 def reachable_sets(problem: Problem) -> dict[str, Reachable]:

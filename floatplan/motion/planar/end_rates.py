@@ -32,12 +32,12 @@ class RateCurve:
     momenta: Array
     rates: Array
 
-    def __call__(self, momentum: float) -> tuple[Array, Array]:
-        """Rates (n,) at h, and their derivatives by it."""
+    def __call__(self, momentum: float) -> Array:
+        """Rates (n,) at h."""
         piece = int(np.clip(np.searchsorted(self.momenta, momentum) - 1, 0, len(self.momenta) - 2))
         width = self.momenta[piece + 1] - self.momenta[piece]
         slope = (self.rates[piece + 1] - self.rates[piece]) / width
-        return self.rates[piece] + slope * (momentum - self.momenta[piece]), slope
+        return np.asarray(self.rates[piece] + slope * (momentum - self.momenta[piece]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,12 @@ class EndRates:
     given: Array
     curves: Mapping[int, RateCurve]
 
-    def __call__(self, angular_momentum: Array) -> tuple[Array, Array]:
-        """Rates (2, n) for h (1,), and their derivatives (2, n, 1) by it."""
-        rates, slopes = self.given.copy(), np.zeros((*self.given.shape, 1))
+    def __call__(self, angular_momentum: Array) -> Array:
+        """Rates (2, n) for h (1,)."""
+        rates = self.given.copy()
         for number, curve in self.curves.items():
-            rates[number], slopes[number, :, 0] = curve(float(angular_momentum[0]))
-        return rates, slopes
+            rates[number] = curve(float(angular_momentum[0]))
+        return rates
 
 
 @lru_cache(maxsize=8)
@@ -121,7 +121,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
     """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s."""
     if not problem.ground:
         return []
-    rates, _ = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
+    rates = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
     start, goal = replace(problem.initial, velocities=rates[0]), replace(problem.final, velocities=rates[1])
     errors = []
     for name, state, instant, sign, direction in (

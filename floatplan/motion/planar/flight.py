@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import FlightGrid, MomentumSet
 from floatplan.motion.planar import clearance
-from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
+from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes, momentum_asked
 from floatplan.motion.planar.clearance import LinkShapes, Segments
 from floatplan.motion.planar.closed_form import Ballistics, Dynamics, ballistics, tree_dynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
@@ -268,10 +268,10 @@ def momentum_set(problem: Problem) -> MomentumSet:
 
     A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
     """
-    low, high = angular_momentum_interval(problem)
     asked = problem.flight.momentum_in_plane
-    centre = (low + high) / 2 if isinstance(asked, str) else float(asked)
+    centre = momentum_asked(problem, asked)
     if asked != "free":
         return MomentumSet(read_only([centre]), read_only(np.empty((1, 0))))
+    low, high = angular_momentum_interval(problem)
     _, most = inertia_extremes(problem.robot, problem.position_limits)
     return MomentumSet(read_only([centre]), read_only([[max((high - low) / 2, most[0] / problem.flight.duration)]]))

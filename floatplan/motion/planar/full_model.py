@@ -247,9 +247,10 @@ class FullMotion:
         Those have none themselves; a locked joint's holds it.
         """
         robot, torques = self.robot, self.torques.copy()
-        torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
+        base = len(robot.transmission) - len(self.joints)
+        torques[:, robot.transmission[base:].any(axis=1)] = 0.0
         motors = [self.joints.index(name) for name in robot.motors]
-        torques[:, motors] = self.coordinates.torques @ robot.transmission
+        torques[:, motors] = self.torques @ robot.transmission[base:]
         return read_only(torques)
 
     @cached_property

@@ -234,14 +234,6 @@ class SpatialFullMotion(FullMotion):
         """Torques (N, J), N m: each joint's own, also where several are coupled; a locked joint's holds it."""
         return read_only(self.motion.forces(self.state)[:, BASE:])
 
-    @cached_property
-    def motor_torques(self) -> Array:
-        """Torques (N, J), N m, that the motors make; see :class:`FullMotion`."""
-        robot, torques = self.robot, self.torques.copy()
-        torques[:, robot.transmission[BASE:].any(axis=1)] = 0.0
-        torques[:, [self.joints.index(name) for name in robot.motors]] = self.torques @ robot.transmission[BASE:]
-        return read_only(torques)
-
     @property
     def base_position(self) -> Array:
         """Place (N, 3) of the root link's origin in the world, m."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings
+from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -29,7 +29,6 @@ from floatplan.planning.transcription.program import (
     changes_at_ends,
     instants_beside_nodes,
     objective,
-    watch_of,
 )
 from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_unit
@@ -107,21 +106,10 @@ class CompiledAttempts:
         has done the most work, of others those are left out that would do more.
         """
         watch, found = self._watch, x.copy()
-        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
-        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
-        levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
-        work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
-        counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
-        asked = {"first": numbers.start, "count": len(numbers)}
-        arrays = {"at_ends": at_ends, "instants": instants, "x": found, "tolerance": self._tolerance}
-        numbers_of = {**self._aim(variables), **levels, **work, **counts, **asked}
-        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers_of, **arrays)
-        motions = _motions(self._model.flight, variables, watch.also is None)
-        draws = _draws(variables, seed, len(self._constraints))
-        grids, ended = nodes_of_levels(variables.polynomials.form), attempt.structure
-        settings = constrained_settings(), _rules(self._model.flight.bodies)
-        given = *watch.references, motions.structure, grids, *settings, ended, draws.structure
-        if watch.kernel.attempt(*given, watch.kernel.instructions):
+        given, attempt, _ = self.prepared(variables, found, at_once, most_work)
+        draws, ended = _draws(variables, seed, len(self._constraints)), attempt.structure
+        ended.first, ended.count = numbers.start, len(numbers)
+        if watch.kernel.attempt(*given, ended, draws.structure, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
         self._model.work += ended.work
         kept = slice(0, ended.minima.found)
@@ -129,6 +117,24 @@ class CompiledAttempts:
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
         counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started, bool(ended.at_once)
         return Ended(found, draws["branch"], STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
+
+    def prepared(
+        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float
+    ) -> tuple[tuple[Any, ...], Filled, Filled]:
+        """Return what the kernel is given to follow a start, the start, which ends at x (size,), and its class."""
+        watch = self._watch
+        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
+        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
+        levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
+        work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
+        counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
+        arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance}
+        numbers = {**self._aim(variables), **levels, **work, **counts}
+        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
+        motions = _motions(self._model.flight, variables, watch.also is None)
+        grids = nodes_of_levels(variables.polynomials.form)
+        settings = constrained_settings(), _rules(self._model.flight.bodies)
+        return (*watch.references, motions.structure, grids, *settings), attempt, motions
 
     @cached_property
     def _window_ends(self) -> tuple[float, ...]:
@@ -148,11 +154,13 @@ class CompiledAttempts:
 def compiled_attempts(
     problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], level: int
 ) -> CompiledAttempts | None:
-    """Make a problem ready; None where the kernel does not know all of its rows, or its objective."""
-    quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    watch = watch_of(model.flight, constraints, quantity)
-    if watch is None or not all(watch.known) or (quantity and watch.also is None):
+    """Make a problem ready; None in space."""
+    if not is_planar(model.flight):
         return None
+    quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
+    watch = CompiledConstraints(
+        model.flight, [constraint.compiled(model.flight) for constraint in constraints], quantity
+    )
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.compiled.constraints import Block, DistanceRows, SumRows
+from floatplan.motion.dynamics import FlightDynamics
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
@@ -64,9 +65,9 @@ class Constraint(ABC):
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size) of the values by x."""
 
-    def compiled(self) -> Block | None:
-        """Return the rows as the kernel computes them; None for a block that it does not know."""
-        return None
+    @abstractmethod
+    def compiled(self, flight: FlightDynamics) -> Block:
+        """Return the rows as the kernel computes them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,7 +99,7 @@ class Clearance(Constraint):
             return trajectory.jacobian(flown.obstacle_partials(between)) / LENGTH_SCALE
         return trajectory.jacobian(flown.pair_partials(*between)) / LENGTH_SCALE
 
-    def compiled(self) -> Block:
+    def compiled(self, flight: FlightDynamics) -> Block:
         """Return the same distances."""
         return DistanceRows(self.between, self.margin, LENGTH_SCALE)
 
@@ -144,9 +145,14 @@ class Limit(Constraint):
         used = [weights @ trajectory.quantity_jacobian(name) for name, weights in self.weights.items()]
         return -sum(used[1:], used[0])
 
-    def compiled(self) -> Block:
+    def compiled(self, flight: FlightDynamics) -> Block:
         """Return the same sums."""
-        return SumRows(np.ones(len(self.labels)), {name: -weights for name, weights in self.weights.items()})
+        used: dict[str, Array] = {}
+        for name, weights in self.weights.items():
+            for part, by_part in QUANTITIES[name].sums(flight).items() or ((name, None),):
+                rows = weights if by_part is None else weights @ by_part
+                used[part] = used.get(part, 0.0) - rows
+        return SumRows(np.ones(len(self.labels)), used)
 
 
 def obstacle_clearance(obstacle: Obstacle, name: str, links: Sequence[str], window: Window = ALWAYS) -> Clearance:

@@ -5,15 +5,12 @@ sensible motion of its class; :func:`objective_value` is the user's own, by whic
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.compiled.constraints import CompiledConstraints, MotionRows, RowTargets, compiled_constraints
-from floatplan.motion.dynamics import FlightDynamics
-from floatplan.motion.sine_polynomial import powers_map
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.trajectory import (
@@ -24,7 +21,7 @@ from floatplan.planning.transcription.trajectory import (
     sample_also,
     trajectory,
 )
-from floatplan.planning.transcription.variables import DecisionVariables, whitened_unit
+from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
@@ -63,49 +60,6 @@ class CoefficientNorm:
 
 
 @dataclass(frozen=True, eq=False)
-class FollowingCoefficientNorm:
-    """(17) where conditions (13) change with h: ``|b|^2 / (2 unit^2)``, with the unit of whitened variables."""
-
-    variables: DecisionVariables
-
-    @cached_property
-    def _map(self) -> Array:
-        """Matrix (k+1, g+width) from a joint's given conditions and z to its b, over the unit."""
-        polynomials = self.variables.polynomials
-        return np.asarray(powers_map(polynomials.form, polynomials.duration) / whitened_unit(polynomials))
-
-    def _written(self, trajectory: Trajectory, x: Array) -> Array:
-        """B (n, k+1) over the unit."""
-        given = self.variables.motion_class(trajectory.angular_momentum[0]).given_boundary
-        coefficients = np.concatenate((given, self.variables.free_coefficients(x)), axis=1)
-        return np.asarray(coefficients @ self._map.T)
-
-    def value(self, trajectory: Trajectory, x: Array) -> float:
-        """Value."""
-        return float((self._written(trajectory, x) ** 2).sum()) / 2
-
-    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
-        """Gradient (size,) by x."""
-        return np.asarray(self._by_x(trajectory, (self._written(trajectory, x) @ self._map)[None])[0])
-
-    def hessian(self, trajectory: Trajectory) -> Array:
-        """Return that of b by x and h, and 1 more for each direction of h."""
-        joints = len(self.variables.polynomials.free)
-        by_all = np.einsum("jl,kc->jklc", np.eye(joints), self._map).reshape(-1, joints, self._map.shape[1])
-        jacobian = self._by_x(trajectory, by_all)
-        of_momentum = np.arange(self.variables.size) >= self.variables.coefficients
-        hessian: Array = jacobian.T @ jacobian + np.diag(of_momentum.astype(float))
-        return hessian
-
-    def _by_x(self, trajectory: Trajectory, by_all: Array) -> Array:
-        """Derivatives (r, size) by x of those (r, n, g+width) by all coefficients of the basis."""
-        assert trajectory.boundary_by_axes is not None, "the conditions change with h"
-        given = trajectory.sampling.given
-        by_axes = np.tensordot(by_all[..., :given], trajectory.boundary_by_axes, 2)
-        return self.variables.gradient(by_all[..., given:], None, by_axes)
-
-
-@dataclass(frozen=True, eq=False)
 class IntegralOfSquares:
     """Integral over the flight of the square of a quantity, by its name, over the joints, divided by ``scale``."""
 
@@ -137,15 +91,13 @@ class IntegralOfSquares:
         return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
 
 
-Objective: TypeAlias = CoefficientNorm | FollowingCoefficientNorm | IntegralOfSquares  # a term to minimise
+Objective: TypeAlias = CoefficientNorm | IntegralOfSquares  # a term to minimise
 
 
 def objective_term(name: ObjectiveName, variables: DecisionVariables, scale: float = 1.0) -> Objective:
     """Return the row of the table of objectives as the search minimises it; integrals are divided by ``scale``."""
     quantity = OBJECTIVE_TABLE[name].quantity
-    if quantity is None:
-        return FollowingCoefficientNorm(variables) if variables.following else CoefficientNorm(variables.coefficients)
-    return IntegralOfSquares(quantity, scale)
+    return CoefficientNorm(variables.coefficients) if quantity is None else IntegralOfSquares(quantity, scale)
 
 
 def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
@@ -237,15 +189,10 @@ class FlightProgram:
     def evaluate(self, x: Array) -> Evaluation[Trajectory]:
         """Objective, (14) and constraints; their derivatives by x when asked for."""
         motion = self.trajectory(x)
-        compiled = MotionRows(self._instants, motion.flown) if self._watch else None
-        inequality = compiled.values() if compiled else np.empty(self._count)
-        for block, target in self._others:
+        inequality = np.empty(self._count)
+        for block, target in zip(self.constraints, self._targets, strict=True):
             inequality[target[target >= 0]] = (block.values(motion) - self.back_off)[target >= 0]
-
-        def differentiate() -> Derivatives:
-            return self._compiled_derivatives(motion, compiled, x) if compiled else self._derivatives(motion, x)
-
-        equality = self._combined(motion.residual[0])
+        equality, differentiate = self._combined(motion.residual[0]), partial(self._derivatives, motion, x)
         return Evaluation(self.objective.value(motion, x), equality, inequality, differentiate, motion)
 
     def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
@@ -256,60 +203,11 @@ class FlightProgram:
         """Equalities (r, ...) of residuals (e, ...)."""
         return residual if self.combinations is None else self.combinations @ residual
 
-    @cached_property
-    def _watch(self) -> CompiledConstraints | None:
-        """What computes rows, and the quantity of the objective, in the kernel; None in space."""
-        quantity = self.objective.quantity if isinstance(self.objective, IntegralOfSquares) else ""
-        return watch_of(self.model.flight, self.constraints, quantity)
-
-    @cached_property
-    def _others(self) -> list[tuple[Constraint, IntArray]]:
-        """Constraints that the kernel does not know, and which rows are theirs."""
-        known = self._watch.known if self._watch else (False,) * len(self.constraints)
-        each = zip(self.constraints, self._targets, known, strict=True)
-        return [(block, target) for block, target, is_known in each if not is_known]
-
-    @cached_property
-    def _instants(self) -> RowTargets:
-        """Where the kernel puts the rows that it knows."""
-        assert self._watch, "there is a kernel for them"
-        known = [target for target, is_known in zip(self._targets, self._watch.known, strict=True) if is_known]
-        nothing = np.empty((len(self.sampling.grid.s), 0), dtype=np.int64)
-        target = np.concatenate((nothing, *known), axis=1)
-        return RowTargets(self._watch, self.sampling.grid.s, target, self._count, self.back_off)
-
-    def _with_others(self, motion: Trajectory, jacobian: Array) -> Array:
-        """Put those derivatives (k, size) of all rows that the kernel does not know among the others."""
-        for block, target in self._others:
-            jacobian[target[target >= 0]] = block.jacobian(motion)[target >= 0]
-        return jacobian
-
     def _derivatives(self, motion: Trajectory, x: Array) -> Derivatives:
-        gradient, equality = self.objective.gradient(motion, x), self._combined(motion.residual_jacobian)
-        return Derivatives(gradient, equality, self._with_others(motion, np.empty((self._count, len(x)))))
-
-    def _compiled_derivatives(self, motion: Trajectory, compiled: MotionRows, x: Array) -> Derivatives:
-        """Gradient, (14) and rows by x, after the values."""
-        assert self._watch, "there is a kernel for them"
-        drift = compiled.drift(motion.by_x, self.sampling.grid.nodes)
-        slopes = drift[:, None, :]
-        jacobian = compiled.jacobian(motion.flown.transport(slopes) if self._watch.needs_places else slopes)
-        of_row = len(self.sampling.grid.s) * len(x)
-        for rows in self._watch.differentiated:
-            self.model.differentiated(of_row * rows)
-        if isinstance(self.objective, IntegralOfSquares) and self._watch.also is not None:
-            gradient = compiled.gradient(self.objective.weights(motion) @ self._watch.also)
-            self.model.differentiated(of_row)
-        else:
-            gradient = self.objective.gradient(motion, x)
-        equality = motion.duration * (self.sampling.grid.weights @ drift)[None]
-        return Derivatives(gradient, equality, self._with_others(motion, jacobian))
-
-
-@lru_cache(maxsize=16)
-def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints | None:
-    """Return what watches the constraints' rows, and the quantity ``also``; None in space."""
-    return compiled_constraints(flight, [constraint.compiled() for constraint in constraints], also)
+        jacobian = np.empty((self._count, len(x)))
+        for block, target in zip(self.constraints, self._targets, strict=True):
+            jacobian[target[target >= 0]] = block.jacobian(motion)[target >= 0]
+        return Derivatives(self.objective.gradient(motion, x), self._combined(motion.residual_jacobian), jacobian)
 
 
 def scaled(program: FlightProgram, x: Array) -> FlightProgram:

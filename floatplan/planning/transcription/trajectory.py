@@ -7,7 +7,7 @@ evaluated are, and they cost nearly all of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import cast
@@ -15,7 +15,6 @@ from typing import cast
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.constraints import ByX, MotionRows, RowTargets, quantity_rows
 from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
@@ -72,15 +71,12 @@ class FlightModel:
         self.work += DIFFERENTIATION + ENTRY * entries
 
     def solved(self, variables: int, rows: int, changes: int) -> None:
-        """Count a quadratic program by the changes of its active rows; in a plane they are small."""
-        if self.flight.tangent > 1:
-            changed = changes * (CHANGE[0] * variables + CHANGE[1] * rows)
-            self.work += variables * (CUBED * variables**2 + changed)
+        """Count a quadratic program by the changes of its active rows."""
+        self.work += variables * (CUBED * variables**2 + changes * (CHANGE[0] * variables + CHANGE[1] * rows))
 
     def iterated(self, numbers: int, iterations: int) -> None:
         """Count iterations of ProxQP, by variables and rows together."""
-        if self.flight.tangent > 1:
-            self.work += ITERATED * iterations * numbers**2
+        self.work += ITERATED * iterations * numbers**2
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
@@ -97,7 +93,6 @@ class Trajectory:
     """Motions sampled, for one x or several: everything that constraints and objectives ask, computed when asked.
 
     ``motion`` holds the K instants of the sampling, of S motions one after the other; ``angular_momentum`` (S, e).
-    ``boundary_by_axes`` is that of the variables.
     Derivatives are of a single motion.
     """
 
@@ -106,7 +101,6 @@ class Trajectory:
     sampling: Sampling
     motion: JointMotion
     angular_momentum: Array
-    boundary_by_axes: Array | None = None
     _jacobians: dict[str, Array] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -132,41 +126,14 @@ class Trajectory:
 
     @property
     def differentiable(self) -> DifferentiableMotion:
-        """The flown motion, where it is one whose derivatives the kernel has not."""
+        """The flown motion, where it is one in space: derivatives in a plane are the kernel's."""
         return cast("DifferentiableMotion", self.flown)
-
-    @cached_property
-    def by_x(self) -> ByX:
-        """How joints and h depend on x."""
-        by_x = basis_by_x(self.variables, self.sampling)
-        if self.boundary_by_axes is None:
-            return by_x
-        given = np.stack(self.sampling.values)[..., : self.sampling.given]
-        of_axes = np.zeros((3, *self.boundary_by_axes.shape[::2], by_x.basis.shape[2]))
-        of_axes[..., : given.shape[1]] = np.einsum("dkg,igh->dihk", given, self.boundary_by_axes)
-        return replace(by_x, of_axes=of_axes)
 
     def quantity_jacobian(self, name: str) -> Array:
         """Derivatives (K, r, size) of a quantity of :data:`QUANTITIES` by x."""
         if name not in self._jacobians:
             self._jacobians[name] = QUANTITIES[name].jacobian(self)
         return self._jacobians[name]
-
-    def by_kernel(self, quantity: str, partials: str) -> Array:
-        """Derivatives (K, r, size) of a quantity that the kernel knows by x; in space by its partials of that name."""
-        found = self._of_kernel(quantity)
-        return self.jacobian(getattr(self.differentiable, partials)) if found is None else found
-
-    def _of_kernel(self, quantity: str) -> Array | None:
-        """Derivatives (K, r, size) of a quantity by x; None in space."""
-        rows = _rows_of(self.model.flight, quantity, self.sampling)
-        if rows is None:
-            return None
-        compiled = MotionRows(rows, self.flown)
-        compiled.values()
-        slopes = compiled.drift(self.by_x, self.sampling.grid.nodes)
-        self.model.differentiated(rows.count * self.variables.size)
-        return compiled.jacobian(slopes).reshape(len(self.sampling.grid.s), -1, self.variables.size)
 
     @property
     def turning_rate(self) -> Array:
@@ -177,7 +144,7 @@ class Trajectory:
     @property
     def turning_rate_jacobian(self) -> Array:
         """Derivatives (K, 1, size) of it by x."""
-        by_x, rate = self.by_kernel("orientation_rate", "rate_partials"), self.flown.rate
+        by_x, rate = self.jacobian(self.differentiable.rate_partials), self.flown.rate
         if rate.shape[1] == 1:
             return by_x
         along = rate / np.maximum(self.turning_rate, np.finfo(float).tiny)
@@ -204,9 +171,7 @@ class Trajectory:
     @cached_property
     def attitude_jacobian(self) -> Array:
         """Derivative (K, e, size) by x of the attitude, as small turns."""
-        rates = self._of_kernel("orientation_rate")  # in a plane they are what drifts
-        drift = self._chained(self.differentiable.drift) if rates is None else rates[: self.sampling.grid.nodes]
-        return self.flown.transport(drift)
+        return self.differentiable.transport(self._chained(self.differentiable.drift))
 
     def jacobian(self, partials: Partials) -> Array:
         """Derivatives (K, r, size) by x of quantities with the given partials."""
@@ -235,35 +200,9 @@ class Trajectory:
             add(0, partials.by_acceleration, motion.acceleration_by_p)
             add(1, partials.by_acceleration, motion.acceleration_by_rate)
             add(2, partials.by_acceleration, motion.acceleration_by_curvature)
-        columns = slice(0 if self.boundary_by_axes is not None else self.sampling.given, None)
-        values = self.sampling.values
-        by_all = np.asarray(sum(w[..., None] * values[d][: len(w), None, None, columns] for d, w in weights.items()))
-        if self.boundary_by_axes is None:
-            return self.variables.gradient(by_all, partials.by_momentum)
-        given = self.sampling.given
-        by_axes = np.tensordot(by_all[..., :given], self.boundary_by_axes, 2)
-        return self.variables.gradient(by_all[..., given:], partials.by_momentum, by_axes)
-
-
-@lru_cache(maxsize=16)
-def _rows_of(flight: FlightDynamics, quantity: str, sampling: Sampling) -> RowTargets | None:
-    """Where the kernel puts a quantity; None in space."""
-    return quantity_rows(flight, quantity, sampling.grid.s)
-
-
-@lru_cache(maxsize=16)
-def basis_by_x(variables: DecisionVariables, sampling: Sampling) -> ByX:
-    """Return the basis of p combined as x combines it, joint by joint."""
-    free, scaling = variables.polynomials.free, variables.scaling
-    columns = np.cumsum([0, *free])
-    count = len(sampling.grid.s)
-    basis = np.zeros((3, variables.size, -(-count // 8) * 8))
-    for derivative, values in enumerate(sampling.values):
-        for joint, width in enumerate(free):
-            own = slice(columns[joint], columns[joint + 1])
-            first = sampling.given
-            basis[derivative, own, :count] = (values[:, first : first + width] @ scaling[own, own]).T
-    return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
+        values, given = self.sampling.values, self.sampling.given
+        by_z = np.asarray(sum(w[..., None] * values[d][: len(w), None, None, given:] for d, w in weights.items()))
+        return self.variables.gradient(by_z, partials.by_momentum)
 
 
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
@@ -271,7 +210,7 @@ def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampl
     model.evaluated(len(sampling.grid.s))
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
-    return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
+    return Trajectory(model, variables, sampling, motion, h[None, :])
 
 
 EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
@@ -281,12 +220,14 @@ EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerati
 class MotionQuantity:
     """What limits and objectives are about: values (K, m) of a trajectory, and their derivatives (K, m, size) by x.
 
-    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing.
+    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing. ``sums`` : as what matrices
+    times the kernel's quantities it is written in a plane, where it is none of these itself.
     """
 
     values: Callable[[Trajectory], Array]
     jacobian: Callable[[Trajectory], Array]
     depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
+    sums: Callable[[FlightDynamics], Mapping[str, Array]] = lambda flight: {}
 
 
 QUANTITIES: dict[str, MotionQuantity] = {
@@ -300,9 +241,9 @@ QUANTITIES: dict[str, MotionQuantity] = {
         lambda it: it.jacobian(Partials(by_acceleration=it.each_joint)),
         frozenset({"accelerations"}),
     ),
-    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.by_kernel("torques", "torque_partials")),
+    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.jacobian(it.differentiable.torque_partials)),
     "motor_torques": MotionQuantity(
-        lambda it: it.flown.motor_torques, lambda it: it.by_kernel("motor_torques", "motor_torque_partials")
+        lambda it: it.flown.motor_torques, lambda it: it.jacobian(it.differentiable.motor_torque_partials)
     ),
     "orientation_rate": MotionQuantity(
         lambda it: it.turning_rate,

@@ -12,7 +12,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
-from floatplan.motion.sine_polynomial import CURVATURES, EDGE, SinePolynomials, boundary_arguments, whitening
+from floatplan.motion.sine_polynomial import CURVATURES, SinePolynomials, boundary_arguments, whitening
 from floatplan.problem.problem import Problem
 
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
@@ -37,20 +37,7 @@ class Boundary:
 
     def __call__(self, angular_momentum: Array) -> Array:
         """p, dp/ds, d2p/ds2 (n, 6) at s = 0, then at s = 1, for h (e,) kg m^2/s; zero for p'' that is free."""
-        return self._by_joint(*self._arguments(self.rates(angular_momentum)[0]))
-
-    def by_momentum(self, angular_momentum: Array) -> Array:
-        """Derivatives (n, 6, e) of them by h."""
-        rates, slopes = self.rates(angular_momentum)
-        p, rate, _ = self._arguments(rates)
-        sine, cosine = np.sin(p), np.cos(p)
-        movable = np.abs(cosine) > EDGE
-        inverse = np.where(movable, 1 / np.where(movable, cosine, 1.0), 0.0)
-        columns = []
-        for slope in np.moveaxis(slopes, -1, 0):
-            by_rate = slope * inverse / self.amplitude
-            columns.append(self._by_joint(np.zeros_like(p), by_rate, 2 * sine * rate * by_rate * inverse))
-        return np.stack(columns, axis=-1)
+        return self._by_joint(*self._arguments(self.rates(angular_momentum)))
 
     def _arguments(self, rates: Array) -> tuple[Array, Array, Array]:
         return boundary_arguments(self.positions, rates, self.accelerations, self.centre, self.amplitude, self.branches)
@@ -157,13 +144,6 @@ class DecisionVariables:
             return self.polynomials
         return replace(self.polynomials, boundary=self.following(angular_momentum))
 
-    def boundary_by_axes(self, x: Array) -> Array | None:
-        """Derivatives (n, g, H) of the given conditions (13) by ``x[m:]``; None where they do not change."""
-        if not self.following:
-            return None
-        by_momentum = self.following.by_momentum(self.angular_momentum(x))[:, list(self.polynomials.form.given)]
-        return np.asarray(by_momentum @ self.momentum.axes)
-
     def free_coefficients(self, x: Array) -> Array:
         """Free coefficients z (n, width); zero where a joint has fewer."""
         free = self.offset + self.scaling @ x[: self.coefficients]
@@ -192,19 +172,16 @@ class DecisionVariables:
         """Return the x of the Hermite motion with no free part, and the h in the middle."""
         return self.variables(self.polynomials.no_free_part, self.momentum.centre)
 
-    def gradient(self, by_z: Array, by_momentum: Array | None, by_axes: Array | None = None) -> Array:
-        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros.
-
-        ``by_axes`` (..., H) are added: what h does by way of the boundary.
-        """
+    def gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
+        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros."""
+        assert not self.following, "conditions follow h in a plane alone, where derivatives are the kernel's"
         *shape, joints, width = by_z.shape
         flat = by_z.reshape(math.prod(shape), joints * width)  # one product of matrices is faster than many
         by_x = (flat if flat.shape[1] == len(self.offset) else flat[:, self.polynomials.free_indices]) @ self.scaling
         if self.momentum.free:
-            chosen = np.zeros((*shape, self.momentum.free)) if by_axes is None else by_axes
-            if by_momentum is not None:
-                chosen = chosen + by_momentum @ self.momentum.axes
-            by_x = np.concatenate((by_x, chosen.reshape(len(flat), -1)), axis=1)
+            free = self.momentum.free
+            chosen = np.zeros((len(flat), free)) if by_momentum is None else by_momentum @ self.momentum.axes
+            by_x = np.concatenate((by_x, chosen.reshape(-1, free)), axis=1)
         return by_x.reshape(*shape, self.size)
 
 

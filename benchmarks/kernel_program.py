@@ -1,0 +1,64 @@
+"""A flight's program as the kernel computes it: for other solvers, and for tests of its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.kernel.layout import Filled
+from floatplan.optimization.programs import Derivatives, Evaluation
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.transcription.variables import DecisionVariables
+
+
+@dataclass(frozen=True, eq=False)
+class KernelProgram:
+    """The program of a problem at the nodes of a level and at ``others``, rising; the plain motion's class, or another.
+
+    Rows are in the order of the kernel: row by row, instant by instant, those left out that do not apply.
+    """
+
+    problem: fp.Problem
+    level: int
+    others: tuple[float, ...] = ()
+    variables: DecisionVariables | None = None
+    back_off: float = 0.0
+
+    @cached_property
+    def _ready(self) -> Attempts:
+        return Attempts(self.problem, 0)
+
+    @cached_property
+    def of(self) -> DecisionVariables:
+        """How x make a motion."""
+        return self.variables or self._ready.plain_start.variables
+
+    def whole(self, x: np.ndarray, penalty: float = 0.0) -> dict[str, np.ndarray]:
+        """Everything at x, by the kernel's names; values (rows, instants), slopes (rows, instants, size)."""
+        compiled, size = self._ready._compiled, len(x)
+        assert compiled, "the flight is in a plane"
+        x = np.ascontiguousarray(x)
+        given, attempt, kept = compiled.prepared(self.of, x.copy(), True, np.inf)
+        count = self._ready.model.flight.node_counts[self.level] + len(self.others)
+        rows, stride = attempt.structure.rows, -(-count // 8) * 8
+        shapes = {"gradient": (size,), "row": (size,), "hessian": (size, size), "step": (size,)}
+        shapes |= {"values": (rows, stride), "slopes": (rows, stride, size)}
+        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+        numbers = {"level": self.level, "extra": len(self.others), "back_off": self.back_off, "penalty": penalty}
+        at = Filled("Evaluation", **numbers, **arrays, others=np.array(self.others), x=x)
+        kernel = compiled._watch.kernel
+        assert not kernel.evaluate(*given, attempt.structure, at.structure, kernel.instructions), "there is memory"
+        assert kept, "until here"
+        arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
+        return arrays | {name: np.array(getattr(at.structure, name)) for name in ("objective", "equality")}
+
+    def evaluate(self, x: np.ndarray) -> Evaluation[None]:
+        """Values and derivatives at x."""
+        it = self.whole(x)
+        applies = np.isfinite(it["values"])
+        derivatives = Derivatives(it["gradient"], it["row"][None], it["slopes"][applies])
+        equality, inequality = np.atleast_1d(it["equality"]), it["values"][applies]
+        return Evaluation(float(it["objective"]), equality, inequality, lambda: derivatives, None)

@@ -1,0 +1,35 @@
+// A program at one x as the search sees it, with the derivatives of all of its rows: what tests hold to differences and to
+// Pinocchio, and what other solvers are given.
+
+static inline Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions,
+                                     const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                     const Attempt &attempt, Evaluation &at) {
+    Program program(robot, constraints, motions, levels, settings, rules, attempt);
+    Constrained search(program, settings, rules, attempt);
+    const Index nodes = levels[at.level].nodes, size = program.size;
+    Room room;
+    if (!room.make([&](Arena &arena) {
+            program.lay_out(arena, nodes);
+            search.lay_out(arena, attempt.rows * ((nodes + rules.most_instants + 7) / 8 * 8));
+        }))
+        return 1;
+    program.back_off = at.back_off;
+    program.watch(at.level, at.others, at.extra);
+    Evaluated &now = *search.now;
+    copy(now.x, at.x, size);
+    program.evaluate(now);
+    program.differentiate(now);
+    const Index entries = attempt.rows * program.stride;
+    for (Index entry = 0; entry < entries; ++entry) {
+        const double *slopes = program.pack_of(now, entry) + entry % 8;
+        for (Index c = 0; c < size; ++c) at.slopes[entry * size + c] = slopes[8 * c];
+    }
+    at.objective = now.objective, at.equality = now.equality;
+    copy(at.values, now.values, entries);
+    copy(at.gradient, now.gradient, size);
+    copy(at.row, now.row, size);
+    program.guess_hessian(now, search.hessian);
+    copy(at.hessian, search.hessian, size * size);
+    if (at.penalty > 0) copy(at.step, search.elastic_step(at.penalty), size);
+    return 0;
+}

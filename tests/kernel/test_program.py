@@ -1,0 +1,223 @@
+"""The kernel's program: its rows, objectives and derivatives, its elastic steps, and minima of rows between instants.
+
+Derivatives are held to differences, to the general path's in NumPy, and those of torques to Pinocchio's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from general_flight import general_flight
+from general_path import take_general_path
+from kernel_program import KernelProgram
+
+import floatplan as fp
+from floatplan.kernel import layout
+from floatplan.motion.dynamics import Partials
+from floatplan.optimization.programs import REGULARISATION
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.transcription.constraints import Limit, applies
+from floatplan.planning.transcription.exchange import local_minima
+from floatplan.planning.transcription.program import BACK_OFF, objective
+from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
+from floatplan.robot.planar.model import BASE_COORDINATES
+
+PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
+LEVEL = 4  # of grids
+EXTRA = (0.0, 0.123, 0.5, 0.77, 1.0)
+EVERYTHING = fp.Limits(torque=30.0, velocity=20.0, acceleration=300.0, orientation_rate=9.0)
+AROUND = (
+    fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2)),
+    fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01),
+    fp.Bar(start=(0.2, 0.5), end=(0.4, 1.4), radius=0.03, velocity=(0.1, 0.3), window=(0.2, 0.8)),
+)
+
+
+@pytest.fixture
+def kernel():
+    return layout.kernel()
+
+
+@pytest.fixture(params=[*PROBLEMS, "everything", "free", "following"])
+def problem(request, root):
+    if request.param in PROBLEMS:
+        return fp.load_problem(root / "problems" / f"{request.param}.toml")
+    plain = fp.load_problem(root / "problems" / "handstand.toml")
+    if request.param == "everything":
+        return replace(plain, limits=EVERYTHING, obstacles=AROUND)
+    free = replace(plain, limits=EVERYTHING, obstacles=AROUND, flight=replace(plain.flight, angular_momentum="free"))
+    if request.param == "free":
+        return free
+    start = replace(free.start, velocities="takeoff", accelerations="free")
+    return replace(free, start=start)
+
+
+AIMS = ("coefficients", "torque", "acceleration")
+
+
+def program_and_point(problem, seed, size=0.3):
+    program = KernelProgram(problem, LEVEL, EXTRA, back_off=BACK_OFF)
+    start = Attempts(problem, 0).plain_start
+    return program, start.x + size * np.random.default_rng(seed).normal(size=start.variables.size)
+
+
+def close(actual, expected):
+    assert actual.shape == expected.shape
+    assert np.abs(actual - expected).max(initial=0) <= 1e-11 * (1 + np.abs(expected).max(initial=0))
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("aim", AIMS)
+def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, aim, instructions, monkeypatch):
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    problem = replace(problem, motion=replace(problem.motion, objective=aim))
+    program, x = program_and_point(problem, 0)
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    here, ready = program.whole(x), Attempts(problem, 0)
+    model, variables = FlightModel(general_flight(problem)), program.of
+    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
+    values = np.concatenate([block.values(motion) for block in ready.constraints], axis=1).T - BACK_OFF
+    known = np.isfinite(here["values"])
+    when = np.array([applies(block, motion.s) for block in ready.constraints for _ in block.labels])
+    assert (known <= when).all()
+    assert (known == when)[:, motion.s % 1 > 0].all()
+    close(here["values"][known], values[known])
+    close(here["equality"], motion.residual[0, 0])
+    if variables.following:
+        return
+    goal = objective(problem, ready.model, variables, ready.model.nodes(ready._level, variables.polynomials.form))
+    assert here["objective"] == pytest.approx(goal.value(motion, x), rel=1e-12)
+    slopes = np.concatenate([block.jacobian(motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
+    assert np.abs(slopes).max() > 0
+    close(here["slopes"][known], slopes[known])
+    close(here["row"], motion.residual_jacobian[0])
+    close(here["gradient"], goal.gradient(motion, x))
+    close(here["hessian"], goal.hessian(motion))
+
+
+@pytest.mark.parametrize("aim", AIMS)
+@pytest.mark.parametrize("seed", range(2))
+def test_derivatives_are_those_of_differences(problem, aim, seed):
+    """Of fourth order, for a sensible change of each variable."""
+    problem = replace(problem, motion=replace(problem.motion, objective=aim))
+    program, x = program_and_point(problem, seed, 0.1)
+
+    def value(at):
+        it = program.whole(at)
+        return np.concatenate((it["values"][known], [it["equality"], it["objective"]]))
+
+    here, step = program.whole(x), 1e-4
+    known = np.isfinite(here["values"])
+    computed = np.concatenate((here["slopes"][known], here["row"][None], here["gradient"][None]))
+    smooth = np.ones(len(computed), np.bool_)
+    for column in np.linalg.inv(program.of.metric).T:
+        values = np.array([value(x + share * step * column) for share in (-2, -1, 0, 1, 2)])
+        expected = np.array([1, -8, 0, 8, -1]) @ values / (12 * step)
+        size = 1 + np.abs(expected).max()
+        bend = np.abs(np.diff(values, 2, axis=0)).max(axis=0) / step**2  # where the nearest end is another one
+        smooth &= bend < 1e3 * size
+        assert np.abs(computed @ column - expected)[smooth].max() < 1e-6 * size
+    assert smooth.mean() > 0.98
+    eigenvalues = np.linalg.eigvalsh(here["hessian"])
+    assert eigenvalues.min() > 1e-7 * eigenvalues.max()
+
+
+@pytest.mark.parametrize("name", ["torque_limited", "somersault", "falling_cat", "handstand_ground"])
+@pytest.mark.parametrize("seed", range(2))
+def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
+    """Of the full model, its base moved so that no force acts on it: by the derivatives of RNEA and of the momentum."""
+    plain = fp.load_problem(root / "problems" / f"{name}.toml")
+    h = replace(plain.flight, angular_momentum="free")
+    problem = replace(plain, limits=fp.Limits(torque=7.0), obstacles=(), ground=False, self_clearances=(), flight=h)
+    robot = problem.robot
+    program, x = program_and_point(problem, seed)
+    here, variables = program.whole(x), program.of
+    (block,) = Attempts(problem, 0).constraints
+    assert isinstance(block, Limit)
+    model = FlightModel(general_flight(problem))
+    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
+    joints, each = motion.motion, motion.each_joint
+    q_x, v_x, a_x = (
+        motion.jacobian(Partials(**{f"by_{kind}": each})) for kind in ("position", "velocity", "acceleration")
+    )
+    data, chosen, turn = robot.model.createData(), np.array(robot.selection), BASE_COORDINATES - 1
+    axis = int(np.argmax(np.abs(robot.plane.normal)))
+    sign, h_x = np.sign(robot.plane.normal[axis]), variables.momentum.axes[0]
+    base, count = slice(0, BASE_COORDINATES), 0
+    for k in range(len(motion.s)):
+        q, v, a = np.array(robot.reference) + chosen @ joints.positions[k], chosen @ joints.velocities[k], None
+        row = sign * pin.computeCentroidalMap(robot.model, data, q)[3 + axis]
+        v[turn] = (motion.angular_momentum[0, 0] - row @ v) / row[turn]
+        by_q = sign * pin.computeCentroidalDynamicsDerivatives(robot.model, data, q, v, 0 * v)[0][3 + axis]
+        full_q, full_v, full_a = (chosen @ each[k] for each in (q_x, v_x, a_x))
+        full_v[turn] = -(by_q @ full_q + row @ full_v) / row[turn]
+        full_v[turn, variables.coefficients :] += h_x / row[turn]
+        a = chosen @ joints.accelerations[k]
+        inertia = pin.crba(robot.model, data, q)
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+        a[base] = np.linalg.solve(inertia[base, base], -pin.rnea(robot.model, data, q, v, a)[base])
+        torques = chosen.T @ pin.rnea(robot.model, data, q, v, a)
+        by_position, by_velocity, by_acceleration = (
+            np.array(each) for each in pin.computeRNEADerivatives(robot.model, data, q, v, a)
+        )
+        by_acceleration = np.triu(by_acceleration) + np.triu(by_acceleration, 1).T
+        forces = by_position @ full_q + by_velocity @ full_v + by_acceleration @ full_a
+        full_a[base] = np.linalg.solve(inertia[base, base], -forces[base])
+        by_x = chosen.T @ (by_position @ full_q + by_velocity @ full_v + by_acceleration @ full_a)
+        if not np.isfinite(here["values"][:, k]).all():
+            continue
+        weights = block.weights["motor_torques"]
+        assert here["values"][:, k] == pytest.approx(1 - BACK_OFF - weights @ torques, abs=1e-9)
+        assert here["slopes"][:, k] == pytest.approx(-weights @ by_x, abs=1e-9 * (1 + np.abs(by_x).max()))
+        count += 1
+    assert count >= 20
+
+
+@pytest.mark.parametrize("penalty", [1.0, 1e3, 1e6])
+def test_elastic_steps_are_the_least_of_their_program(problem, penalty):
+    """Of a convex function, quadratic piece by piece: where its gradient vanishes."""
+    kinks = 0
+    for seed in range(6):
+        program, x = program_and_point(problem, seed, 1.0)
+        it = program.whole(x, penalty)
+        known, step = np.isfinite(it["values"]), it["step"]
+        rows, values = it["slopes"][known], it["values"][known]
+        left = values + rows @ step
+        kinks += ((left < 0) != (values < 0)).sum()
+        pulls = penalty * np.append(np.minimum(left, 0), it["equality"] + it["row"] @ step)
+        normals = np.vstack((rows, it["row"]))
+        unbalanced = it["gradient"] + it["hessian"] @ step + normals.T @ pulls
+        size = 1 + (np.abs(normals.T) @ np.abs(pulls)).max()
+        regular = REGULARISATION * penalty * (1 + np.linalg.norm(step))  # times the last change, which may be larger
+        assert np.abs(unbalanced).max() < 1e-6 * size + 10 * regular
+    assert kinks
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("seed", range(3))
+def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, problem, seed, instructions, monkeypatch):
+    """Of a start that may do no work: what the kernel says of it, and what the general path finds."""
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    _, x = program_and_point(problem, seed)
+    ready = Attempts(problem, 0)
+    variables = ready.plain_start.variables
+    ended = ready._compiled.follow(variables, x, at_once=True, most_work=-1.0)
+    here = ended.worst
+    take_general_path(monkeypatch)
+    model = Attempts(problem, 0).model
+    there = local_minima(model, variables, ready.constraints, ended.level, ended.x)
+    order, other = (np.lexsort((each.s, each.row, each.block)) for each in (here, there))
+    assert here.block[order].tolist() == there.block[other].tolist()
+    assert here.row[order].tolist() == there.row[other].tolist()
+    assert np.abs(here.s[order] - there.s[other]).max(initial=0) < 1e-4  # a flat minimum is anywhere
+    through_the_middle = there.value[other] < -1  # of a disc: there a distance falls and rises as a V
+    off = here.value[order] - there.value[other]
+    assert (off <= np.where(through_the_middle, 1e-4, 1e-9)).all()
