@@ -205,19 +205,6 @@ class Attempts:
         self._level = self._watching_level() if self.constraints else 0
         self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
 
-    def start(self, degrees: tuple[int, ...], number: int) -> Start | None:
-        """Return a start by its number, the same for the same seed: 0 is the plain one; None where nothing is free."""
-        plain = plain_start(self.problem, degrees, self.momentum)
-        if number == 0 or not plain.variables.size:
-            return None if number else plain
-        if is_plain(self.problem):
-            return plain_draw(self.problem, plain.variables, number, self.seed)
-        assert self._compiled, "the flight is in a plane"
-        before, given = self.model.work, (plain.variables, plain.x, plain.at_once)
-        drawn = self._compiled.follow(*given, -1.0, range(number, number + 1), self.seed)
-        variables = on_branch(self.problem, plain.variables, drawn.branch)
-        return Start(variables, drawn.x, drawn.at_once, self.model.work - before)
-
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
         lower, x = outcome.variables, outcome.solution.x
@@ -275,11 +262,11 @@ class Attempts:
 
     def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
-        before = self.model.work - start.work
+        before = self.model.work
         if is_plain(self.problem):
             outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
         elif self._compiled:
-            outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work - start.work, range(1))
+            outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work, range(1))
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
         outcome.work = self.model.work - before
@@ -300,14 +287,17 @@ class Attempts:
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
         numbers = range(numbers.start - len(given), numbers.stop - len(given))
-        there_is_one = numbers.start == 0 or self.plain_start.variables.size
-        if self._compiled and there_is_one and not is_plain(self.problem):
-            plain, before = plain_start(self.problem, degrees, self.momentum), self.model.work
-            outcome = self._follow_compiled(self._compiled, plain, -1.0 if stop() else most_work, numbers)
-            outcome.work = self.model.work - before
-            return outcome
-        start = self.start(degrees, numbers.start)
-        return self.attempt(start, stop, most_work) if start else None
+        start, number = plain_start(self.problem, degrees, self.momentum), numbers.start
+        if number and not start.variables.size:
+            return None
+        if not self._compiled or is_plain(self.problem):
+            if number:
+                start = plain_draw(self.problem, start.variables, number, self.seed)
+            return self.attempt(start, stop, most_work)
+        before = self.model.work
+        outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work, numbers)
+        outcome.work = self.model.work - before
+        return outcome
 
     def outcome_of(self, followed: Followed) -> Outcome:
         """Return the best of the starts that the kernel has followed together."""

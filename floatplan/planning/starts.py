@@ -17,13 +17,12 @@ class Start:
     """A class of motions (with its arcsine branches) and a point x in it.
 
     ``at_once`` says that it is followed to the objective at once, and only where that fails made feasible before, as
-    promises most of plain motions and of ones that were solved already; ``work`` is what it took to draw it.
+    promises most of plain motions and of ones that were solved already.
     """
 
     variables: DecisionVariables
     x: Array
     at_once: bool = False
-    work: float = 0.0
 
 
 def plain_draw(problem: Problem, plain: DecisionVariables, number: int, seed: int) -> Start:

@@ -30,6 +30,7 @@ from floatplan.planning import search as searching
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
+from floatplan.planning.starts import plain_draw
 from floatplan.planning.transcription import exchange
 from floatplan.tables import BOUNDARY, ORIENTATION
 
@@ -317,9 +318,9 @@ def test_a_start_that_is_drawn_leads_where_it_leads_the_kernel(root):
     problem = fp.load_problem(root / "problems" / "falling_cat.toml")
     rows, found = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
     led_there = []
-    prepared = Attempts(problem, 0)
+    plain = Attempts(problem, 0).plain_start
     for number in range(30):
-        start = prepared.start(problem.degrees, number)
+        start = plain_draw(problem, plain.variables, number, 0) if number else plain
         alone = found.plan(rows, Search(first_start=number, most_starts=number + 1))
         polynomials, z = start.variables.polynomials, start.variables.free_coefficients(start.x)
         drawn = found.plan(replace(rows, boundary=polynomials.boundary[None], start=z[None]), Search())

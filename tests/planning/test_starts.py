@@ -11,24 +11,26 @@ import pytest
 
 import floatplan as fp
 from floatplan.motion.planar.flight import gauss_grid
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.starts import Start
+from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.starts import plain_draw
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
 
 NODES = 96
 NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
 
 
-def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Start]:
+def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Outcome]:
+    """Where starts begin: no work may be done."""
     prepared = Attempts(problem, seed)
-    return takewhile(bool, (prepared.start(problem.degrees, number) for number in count()))
+    numbers = (range(number, number + 1) for number in count())
+    return takewhile(bool, (prepared.attempts(problem.degrees, [], each, lambda: True) for each in numbers))
 
 
-def missed(problem: fp.Problem, start: Start) -> float:
+def missed(problem: fp.Problem, start: Outcome) -> float:
     """By how much a start misses the goal's orientation, rad."""
     model = flight_model(problem)
     nodes = sample_nodes(gauss_grid(NODES), start.variables.polynomials.form)
-    return abs(trajectory(model, start.variables, nodes, start.x).residual.item())
+    return abs(trajectory(model, start.variables, nodes, start.solution.x).residual.item())
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +43,14 @@ def obstructed(root) -> fp.Problem:
     return fp.load_problem(root / "problems" / "obstacle.toml")
 
 
-def test_the_first_is_the_plain_motion(problem):
-    first, *others = islice(starts_of(problem), 5)
-    assert first.at_once
-    assert first.x == pytest.approx(first.variables.plain_motion())
-    assert not any(start.at_once for start in others)
+def test_the_first_is_the_plain_motion(obstructed):
+    first = next(starts_of(obstructed))
+    assert first.solution.x == pytest.approx(first.variables.plain_motion())
+
+
+def test_without_inequalities_they_are_those_that_the_kernel_follows(problem):
+    plain = Attempts(problem, 0).plain_start.variables
+    assert not any(plain_draw(problem, plain, number, 0).at_once for number in range(1, 5))
 
 
 def test_random_ones_turn_just_enough(problem):
@@ -59,22 +64,25 @@ def test_random_ones_turn_just_enough(problem):
 
 def test_a_seed_settles_them(obstructed):
     first, same, other = (list(islice(starts_of(obstructed, seed), 1, 5)) for seed in (3, 3, 4))
-    assert [start.x.tobytes() for start in first] == [start.x.tobytes() for start in same]
-    assert [start.x.tobytes() for start in first] != [start.x.tobytes() for start in other]
+    assert [start.solution.x.tobytes() for start in first] == [start.solution.x.tobytes() for start in same]
+    assert [start.solution.x.tobytes() for start in first] != [start.solution.x.tobytes() for start in other]
 
 
 def test_drawing_counts_as_work(obstructed):
-    prepared = Attempts(obstructed, 0)
-    assert prepared.plain_start.work == 0
-    before = prepared.model.work
-    assert prepared.start(obstructed.degrees, 1).work == prepared.model.work - before > 0
+    plain, drawn, *_ = islice(starts_of(obstructed), 3)
+    assert drawn.work > 2 * plain.work > 0
+    assert drawn.solution.evaluations == plain.solution.evaluations
 
 
 def test_with_a_free_momentum_plain_motions_take_turns(obstructed):
     free = replace(obstructed, flight=replace(obstructed.flight, angular_momentum="free"))
     some = list(islice(starts_of(free), 9))
-    assert [start.at_once for start in some] == [True, *[True, False] * 4]
-    momenta = [start.variables.angular_momentum(start.x).item() for start in some if start.at_once]
+    coefficients = some[0].variables.coefficients
+    plain = [
+        start for start in some if np.array_equal(start.solution.x[:coefficients], some[0].solution.x[:coefficients])
+    ]
+    assert plain == some[:1] + some[1::2]
+    momenta = [start.variables.angular_momentum(start.solution.x).item() for start in plain]
     assert len({round(h, 9) for h in momenta}) == len(momenta)
     allowed = some[0].variables.momentum
     assert all(abs(h - allowed.centre.item()) <= allowed.axes.item() * (1 + 1e-12) for h in momenta)

@@ -67,7 +67,6 @@ class Ended:
     iterations: int
     evaluations: int
     starts: int
-    at_once: bool
 
 
 class CompiledAttempts:
@@ -115,7 +114,7 @@ class CompiledAttempts:
         kept = slice(0, ended.minima.found)
         row = self._found_row[kept]
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
-        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started, bool(ended.at_once)
+        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started
         return Ended(found, draws["branch"], STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
 
     def prepared(
