@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
@@ -105,7 +105,7 @@ def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ..
     lengths = [length for length, _ in blocks]
     block = np.repeat(np.arange(len(lengths)), lengths)
     low, high = np.array([window for _, window in blocks]).reshape(-1, 2)[block].T
-    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
+    grid = distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
     row = np.array([row for length in lengths for row in range(length)], np.int64)
     return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
 
