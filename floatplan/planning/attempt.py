@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from floatplan.compiled.batch import STATUS, Answers, Numbers, Rows, Search, is_
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
-from floatplan.planning.starts import Start, on_branch, plain_draw, plain_start
+from floatplan.planning.starts import Start, on_branch, plain_start
 from floatplan.planning.transcription.compiled_attempt import (
     PROMISING,
     SAME,
@@ -56,6 +56,7 @@ LOG = logging.getLogger(__name__)
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
+Stop: TypeAlias = Callable[[], bool]
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
 
@@ -89,11 +90,9 @@ class Followed:
         return Answer(self.status, angular_momentum=momentum, coefficients=coefficients, **self.counts)
 
 
-def follow_together(problem: Problem, search: Search) -> Followed | None:
-    """Follow the plain motion of a problem, and random starts as the search says; None where it asks for more."""
-    if problem.raises_degree or not is_plain(problem):
-        return None
-    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
+def follow_together(problem: Problem, degrees: tuple[int, ...], search: Search) -> Followed:
+    """Follow the plain motion of a problem without inequalities, and random starts, as the search says."""
+    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, degrees)
     return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
 
 
@@ -260,7 +259,7 @@ class Attempts:
         enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
         return min(enough, default=WATCHED_AT_MOST)
 
-    def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
+    def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work
         if is_plain(self.problem):
@@ -273,12 +272,7 @@ class Attempts:
         return outcome
 
     def attempts(
-        self,
-        degrees: tuple[int, ...],
-        given: Sequence[Start],
-        numbers: range,
-        stop: Callable[[], bool],
-        most_work: float = np.inf,
+        self, degrees: tuple[int, ...], given: Sequence[Start], numbers: range, stop: Stop, most_work: float = np.inf
     ) -> Outcome | None:
         """Follow starts by number, the given ones first; None where there are not so many.
 
@@ -287,15 +281,16 @@ class Attempts:
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
         numbers = range(numbers.start - len(given), numbers.stop - len(given))
-        start, number = plain_start(self.problem, degrees, self.momentum), numbers.start
-        if number and not start.variables.size:
+        plain, number, before = plain_start(self.problem, degrees, self.momentum), numbers.start, self.model.work
+        if number and not plain.variables.size:
             return None
-        if not self._compiled or is_plain(self.problem):
-            if number:
-                start = plain_draw(self.problem, start.variables, number, self.seed)
-            return self.attempt(start, stop, most_work)
-        before = self.model.work
-        outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work, numbers)
+        if is_plain(self.problem):
+            search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
+            outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
+        elif self._compiled:
+            outcome = self._follow_compiled(self._compiled, plain, -1.0 if stop() else most_work, numbers)
+        else:
+            return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
         return outcome
 

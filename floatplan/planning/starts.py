@@ -1,12 +1,11 @@
 """Where a search begins: the plain motion, then motions drawn at random that already meet (14) and violate little."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import Numbers, Search, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.problem import Problem
@@ -23,15 +22,6 @@ class Start:
     variables: DecisionVariables
     x: Array
     at_once: bool = False
-
-
-def plain_draw(problem: Problem, plain: DecisionVariables, number: int, seed: int) -> Start:
-    """Return a start of a problem without inequalities by its number, as the kernel follows it after the plain one."""
-    rows = replace(Numbers.of_problems([problem]).rows(), momentum=plain.momentum.centre)
-    search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)
-    draw = solver(problem, plain.degrees).plan(rows, search)
-    variables = on_branch(problem, plain, draw.branch[0])
-    return Start(variables, variables.variables(draw.z[0], plain.momentum.centre))
 
 
 def on_branch(problem: Problem, variables: DecisionVariables, at_landing: IntArray) -> DecisionVariables:

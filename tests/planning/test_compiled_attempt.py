@@ -9,7 +9,7 @@ import pytest
 from general_path import take_general_path
 
 import floatplan as fp
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription import compiled_attempt
 from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS

@@ -12,7 +12,6 @@ import pytest
 import floatplan as fp
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.planning.attempt import Attempts, Outcome
-from floatplan.planning.starts import plain_draw
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
 
 NODES = 96
@@ -48,11 +47,6 @@ def test_the_first_is_the_plain_motion(obstructed):
     assert first.solution.x == pytest.approx(first.variables.plain_motion())
 
 
-def test_without_inequalities_they_are_those_that_the_kernel_follows(problem):
-    plain = Attempts(problem, 0).plain_start.variables
-    assert not any(plain_draw(problem, plain, number, 0).at_once for number in range(1, 5))
-
-
 def test_random_ones_turn_just_enough(problem):
     """Where the kernel's starts are not followed."""
     problem = replace(problem, motion=fp.Motion(objective="torque"))
@@ -71,7 +65,7 @@ def test_a_seed_settles_them(obstructed):
 def test_drawing_counts_as_work(obstructed):
     plain, drawn, *_ = islice(starts_of(obstructed), 3)
     assert drawn.work > 2 * plain.work > 0
-    assert drawn.solution.evaluations == plain.solution.evaluations
+    assert drawn.solution.evaluations < 10
 
 
 def test_with_a_free_momentum_plain_motions_take_turns(obstructed):

@@ -91,13 +91,7 @@ class CompiledAttempts:
         self._minima = Filled("Minima", self._look, **numbers, **found)
 
     def follow(
-        self,
-        variables: DecisionVariables,
-        x: Array,
-        at_once: bool,
-        most_work: float,
-        numbers: range = range(1),
-        seed: int = 0,
+        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float, numbers: range, seed: int
     ) -> Ended:
         """Follow starts by number to their ends, one after the other, until one holds or has done much work.
 
