@@ -98,7 +98,10 @@ def replay(
     plan = common.read_motion(motion_file, urdf)
     of_jumps = {"friction": friction, "kp": kp, "kd": kd}
     of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
-    _leave_out(of_jumps if isinstance(plan, fp.Plan) else of_plans, "jumps" if isinstance(plan, fp.Plan) else "plans")
+    others, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
+    for name, value in others.items():
+        if value is not None:
+            raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
     if output is not None:
         check_directory(output)
     if not isinstance(plan, fp.Plan):
@@ -120,13 +123,6 @@ def replay(
         _fly_often(plan, json_output, flights, seed=seed, budget=budget, **options)
     kept = motion_file if save else None
     _fly_once(plan, kept, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
-
-
-def _leave_out(options: dict[str, Any], kind: str) -> None:
-    """Refuse every one of ``options`` that was given: they are for motions of another ``kind``."""
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(f"is for {kind}", element=f"--{name}", advice="leave it out")
 
 
 def _fly_once(plan: fp.Plan, kept: str | None, json_output: bool, *, step: float | None, **options: Any) -> NoReturn:

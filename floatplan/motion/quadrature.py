@@ -43,10 +43,6 @@ class GaussLegendre:
         """Matrix (len(instants), N): values at the nodes to integrals of their interpolant over [0, instant]."""
         return chebyshev_values(2 * instants - 1, len(self.nodes)) @ self.antiderivative
 
-    def integral(self, values: Array) -> Array:
-        """Integral over [0, s] of the interpolant of ``values`` (N,), in Chebyshev polynomials of 2 s - 1: (N+1,)."""
-        return self.antiderivative @ values
-
     @cached_property
     @one_thread
     def antiderivative(self) -> Array:

@@ -163,7 +163,7 @@ def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
     """
     robot, model = problem.robot, problem.robot.model
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
-    efforts = np.where(model.effortLimit > 0, model.effortLimit, np.inf)[locked]
+    efforts = [robot.joint_tree.joint[name].effort for name in robot.locked]
     motors, rates = np.abs(state.torques @ robot.transmission), state.velocities @ np.linalg.pinv(robot.selection).T
     slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     found = motors / problem.motor_torque_limits, (motors + slowed) / problem.motor_stall

@@ -102,9 +102,7 @@ class JumpView:
     @property
     def efforts(self) -> dict[str, float]:
         """What the locked joints can hold, N m; infinite where the file does not say."""
-        model = self.robot.model
-        efforts = {name: float(model.effortLimit[model.idx_vs[model.getJointId(name)]]) for name in self.robot.locked}
-        return {name: effort if effort > 0 else np.inf for name, effort in efforts.items()}
+        return {name: self.robot.joint_tree.joint[name].effort for name in self.robot.locked}
 
     @property
     def ground(self) -> float:

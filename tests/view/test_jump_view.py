@@ -259,6 +259,16 @@ def test_what_has_no_limit_has_no_share(view: JumpView) -> None:
     assert not {"torque_use", "rate_use"} & set(figures(free))
 
 
+def test_a_joint_without_an_effort_in_its_file_can_hold_anything() -> None:
+    jump, robot = backflip(), backflip().problem.robot
+    name, tree = next(iter(robot.locked)), robot.joint_tree
+    joints = tuple(replace(each, effort=np.inf) if each.name == name else each for each in tree.joints)
+    other = replace(robot, joint_tree=replace(tree, joints=joints))
+    efforts = replace(jump, problem=replace(jump.problem, robot=other)).view.efforts
+    assert [each for each, effort in efforts.items() if np.isinf(effort)] == [name]
+    assert efforts.keys() == robot.locked.keys()
+
+
 def test_figures_of_many_parts_are_small_ones(view: JumpView, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where there is one curve only."""
     monkeypatch.setattr("floatplan.view.figures.figures.is_crowded", lambda _: True)

@@ -138,13 +138,6 @@ class PlanarBaseMotion:
         return np.asarray(self.flight.initial_orientation + self.flight.duration * turned)
 
     @property
-    def turned(self) -> Array:
-        """Orientation in Chebyshev polynomials of 2 s - 1 (N+1,), rad, of a single motion."""
-        turned = self.flight.duration * self.grid.quadrature.integral(self.node_rates[0])
-        turned[0] += self.flight.initial_orientation
-        return turned
-
-    @property
     def residual(self) -> Array:
         """(14): orientation at landing less the goal (S, 1), rad."""
         turned = self.flight.duration * (self.node_rates @ self.grid.weights)
