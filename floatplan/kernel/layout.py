@@ -161,10 +161,6 @@ class Filled:
         self.structure.point_to(**arrays)
         self._kept.update(arrays)
 
-    def __getitem__(self, name: str) -> Any:
-        """An array that it points to."""
-        return self._kept[name]
-
     def __getstate__(self) -> tuple[str, bytes, dict[str, Array | IntArray]]:
         """Its numbers and arrays: a copy has its own."""
         return type(self.structure).__name__, bytes(self.structure), self._kept

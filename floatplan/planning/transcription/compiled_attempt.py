@@ -98,9 +98,9 @@ class CompiledAttempts:
         Number 0 is x, followed ``at_once`` straight to the objective or not, others are drawn; the first ends when it
         has done the most work, of others those are left out that would do more.
         """
-        watch, found = self._watch, x.copy()
+        watch, found, branch = self._watch, x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
         given, attempt, _ = self.prepared(variables, found, at_once, most_work)
-        draws, ended = _draws(variables, seed, len(self._constraints)), attempt.structure
+        draws, ended = _draws(variables, seed, bool(self._constraints), branch), attempt.structure
         ended.first, ended.count = numbers.start, len(numbers)
         if watch.kernel.attempt(*given, ended, draws.structure, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
@@ -109,7 +109,7 @@ class CompiledAttempts:
         row = self._found_row[kept]
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
         counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started
-        return Ended(found, draws["branch"], STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
+        return Ended(found, branch, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
 
     def prepared(
         self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float
@@ -157,13 +157,11 @@ def compiled_attempts(
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-def _draws(variables: DecisionVariables, seed: int, constraints: int) -> Filled:
-    """How starts are drawn; where nothing is constrained, h is not tried first."""
+def _draws(variables: DecisionVariables, seed: int, constrained: bool, branch: IntArray) -> Filled:
+    """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
     numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
-    fractions = np.array(MOMENTUM_FRACTIONS if constraints else ())
-    branch = np.zeros(len(variables.polynomials.free), np.int64)
-    arrays = {"fraction": fractions, "offset_map": variables.offset_map, "branch": branch}
-    return Filled("Draws", seed=seed, fractions=len(fractions), **numbers, **arrays)
+    fraction = np.array(MOMENTUM_FRACTIONS if constrained else ())
+    return Filled("Draws", variables, seed=seed, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
 
 
 @lru_cache(maxsize=8)
