@@ -107,7 +107,7 @@ def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:
 
 def obstacle_between(rng: np.random.Generator, drawn: Drawn, guess: fp.Plan) -> Obstacle | None:
     """Return a circle that the drawn motion clears and the guess hits, somewhere on the guess's links."""
-    instants = drawn.motion.duration * drawn.motion.s
+    instants = drawn.motion.duration * drawn.motion.sampling.grid.s
     placed = _placed(guess, instants)
     for _ in range(60):
         k, s = int(rng.integers(8, len(instants) - 8)), int(rng.integers(placed.shape[1]))

@@ -113,14 +113,18 @@ class GeneralMotion(PlanarBaseMotion):
     def base_rates(self) -> BaseRate:
         """theta0' with its derivatives."""
         equations: Any = self.flight.equations
-        joints, momentum = self.joints, float(self.angular_momentum[0, 0])
+        joints, momentum = self.joints, float(self.angular_momentum[0])
         found: BaseRate = equations.base_rate_derivatives(joints.positions, joints.velocities, momentum)
         return found
 
     @cached_property
     def base_rate(self) -> Array:
-        """theta0' (S K,) rad/s: of a single motion the one that is differentiated."""
-        return self.base_rates.rate if len(self.angular_momentum) == 1 else super().base_rate
+        """theta0' (K,) rad/s, the one that is differentiated."""
+        return self.base_rates.rate
+
+    def transport(self, drift: Array) -> Array:
+        """Integrals (K, 1, c) of drifts (N, 1, c)."""
+        return np.asarray(self.flight.duration * (self.grid.integrals @ drift[:, 0, :]))[:, None, :]
 
     @property
     def rate_partials(self) -> Partials:
@@ -250,7 +254,7 @@ class GeneralFlight:
         return getattr(self._flight, name)
 
     def fly(self, grid: Any, joints: Any, angular_momentum: Array) -> GeneralMotion:
-        """Turn the base as joints and angular momenta (S, 1), kg m^2/s, make it."""
+        """Turn the base as joints and angular momentum (1,), kg m^2/s, make it."""
         return GeneralMotion(self._flight, grid, joints, angular_momentum)
 
 

@@ -8,8 +8,7 @@ equation in space. A small turn zeta (e,) of the base, in the world's axes, obey
 
 with the drift g linear in the changes of joint positions, joint velocities and h. In a plane M [h]x zeta vanishes.
 
-A motion is looked at in K instants, the first N of which are the grid's nodes. S motions are flown together one after
-the other: their arrays have S K rows.
+A motion is looked at in K instants, the first N of which are the grid's nodes.
 """
 
 from __future__ import annotations
@@ -81,26 +80,23 @@ class BaseMotion(Protocol):
 
     @property
     def rate(self) -> Array:
-        """Angular velocity (S K, e) of the base, rad/s."""
+        """Angular velocity (K, e) of the base, rad/s."""
 
     @property
     def attitude(self) -> Array:
-        """Attitudes (S K, ...), in a form of the module's own: angles, rad, in a plane."""
+        """Attitudes (K, ...), in a form of the module's own: angles, rad, in a plane."""
 
     @property
     def residual(self) -> Array:
-        """By how much the attitude at landing misses the goal (S, e), rad."""
+        """By how much the attitude at landing misses the goal (e,), rad."""
 
     @property
     def missed(self) -> float:
-        """The largest of them, of a single motion, rad; infinite where whole turns are not those asked for."""
+        """The largest of them, rad; infinite where whole turns are not those asked for."""
 
     @property
     def wrong_way(self) -> str:
-        """What is wrong with the way from takeoff to landing of a single motion, for a person; empty for nothing."""
-
-    def transport(self, drift: Array) -> Array:
-        """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make; of a single motion, S = 1."""
+        """What is wrong with the way from takeoff to landing for a person; empty for nothing."""
 
     @property
     def unresolved(self) -> float:
@@ -111,31 +107,31 @@ class BaseMotion(Protocol):
 
     @property
     def torques(self) -> Array:
-        """Generalised joint torques (S K, n) N m: of a leader and its followers together."""
+        """Generalised joint torques (K, n) N m: of a leader and its followers together."""
 
     @property
     def motor_torques(self) -> Array:
-        """Each motor's own torque (S K, m) N m."""
+        """Each motor's own torque (K, m) N m."""
 
     @property
     def longest_way(self) -> float:
         """Longest way that an end of a link's shape goes from instant to instant, m."""
 
     def obstacle_distances(self, obstacle: Obstacle) -> Array:
-        """Distances (S K, r) of the links to an obstacle, r as of :meth:`FlightDynamics.links_measured`.
+        """Distances (K, r) of the links to an obstacle, r as of :meth:`FlightDynamics.links_measured`.
 
         In m, between surfaces; negative where the surfaces overlap.
         """
 
     def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Array:
-        """Distances (S K, r) between shapes, given by their indices: each of the first to each of the second."""
+        """Distances (K, r) between shapes, given by their indices: each of the first to each of the second."""
 
     def at_goal(self) -> BaseMotion:
         """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
 
 
 class DifferentiableMotion(BaseMotion, Protocol):
-    """One with its derivatives, of a single motion, S = 1: what the general path asks, which the kernel has not.
+    """One with its derivatives: what the general path asks, which the kernel has not.
 
     Derivatives by shapes are by the turns of the bodies, or by 3 numbers for each of them in space.
     """
@@ -147,6 +143,9 @@ class DifferentiableMotion(BaseMotion, Protocol):
     @property
     def drift(self) -> Partials:
         """Of g at the nodes, K = N, r = e: by positions, velocities and h."""
+
+    def transport(self, drift: Array) -> Array:
+        """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make."""
 
     @property
     def residual_partials(self) -> Partials:
@@ -193,9 +192,9 @@ class FlightDynamics(Hashable, Protocol):
         """Return a grid of nodes alone, the same object for the same level."""
 
     def fly(self, grid: FlightGrid, joints: JointMotion, angular_momentum: Array) -> BaseMotion:
-        """Turn the base as joints and angular momenta (S, e), kg m^2/s, make it.
+        """Turn the base as joints and angular momentum (e,), kg m^2/s, make it.
 
-        ``joints`` are at the instants of ``grid``, which comes from :meth:`grid`, of S motions one after the other.
+        ``joints`` are at the instants of ``grid``, which comes from :meth:`grid`.
         """
 
 

@@ -131,7 +131,7 @@ class JointMotion:
     @cached_property
     def p_curvature(self) -> Array:
         """Second derivative (N, n) of p by s."""
-        return _one_after_the_other(self.second, self.coefficients)
+        return np.asarray(self.second @ self.coefficients)
 
     @cached_property
     def accelerations(self) -> Array:
@@ -160,20 +160,12 @@ class JointMotion:
         return self.per_second * self.velocity_by_rate
 
 
-def _one_after_the_other(values: Array, coefficients: Array) -> Array:
-    """Polynomials (N, n), or (S N, n) of S motions, from their coefficients (..., 6+width, n) and the basis' values."""
-    return np.asarray((values @ coefficients).reshape(-1, coefficients.shape[-1]))
-
-
 def joint_motion(
     centre: Array, amplitude: Array, duration: float, coefficients: Array, values: tuple[Array, Array, Array]
 ) -> JointMotion:
-    """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values.
-
-    Of several motions (S, 6+width, n) one after the other.
-    """
+    """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values."""
     value, first, second = values
-    p, p_rate = _one_after_the_other(value, coefficients), _one_after_the_other(first, coefficients)
+    p, p_rate = value @ coefficients, first @ coefficients
     sine, cosine = amplitude * np.sin(p), amplitude * np.cos(p)
     per_second = 1 / duration
     by_rate = per_second * cosine

@@ -173,16 +173,12 @@ class Multipliers(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Solution of a QP; ``violation_left`` is that of the linearised constraints after it, 0 unless it is elastic.
-
-    ``lagrangian_gradient`` (m,) is taken before the step, for programs without inequalities.
-    """
+    """Solution of a QP; ``violation_left`` is that of the linearised constraints after it, 0 unless it is elastic."""
 
     direction: Array
     multipliers: Multipliers
     violation_left: float = 0.0
     elastic: bool = False
-    lagrangian_gradient: Array | None = None
 
 
 FirstWay: TypeAlias = Callable[[AnyEvaluation, Array], Step | None]

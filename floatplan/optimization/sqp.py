@@ -4,8 +4,7 @@ minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian'
 Numerical Optimization, 2nd ed., procedure 18.2), multipliers that follow the step (algorithm 18.3), an l1 merit
 function with Armijo line search (section 18.3), one second-order correction per iteration where there are inequalities
 (section 18.3, (18.42)), and an elastic QP where the linearised constraints contradict each other (section 18.3,
-p. 536). Without inequalities the inverse of the Hessian is kept instead: a step then needs products only, and a system
-as small as the multipliers (section 16.2, range-space method).
+p. 536).
 
 From one start it fails on many obstacle problems that have a solution. Levenberg-Marquardt on the constraint violations
 alone, whatever the objective, solves most of them from several starts (section 10.3): :func:`reduce_violations`.
@@ -16,11 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeAlias
+from typing import Generic, NamedTuple
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array
 from floatplan.optimization.programs import (
     AnyEvaluation,
     Detail,
@@ -30,7 +29,6 @@ from floatplan.optimization.programs import (
     Settings,
     SolveQp,
     Step,
-    elastic_qp,
     solve_qp,
     solved,
 )
@@ -58,85 +56,6 @@ LARGEST_DAMPING = 1e8  # [-] beyond it the iteration ends
 PASSES = 4  # of one step, each with the rows that the step before would violate
 
 
-@dataclass(frozen=True, eq=False)
-class DirectHessian:
-    """A quasi-Newton approximation H (m, m) of the Lagrangian's Hessian, for programs with inequalities.
-
-    ``solve`` is the way in which their QPs are solved.
-    """
-
-    hessian: Array
-    solve: SolveQp = solve_qp
-
-    @property
-    def largest(self) -> float:
-        """Largest diagonal entry of H."""
-        return float(self.hessian.diagonal().max(initial=1.0))
-
-    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
-        """Solve the QP of a linearised program, by its active rows."""
-        return self.solve(current, self.hessian, active, slack_penalty)
-
-    def product(self, change: Array, step: Step, step_length: float) -> Array:
-        """Hessian product H change (m,); the change of x is ``step_length`` times the step's direction."""
-        return self.hessian @ change
-
-    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> DirectHessian:
-        """BFGS: the new H maps the change to that of the Lagrangian's gradient (m,), Nocedal and Wright (6.19)."""
-        correction = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
-        lost = (hessian_product / (hessian_product @ change))[:, None] * hessian_product
-        return DirectHessian(self.hessian + correction - lost, self.solve)
-
-
-@dataclass(frozen=True, eq=False)
-class InverseHessian:
-    """The inverse (m, m) of such an H, for programs without inequalities."""
-
-    inverse: Array
-
-    @property
-    def hessian(self) -> Array:
-        """H itself."""
-        return np.asarray(np.linalg.inv(self.inverse))
-
-    @property
-    def largest(self) -> float:
-        """Reciprocal of the smallest diagonal entry of the inverse: a lower bound of H's largest."""
-        return max(1.0, 1 / float(self.inverse.diagonal().min(initial=1.0)))
-
-    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
-        """``-H^-1 (g + A^T y)``, with the multipliers y for which it satisfies the linearised equalities."""
-        rows, gradient = current.equality_jacobian, current.gradient
-        unconstrained, per_multiplier = self.inverse @ gradient, self.inverse @ rows.T
-        multipliers = solve_small(rows @ per_multiplier, current.equality - rows @ unconstrained)
-        if multipliers is None:
-            return elastic_qp(current, self.hessian, slack_penalty)
-        direction = -(unconstrained + per_multiplier @ multipliers)
-        of_lagrangian = gradient + multipliers @ rows
-        return Step(direction, Multipliers(multipliers, current.inequality), lagrangian_gradient=of_lagrangian)
-
-    def product(self, change: Array, step: Step, step_length: float) -> Array:
-        """Hessian product by the step's own optimality, ``H direction = -lagrangian_gradient``."""
-        assert step.lagrangian_gradient is not None, "an elastic step does not update H"
-        return -step_length * step.lagrangian_gradient
-
-    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> InverseHessian:
-        """BFGS of the inverse, Nocedal and Wright (6.17)."""
-        curvature = float(gradient_change @ change)
-        mapped = self.inverse @ gradient_change
-        half = (0.5 + 0.5 * float(gradient_change @ mapped) / curvature) * change - mapped
-        cross = change[:, None] * (half / curvature)
-        return InverseHessian(self.inverse + cross + cross.T)
-
-
-HessianApproximation: TypeAlias = DirectHessian | InverseHessian
-
-
-def hessian_approximation(hessian: Array, *, inequalities: bool, solve: SolveQp = solve_qp) -> HessianApproximation:
-    """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
-    return DirectHessian(hessian, solve) if inequalities else InverseHessian(np.asarray(np.linalg.inv(hessian)))
-
-
 def solve_small(matrix: Array, right: Array) -> Array | None:
     """Solution of a small symmetric system, positive semidefinite: that of least norm; None where there is none."""
     if len(right) == 1:
@@ -158,7 +77,7 @@ class Solution(Generic[Detail]):
     status: str
     iterations: int
     evaluations: int
-    hessian: HessianApproximation | None = None
+    hessian: Array | None = None
 
 
 class _Accepted(NamedTuple, Generic[Detail]):
@@ -173,12 +92,13 @@ class _Accepted(NamedTuple, Generic[Detail]):
 def minimise(
     program: Program[Detail],
     x: Array,
-    hessian: HessianApproximation,
+    hessian: Array,
     settings: Settings | None = None,
     stop: Callable[[], bool] = lambda: False,
     start: Evaluation[Detail] | None = None,
+    solve: SolveQp = solve_qp,
 ) -> Solution[Detail]:
-    """Minimise a program from x (m,), with a first approximation of the Lagrangian's Hessian.
+    """Minimise a program from x (m,), with a first approximation (m, m) of the Lagrangian's Hessian.
 
     Parameters
     ----------
@@ -186,21 +106,22 @@ def minimise(
         Called before every iteration; once it is true the point reached so far is returned.
     start : Evaluation, optional
         The program at x, where that is known.
+    solve : callable
+        The way in which quadratic programs are solved.
     """
     settings = settings or Settings()
     current = linearised = start or program.evaluate(x)
     evaluations, penalty = 1, 0.0
     initial = hessian
     active = np.empty(0, dtype=np.int64)
-    slack_penalty = SLACK_PENALTY * hessian.largest
+    slack_penalty = SLACK_PENALTY * float(hessian.diagonal().max(initial=1.0))
     metric_norm = math.sqrt(float(np.vdot(program.metric, program.metric)))
-    was_reset, slow_steps = True, 0
-    optimal, iteration = False, 0
+    was_reset, optimal, slow_steps, iteration = True, False, 0, 0
     multipliers = Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
         linearised = current
-        step = hessian.step(current, active, slack_penalty)
+        step = solve(current, hessian, active, slack_penalty)
         if current.inequality.size:
             active = np.flatnonzero(step.multipliers.inequality)
         slope = float(current.gradient @ step.direction)
@@ -230,7 +151,7 @@ def minimise(
             break
         if not step.elastic:
             multipliers = multipliers.towards(step.multipliers, accepted.step_length)
-            updated = _damped_bfgs(hessian, step, accepted, previous, multipliers, LARGEST_CURVATURE * slack_penalty)
+            updated = _damped_bfgs(hessian, accepted, previous, multipliers, LARGEST_CURVATURE * slack_penalty)
             hessian = initial if updated is None else updated
         was_reset = was_reset and slow_steps > 0
     if settings.polish:
@@ -311,20 +232,22 @@ def _line_search(
 
 
 def _damped_bfgs(
-    hessian: HessianApproximation,
-    step: Step,
+    hessian: Array,
     accepted: _Accepted[Detail],
     previous: AnyEvaluation,
     multipliers: Multipliers,
     largest_curvature: float,
-) -> HessianApproximation | None:
-    """Update the approximation along an accepted step; None where its curvature exceeds ``largest_curvature``."""
+) -> Array | None:
+    """Update the approximation along an accepted step; None where its curvature exceeds ``largest_curvature``.
+
+    The new one maps the change of x to that of the Lagrangian's gradient, Nocedal and Wright (6.19).
+    """
     change, current = accepted.change, accepted.evaluation
     gradient_change = multipliers.equality @ (current.equality_jacobian - previous.equality_jacobian)
     gradient_change += current.gradient - previous.gradient
     if current.inequality.size:
         gradient_change -= multipliers.inequality @ (current.inequality_jacobian - previous.inequality_jacobian)
-    product = hessian.product(change, step, accepted.step_length)
+    product = hessian @ change
     approximated = float(change @ product)
     if approximated < 1e-20:
         return hessian
@@ -335,7 +258,9 @@ def _damped_bfgs(
         curvature = float(change @ gradient_change)
     if not float(gradient_change @ gradient_change) < largest_curvature * curvature:
         return None
-    return hessian.updated(change, product, gradient_change)
+    gained = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
+    lost = (product / (product @ change))[:, None] * product
+    return np.asarray(hessian + gained - lost)
 
 
 @dataclass(frozen=True, eq=False)

@@ -237,7 +237,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
 
 def _missed_turn(found: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    missed = found.best.motion.residual[0]
+    missed = found.best.motion.residual
     return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
 
 

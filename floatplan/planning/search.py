@@ -19,9 +19,9 @@ from floatplan.arguments import SEED, Check, Checked, function, optional, positi
 from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.attempt import ATTEMPTS, SAME, Attempts, Followed, Outcome, best
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
+from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS, SAME
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range

@@ -144,9 +144,9 @@ class Reference:
         )
         values = views.functions.values(self._instants.s)
         joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, values)
-        momentum = np.array([[present.angular_momentum]])
+        momentum = np.array([present.angular_momentum])
         self.flown = PlanarBaseMotion(self._flight, self._instants, joints, momentum)
-        self.miss = float(self.flown.residual[0, 0])
+        self.miss = float(self.flown.residual[0])
         self.torque_peak = np.abs(self.flown.motor_torques).max(axis=0)
 
     @property
@@ -160,7 +160,7 @@ class Reference:
         motion, flight = self.motion, self._flight
         joints, share = motion.at(self.watched)[0], (self.watched - motion.begin) / motion.remaining
         grid = self._instants
-        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
+        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates)
         turned -= self.landed * self.miss * share
         com = flight.ballistics.positions(self.watched - motion.begin)
         angles = flight.tree.absolute_angles(flight.initial_orientation + turned, joints)

@@ -83,11 +83,11 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
     values = np.concatenate([block.values(motion) for block in ready.constraints], axis=1).T - BACK_OFF
     known = np.isfinite(here["values"])
-    when = np.array([applies(block, motion.s) for block in ready.constraints for _ in block.labels])
+    when = np.array([applies(block, motion.sampling.grid.s) for block in ready.constraints for _ in block.labels])
     assert (known <= when).all()
-    assert (known == when)[:, motion.s % 1 > 0].all()
+    assert (known == when)[:, motion.sampling.grid.s % 1 > 0].all()
     close(here["values"][known], values[known])
-    close(here["equality"], motion.residual[0, 0])
+    close(here["equality"], motion.residual[0])
     if variables.following:
         return
     goal = objective(problem, ready.model, variables, ready.model.nodes(ready._level, variables.polynomials.form))
@@ -150,10 +150,10 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
     axis = int(np.argmax(np.abs(robot.plane.normal)))
     sign, h_x = np.sign(robot.plane.normal[axis]), variables.momentum.axes[0]
     base, count = slice(0, BASE_COORDINATES), 0
-    for k in range(len(motion.s)):
+    for k in range(len(motion.sampling.grid.s)):
         q, v, a = np.array(robot.reference) + chosen @ joints.positions[k], chosen @ joints.velocities[k], None
         row = sign * pin.computeCentroidalMap(robot.model, data, q)[3 + axis]
-        v[turn] = (motion.angular_momentum[0, 0] - row @ v) / row[turn]
+        v[turn] = (motion.angular_momentum[0] - row @ v) / row[turn]
         by_q = sign * pin.computeCentroidalDynamicsDerivatives(robot.model, data, q, v, 0 * v)[0][3 + axis]
         full_q, full_v, full_a = (chosen @ each[k] for each in (q_x, v_x, a_x))
         full_v[turn] = -(by_q @ full_q + row @ full_v) / row[turn]

@@ -146,7 +146,7 @@ def test_derivatives_are_those_of_differences(diver, quantity):
             return logarithm(moved.flown.attitude @ np.swapaxes(present, 1, 2))
         if quantity in QUANTITIES:
             return QUANTITIES[quantity].values(moved)
-        return moved.flown.residual[0] if quantity == "residual" else moved.flown.rate
+        return moved.flown.residual if quantity == "residual" else moved.flown.rate
 
     if quantity in QUANTITIES:
         computed = QUANTITIES[quantity].jacobian(motion)

@@ -123,6 +123,17 @@ def test_elastic_steps_are_the_least_of_their_program(size, penalty):
         assert step.violation_left == pytest.approx((abs(pulls[1][0]) - pulls[0].sum()) / penalty)
 
 
+@pytest.mark.parametrize("rows", [np.ones((1, SIZE)) * [[1], [2]], np.zeros((1, SIZE))])
+def test_equations_that_contradict_one_another_or_nothing_moves_make_an_elastic_step(rows):
+    program, hessian = drawn(0)
+    wanted = np.arange(1.0, len(rows) + 1) ** 2
+    alone = linearised(program.gradient, wanted, rows, np.empty(0), np.empty((0, SIZE)))
+    step = solve_qp(alone, hessian, NO_ROWS, 1e3, dual_step)
+    assert step.elastic
+    least = np.abs(wanted - rows @ np.linalg.lstsq(rows, wanted, rcond=None)[0]).sum()
+    assert step.violation_left == pytest.approx(least, rel=0.05)
+
+
 def test_a_regular_system_is_solved():
     assert solved(np.diag([2.0, 4.0]), np.ones(2)) == pytest.approx([0.5, 0.25])
 

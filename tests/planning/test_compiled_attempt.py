@@ -78,7 +78,7 @@ def test_of_more_motions_a_start_violates_less(ready, number, monkeypatch):
         start = begun(ready, number)
         nodes = model.nodes(LEVEL_OF_DRAWS, start.variables.polynomials.form)
         at = trajectory(model, start.variables, nodes, start.solution.x)
-        squares = [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.s)].sum() for block in kept]
+        squares = [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept]
         violated.append(at.residual.item() ** 2 + sum(squares))
     assert violated == sorted(violated, reverse=True)
     assert violated[-1] < violated[0]

@@ -57,7 +57,7 @@ class WheeledBody:
         return gauss_grid(COUNTS[level])
 
     def fly(self, grid, joints, angular_momentum):
-        return Turned(self, grid, joints, angular_momentum)
+        return Turned(self, grid, joints, angular_momentum[None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Turned:
         ends = np.array([0.0, 0.0, 0.0, 1.0]) + DURATION * np.einsum(
             "k,skq->sq", self.grid.weights, self._quaternion_rates
         )
-        return (Rotation.from_quat(ends) * self.body.goal.inv()).as_rotvec()
+        return (Rotation.from_quat(ends) * self.body.goal.inv()).as_rotvec()[0]
 
     @cached_property
     def _mobility(self):
@@ -149,8 +149,8 @@ class Turned:
         response, growth = self._response
         ends = np.kron(weights, np.eye(3)) @ (np.eye(3 * count) + growth @ response)
         per_node = ends.reshape(3, count, 3).swapaxes(0, 1) / weights[:, None, None]
-        angle = np.linalg.norm(self.residual[0])
-        turn = cross(self.residual[0])
+        angle = np.linalg.norm(self.residual)
+        turn = cross(self.residual)
         factor = (1 - 0.5 * angle / math.tan(0.5 * angle)) / angle**2 if angle > 1e-6 else 1 / 12
         return (np.eye(3) - turn / 2 + factor * turn @ turn) @ per_node
 
@@ -221,7 +221,7 @@ class TestDerivatives:
         model, variables = flight
         nodes = model.nodes(3, variables.polynomials.form)
         jacobian = trajectory(model, variables, nodes, x).residual_jacobian
-        expected = differences(lambda at: trajectory(model, variables, nodes, at).residual[0], x)
+        expected = differences(lambda at: trajectory(model, variables, nodes, at).residual, x)
         assert np.abs(expected).max() > 0.01
         assert jacobian == pytest.approx(expected, abs=1e-8)
 

@@ -100,7 +100,7 @@ class PlanarFlight:
         return gauss_grid(NODE_COUNTS[level])
 
     def fly(self, grid: FlightGrid, joints: JointMotion, angular_momentum: Array) -> PlanarBaseMotion:
-        """Turn the base as joints and angular momenta (S, 1), kg m^2/s, make it."""
+        """Turn the base as joints and angular momentum (1,), kg m^2/s, make it."""
         assert isinstance(grid, GaussGrid), "the grids of a flight are its own"
         return PlanarBaseMotion(self, grid, joints, angular_momentum)
 
@@ -116,46 +116,41 @@ class PlanarBaseMotion:
 
     @cached_property
     def base_rate(self) -> Array:
-        """theta0' (S K,) rad/s."""
-        h, joints = self.angular_momentum, self.joints
-        each: float | Array = float(h[0, 0]) if len(h) == 1 else np.repeat(h[:, 0], len(self.grid.s))
-        return self.flight.equations.base_rate(joints.positions, joints.velocities, each)
+        """theta0' (K,) rad/s."""
+        h, joints = float(self.angular_momentum[0]), self.joints
+        return self.flight.equations.base_rate(joints.positions, joints.velocities, h)
 
     @property
     def rate(self) -> Array:
-        """theta0' (S K, 1) rad/s."""
+        """theta0' (K, 1) rad/s."""
         return self.base_rate[:, None]
 
     @property
     def node_rates(self) -> Array:
-        """theta0' (S, N) rad/s at the nodes."""
-        return self.base_rate.reshape(len(self.angular_momentum), -1)[:, : self.grid.nodes]
+        """theta0' (N,) rad/s at the nodes."""
+        return self.base_rate[: self.grid.nodes]
 
     @cached_property
     def attitude(self) -> Array:
-        """Orientation (S K,) rad by (18)."""
-        turned = (self.node_rates @ self.grid.integrals.T).ravel()
+        """Orientation (K,) rad by (18)."""
+        turned = self.grid.integrals @ self.node_rates
         return np.asarray(self.flight.initial_orientation + self.flight.duration * turned)
 
     @property
     def residual(self) -> Array:
-        """(14): orientation at landing less the goal (S, 1), rad."""
-        turned = self.flight.duration * (self.node_rates @ self.grid.weights)
-        return (turned - self.flight.change)[:, None]
+        """(14): orientation at landing less the goal (1,), rad."""
+        turned = self.flight.duration * float(self.node_rates @ self.grid.weights)
+        return np.array([turned - self.flight.change])
 
     @property
     def missed(self) -> float:
-        """The residual of a single motion, without its sign, rad."""
-        return abs(float(self.residual[0, 0]))
+        """The residual without its sign, rad."""
+        return abs(float(self.residual[0]))
 
     @property
     def wrong_way(self) -> str:
         """Nothing: in a plane whole turns are in the residual."""
         return ""
-
-    def transport(self, drift: Array) -> Array:
-        """Integrals (K, 1, c) of drifts (N, 1, c)."""
-        return np.asarray(self.flight.duration * (self.grid.integrals @ drift[:, 0, :]))[:, None, :]
 
     @cached_property
     def fastest(self) -> float:
@@ -165,7 +160,7 @@ class PlanarBaseMotion:
     @cached_property
     def unresolved(self) -> float:
         """Tail of the Legendre coefficients of theta0', relative to its largest value."""
-        return self.grid.quadrature.tail(self.node_rates[0]) / max(self.fastest, TINY)
+        return self.grid.quadrature.tail(self.node_rates) / max(self.fastest, TINY)
 
     def level_needed(self, error: float) -> int:
         """Level at which theta0(T) is exact to ``error``, rad, by extrapolating the Legendre tail.
@@ -179,23 +174,23 @@ class PlanarBaseMotion:
 
     @cached_property
     def torques(self) -> Array:
-        """Generalised joint torques (S K, n) N m."""
+        """Generalised joint torques (K, n) N m."""
         return np.asarray(self.moments @ self.flight.tree.turns)
 
     @cached_property
     def motor_torques(self) -> Array:
-        """Each motor's own torque (S K, m) N m."""
+        """Each motor's own torque (K, m) N m."""
         return np.asarray(self.moments @ self.flight.tree.motor_turns)
 
     @cached_property
     def moments(self) -> Array:
-        """Moments (S K, m) that turn the bodies, N m."""
+        """Moments (K, m) that turn the bodies, N m."""
         joints = self.joints
         return self.flight.equations.moments(joints.positions, joints.velocities, joints.accelerations, self.base_rate)
 
     @cached_property
     def angles(self) -> Array:
-        """Absolute angles (S K, m) of the bodies, rad."""
+        """Absolute angles (K, m) of the bodies, rad."""
         return self.flight.tree.absolute_angles(self.attitude, self.joints.positions)
 
     @cached_property
@@ -206,9 +201,8 @@ class PlanarBaseMotion:
 
     @cached_property
     def _times(self) -> Array:
-        """Instants (S K,) s."""
-        motions, times = len(self.angular_momentum), self.flight.duration * self.grid.s
-        return times if motions == 1 else np.tile(times, motions)
+        """Instants (K,) s."""
+        return self.flight.duration * self.grid.s
 
     @property
     def longest_way(self) -> float:
@@ -218,11 +212,11 @@ class PlanarBaseMotion:
         )
 
     def obstacle_distances(self, obstacle: Obstacle) -> Array:
-        """Distances (S K, r) of the capsules to an obstacle."""
+        """Distances (K, r) of the capsules to an obstacle."""
         return clearance.obstacle_distances(self.shapes, obstacle, self._times)
 
     def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Array:
-        """Distances (S K, r) between capsules, given by their indices: each of the first to each of the second."""
+        """Distances (K, r) between capsules, given by their indices: each of the first to each of the second."""
         return clearance.pair_distances(self.shapes.of(np.array(first)), self.shapes.of(np.array(second)))
 
     def at_goal(self) -> PlanarBaseMotion:

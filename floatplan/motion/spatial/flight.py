@@ -117,7 +117,7 @@ class SpatialFlight:
         return spatial_grid(range(len(LEVELS))[level])
 
     def fly(self, grid: FlightGrid, joints: JointMotion, angular_momentum: Array) -> SpatialBaseMotion:
-        """Turn the base as joints and angular momenta (S, 3), kg m^2/s, make it."""
+        """Turn the base as joints and angular momentum (3,), kg m^2/s, make it."""
         assert isinstance(grid, SpatialGrid), "the grids of a flight are its own"
         return SpatialBaseMotion(self, grid, joints, angular_momentum)
 
@@ -126,7 +126,7 @@ class SpatialFlight:
 class SpatialBaseMotion:
     """The base's motion in space. What cannot be integrated has NaN for its numbers.
 
-    Attitudes are rotation matrices (S K, 3, 3), rates in the base's axes.
+    Attitudes are rotation matrices (K, 3, 3), rates in the base's axes.
     """
 
     flight: SpatialFlight
@@ -136,77 +136,61 @@ class SpatialBaseMotion:
 
     @cached_property
     def maps(self) -> tuple[Array, Array]:
-        """I (S K, 3, 3) and A (S K, 3, n)."""
+        """I (K, 3, 3) and A (K, 3, n)."""
         return self.flight.dynamics.momentum_maps(self.joints.positions)
 
     @cached_property
-    def turnings(self) -> list[Turning | None]:
-        """How the base turns in each of the S motions; None where that cannot be integrated."""
-        inertia, joint_map = self.maps
-        relative = np.einsum("kan,kn->ka", joint_map, self.joints.velocities)
-        found: list[Turning | None] = []
-        for motion, h in enumerate(self.angular_momentum):
-            first = motion * len(self.grid.s)
-            own = slice(first, first + self.grid.nodes)
-            flight = self.flight
-            try:
-                found.append(
-                    turn(self.grid.cells, flight.duration, inertia[own], relative[own], h, flight.initial_attitude)
-                )
-            except IntegrationError:
-                found.append(None)
-        return found
+    def integrated(self) -> Turning | None:
+        """How the base turns; None where that cannot be integrated."""
+        (inertia, joint_map), own, flight = self.maps, slice(self.grid.nodes), self.flight
+        relative = np.einsum("kan,kn->ka", joint_map[own], self.joints.velocities[own])
+        h, attitude = self.angular_momentum, flight.initial_attitude
+        try:
+            return turn(self.grid.cells, flight.duration, inertia[own], relative, h, attitude)
+        except IntegrationError:
+            return None
 
     @property
     def turning(self) -> Turning:
-        """How the base turns in a single motion."""
-        (turning,) = self.turnings
-        if turning is None:
+        """The same; an error where there is none."""
+        if self.integrated is None:
             raise IntegrationError
-        return turning
+        return self.integrated
 
     @cached_property
     def attitude(self) -> Array:
-        """Attitudes (S K, 3, 3)."""
-        grid, each = self.grid, []
-        for turning in self.turnings:
-            if turning is None:
-                each.append(np.full((len(grid.s), 3, 3), np.nan))
-                continue
-            others = turning.at(grid.s[grid.nodes :])
-            each.append(np.concatenate((turning.attitudes, others)))
-        return np.concatenate(each)
+        """Attitudes (K, 3, 3)."""
+        grid, turning = self.grid, self.integrated
+        if turning is None:
+            return np.full((len(grid.s), 3, 3), np.nan)
+        return np.concatenate((turning.attitudes, turning.at(grid.s[grid.nodes :])))
 
     @cached_property
     def rate(self) -> Array:
-        """Omega (S K, 3), rad/s, in the base's axes."""
+        """Omega (K, 3), rad/s, in the base's axes."""
         inertia, joint_map = self.maps
-        h = np.repeat(self.angular_momentum, len(self.grid.s), axis=0)
-        left = np.einsum("kba,kb->ka", self.attitude, h) - np.einsum("kan,kn->ka", joint_map, self.joints.velocities)
+        h = self.angular_momentum
+        left = np.einsum("kba,b->ka", self.attitude, h) - np.einsum("kan,kn->ka", joint_map, self.joints.velocities)
         return np.asarray(np.linalg.solve(inertia, left[..., None])[..., 0])
 
     @cached_property
     def residual(self) -> Array:
-        """Vectors of rotation (S, 3), rad, from the attitudes asked for at landing to those at landing."""
-        ends = [np.full((3, 3), np.nan) if each is None else each.ends[-1] for each in self.turnings]
-        missed = self.flight.final_attitude.T @ np.array(ends)
-        known = np.isfinite(missed).all(axis=(1, 2))
-        residual = np.full((len(missed), 3), np.nan)
-        if known.any():
-            residual[known] = logarithm(missed[known])
-        return residual
+        """Vector of rotation (3,), rad, from the attitude asked for at landing to that at landing."""
+        if self.integrated is None:
+            return np.full(3, np.nan)
+        return np.asarray(logarithm((self.flight.final_attitude.T @ self.integrated.ends[-1])[None])[0])
 
     @property
     def missed(self) -> float:
-        """Length of the residual of a single motion, rad; infinite where the way there is wrong."""
-        turning = self.turnings[0]
+        """Length of the residual, rad; infinite where the way there is wrong."""
+        turning = self.integrated
         if turning is None or self.flight.wrong(turning.way):
             return math.inf
-        return float(np.linalg.norm(self.residual[0]))
+        return float(np.linalg.norm(self.residual))
 
     @property
     def wrong_way(self) -> str:
-        """What is wrong with the way of a single motion; empty for nothing."""
+        """What is wrong with the way; empty for nothing."""
         return self.flight.wrong(self.turning.way)
 
     def transport(self, drift: Array) -> Array:
@@ -220,7 +204,7 @@ class SpatialBaseMotion:
         Rates that fall as ``x^j`` with the degree j in a cell of S stages leave an error of ``x^(2 S)``.
         """
         cells = self.grid.cells
-        if self.turnings[0] is None:
+        if self.integrated is None:
             return math.inf
         rates = self.turning.rates.reshape(cells.count, cells.stages, 3)
         tail = np.abs(np.einsum("js,csa->cja", cells.gauss.transform[-2:], rates)).max()
@@ -246,12 +230,12 @@ class SpatialBaseMotion:
 
     @property
     def torques(self) -> Array:
-        """Generalised joint torques (S K, n) N m."""
+        """Generalised joint torques (K, n) N m."""
         return np.asarray(self._joint_torques @ self.flight.dynamics.selection)
 
     @property
     def motor_torques(self) -> Array:
-        """Each motor's own torque (S K, m) N m."""
+        """Each motor's own torque (K, m) N m."""
         return np.asarray(self._joint_torques @ self.flight.transmission)
 
     @property
@@ -275,7 +259,7 @@ class SpatialBaseMotion:
             self.flight.initial_attitude,
             self.flight.final_attitude,
         )
-        other.__dict__.update(maps=self.maps, turnings=self.turnings, attitude=attitude)
+        other.__dict__.update(maps=self.maps, integrated=self.integrated, attitude=attitude)
         return other
 
     @cached_property
@@ -293,7 +277,7 @@ class SpatialBaseMotion:
         return Partials(
             by_position=-inverse @ self._slopes,
             by_velocity=-inverse @ self.maps[1],
-            by_attitude=inverse @ back @ cross_matrix(self.angular_momentum[0]),
+            by_attitude=inverse @ back @ cross_matrix(self.angular_momentum),
             by_momentum=inverse @ back,
         )
 
@@ -315,7 +299,7 @@ class SpatialBaseMotion:
     def residual_partials(self) -> Partials:
         """Of the residual."""
         transitions, weights = self.turning.carried
-        missed = self.residual[0]
+        missed = self.residual
         onward = left_jacobian_inverse(missed) @ self.flight.final_attitude.T
         to_end = np.empty_like(weights)
         for cell in range(len(weights) - 1, -1, -1):

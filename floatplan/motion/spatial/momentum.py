@@ -103,7 +103,7 @@ class _PlainMotion:
 
     def fly(self, h: Array) -> SpatialBaseMotion:
         """Turn the base."""
-        return SpatialBaseMotion(self.flight, self.grid, self.joints, h[None])
+        return SpatialBaseMotion(self.flight, self.grid, self.joints, h)
 
     def reaching(self, h: Array) -> Array:
         """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""
@@ -111,7 +111,7 @@ class _PlainMotion:
         try:
             for _ in range(STEPS):
                 flown = self.fly(h)
-                missed = float(np.linalg.norm(flown.residual[0]))
+                missed = float(np.linalg.norm(flown.residual))
                 if missed < least:
                     best, least = h, missed
                 if missed < ENOUGH:
@@ -119,7 +119,7 @@ class _PlainMotion:
                 by_h = flown.residual_partials.by_momentum
                 assert by_h is not None
                 slope = self.flight.duration * np.tensordot(self.grid.weights, by_h, 1)
-                step = -np.linalg.lstsq(slope, flown.residual[0], rcond=1e-9)[0]
+                step = -np.linalg.lstsq(slope, flown.residual, rcond=1e-9)[0]
                 longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.inertia)) / self.flight.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:

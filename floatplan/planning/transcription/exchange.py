@@ -15,7 +15,7 @@ from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
-from floatplan.optimization.sqp import Solution, hessian_approximation, minimise, reduce_violations
+from floatplan.optimization.sqp import Solution, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, Window, applies, window_ends
 from floatplan.planning.transcription.program import (
     BACK_OFF,
@@ -150,17 +150,18 @@ def solve(
         start = program.evaluate(x)
         if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), solve=_counting(model))
+    guess = program.hessian(start)
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
     for _ in range(batch.MOST_ROUNDS):
-        solution = minimise(program, x, guess, stage, stop, start)
+        solution = minimise(program, x, guess, stage, stop, start, _counting(model))
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < batch.HOPELESS:
             solution = _made_feasible(program, solution, stop)
-        x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
+        x, start = solution.x, solution.evaluation
+        guess = guess if solution.hessian is None else solution.hessian
         motion = start.detail
         was_last, (stage, error) = stage == settings, next(stages, (stage, error))
         needed = max(level, motion.flown.level_needed(error))

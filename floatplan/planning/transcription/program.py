@@ -110,7 +110,7 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
     if OBJECTIVE_TABLE[name].quantity is None:
         if model.flight.tangent > 1:
             return float(np.linalg.norm(x[: variables.coefficients]))
-        motions = variables.motion_class(motion.angular_momentum[0])
+        motions = variables.motion_class(motion.angular_momentum)
         return float(np.linalg.norm(motions.powers_of_seconds(variables.free_coefficients(x))))
     exact = trajectory(model, variables, model.nodes(EXACT_LEVEL, variables.polynomials.form), x)
     return objective_term(name, variables).value(exact, x)
@@ -192,7 +192,7 @@ class FlightProgram:
         inequality = np.empty(self._count)
         for block, target in zip(self.constraints, self._targets, strict=True):
             inequality[target[target >= 0]] = (block.values(motion) - self.back_off)[target >= 0]
-        equality, differentiate = self._combined(motion.residual[0]), partial(self._derivatives, motion, x)
+        equality, differentiate = self._combined(motion.residual), partial(self._derivatives, motion, x)
         return Evaluation(self.objective.value(motion, x), equality, inequality, differentiate, motion)
 
     def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
@@ -224,7 +224,7 @@ def scaled(program: FlightProgram, x: Array) -> FlightProgram:
     sizes = np.sqrt(np.maximum(sizes, 0))
     largest = sizes[-1] or 1.0
     raised = largest / np.maximum(sizes, largest / MOST_RAISED)
-    kept = (sizes > RANK * largest) | (np.abs(turns.T @ motion.residual[0]) > ORIENTATION)
+    kept = (sizes > RANK * largest) | (np.abs(turns.T @ motion.residual) > ORIENTATION)
     return replace(program, combinations=(turns * raised).T[kept])
 
 

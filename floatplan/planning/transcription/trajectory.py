@@ -62,9 +62,9 @@ class FlightModel:
     flight: FlightDynamics
     work: float = 0.0
 
-    def evaluated(self, instants: int, motions: int = 1) -> None:
-        """Count the evaluation of a motion, or of several at so many instants in all."""
-        self.work += motions * EVALUATION + instants * self.flight.bodies
+    def evaluated(self, instants: int) -> None:
+        """Count the evaluation of a motion at so many instants."""
+        self.work += EVALUATION + instants * self.flight.bodies
 
     def differentiated(self, entries: int) -> None:
         """Count a Jacobian."""
@@ -90,10 +90,9 @@ def flight_model(problem: Problem) -> FlightModel:
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class Trajectory:
-    """Motions sampled, for one x or several: everything that constraints and objectives ask, computed when asked.
+    """A motion sampled: everything that constraints and objectives ask, computed when asked.
 
-    ``motion`` holds the K instants of the sampling, of S motions one after the other; ``angular_momentum`` (S, e).
-    Derivatives are of a single motion.
+    ``motion`` holds the K instants of the sampling; ``angular_momentum`` (e,).
     """
 
     model: FlightModel
@@ -110,19 +109,13 @@ class Trajectory:
 
     @property
     def residual(self) -> Array:
-        """By how much the attitude at landing misses the goal (S, e), rad."""
+        """By how much the attitude at landing misses the goal (e,), rad."""
         return self.flown.residual
 
     @property
     def duration(self) -> float:
         """Flight time, s."""
         return self.variables.polynomials.duration
-
-    @cached_property
-    def s(self) -> Array:
-        """Instants (S K,) in [0, 1]."""
-        motions = len(self.angular_momentum)
-        return self.sampling.grid.s if motions == 1 else np.tile(self.sampling.grid.s, motions)
 
     @property
     def differentiable(self) -> DifferentiableMotion:
@@ -137,7 +130,7 @@ class Trajectory:
 
     @property
     def turning_rate(self) -> Array:
-        """The base's rate (S K, 1), rad/s; in space its length."""
+        """The base's rate (K, 1), rad/s; in space its length."""
         rate = self.flown.rate
         return rate if rate.shape[1] == 1 else np.linalg.norm(rate, axis=1, keepdims=True)
 
@@ -210,7 +203,7 @@ def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampl
     model.evaluated(len(sampling.grid.s))
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
-    return Trajectory(model, variables, sampling, motion, h[None, :])
+    return Trajectory(model, variables, sampling, motion, h)
 
 
 EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
