@@ -201,7 +201,7 @@ def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:
     logs = [math.log(each.use) for each in chart.points.values() if each.use is not None and 0 < each.use < math.inf]
     width = max(logs, default=0.0) - min(logs, default=0.0)
     share = (math.log(use) - min(logs)) / width if width > 0 and 0 < use < math.inf else 0.0
-    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{use:.0f}" if 10 <= use < 1e4 else short(use, 2)
+    return f"hsl({150 - 120 * share:.0f} 60% 29%)", f"{use:.0f}" if 10 <= use < 1e4 else short(use, 2)
 
 
 def comparison_card(answer: ShownPlan | None, kept: ShownPlan | None) -> str:

@@ -15,7 +15,7 @@ from floatplan.view.jumps import JumpView, Shown, limit_shares
 SAMPLES = 401  # [-] instants of a curve
 ALIKE = 0.01  # [-] of a limit: a follower whose curve differs by less from its leader's is not drawn
 NEARLY, FULL = 0.9, 1 + 1e-9  # [-] shares of a limit from which a use is amber, and red
-GREEN, AMBER, RED, BLUE = "#1a7f4b", "#b26a00", "#c0182b", "#1f5fbf"
+GREEN, AMBER, RED, BLUE = "#1a7f4b", "#985a00", "#c0182b", "#1f5fbf"
 ROOM = 1.15  # [-] of the largest that is drawn: height of a plot
 FLYING = "#c9d8ee"  # the phase without contacts
 RIGHT = 60.0  # [%] of the width from which labels are on the left of their places
@@ -152,15 +152,17 @@ def phase_colours(view: JumpView) -> list[list[str]]:
 
 def _bands(view: JumpView) -> str:
     """The phases of a jump, each in the colours of what stands, one above the other."""
-    bands = []
+    bands, words = list[str](), list[str]()
     for phase, colours in zip(view.jump.phases, phase_colours(view), strict=True):
         lasts = phase.end - phase.begin
-        words = f"{lasts:.3f} s: {', '.join(phase.contacts) or 'flight'}"
+        stands = ", ".join(phase.contacts) or "flight"
+        words.append(f"{lasts:.3f} s: {stands}")
         place = f"left:{100 * phase.begin / view.duration:.2f}%;width:{100 * lasts / view.duration:.2f}%"
         ink = "" if phase.contacts else ";color:#1d2126;text-shadow:none"
         look = f"{place};background:{stripes(colours)}{ink}"
-        bands.append(f'<span style="{look}" title="{escape(words)}">{escape(words)}</span>')
-    return f'<div class="phases" role="img" aria-label="Phases">{"".join(bands)}</div>'
+        told = f"<span>{lasts:.2f} s</span><span>{escape(stands)}</span>"  # what does not fit is left out
+        bands.append(f'<div style="{look}" title="{escape(words[-1])}">{told}</div>')
+    return f'<div class="phases" role="img" aria-label="Phases: {escape("; ".join(words))}">{"".join(bands)}</div>'
 
 
 def stripes(colours: Sequence[str]) -> str:

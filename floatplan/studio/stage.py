@@ -163,7 +163,7 @@ class Stage:
 
     def _body(self, part: int) -> int:
         """The first body of a part."""
-        shapes = zip(self._robot.shapes, self._shapes.part.tolist(), strict=True)
+        shapes = zip(outlines.drawn_shapes(self._robot), self._shapes.part.tolist(), strict=True)
         return min((shape.body for shape, of in shapes if of == part), default=0)
 
     def pivot(self, view: View, end: str, part: int) -> tuple[complex, float]:

@@ -6,7 +6,8 @@ Places in the plane are complex, horizontal + i vertical, m; of flights in space
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
+from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.solids import CAMERA, drawn_solids, face_normals
 from floatplan.view.style import round_below
@@ -137,10 +139,11 @@ def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
 def placed_robot(problem: Problem, times: Array, orientation: Array, positions: Array, com: ComplexArray) -> Postures:
     """Return a problem's robot at times (K,) s: orientation (K,), positions (K, n) rad, centre of mass (K,) m."""
     robot = problem.robot
-    poses, bodies = body_poses(robot, orientation, positions, com), [shape.body for shape in robot.shapes]
+    poses, shapes = body_poses(robot, orientation, positions, com), drawn_shapes(robot)
     ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]
     takeoff, landing = poses.points(*map(list, zip(*ends, strict=True))).T
-    sides = [poses.points(bodies, [getattr(shape, end) for shape in robot.shapes]) for end in ("start", "end")]
+    bodies = [shape.body for shape in shapes]
+    sides = [poses.points(bodies, [getattr(shape, end) for shape in shapes]) for end in ("start", "end")]
     return Postures(
         times=times,
         com=com,
@@ -280,13 +283,35 @@ def stadium(start: complex, end: complex, radius: float, arc: int = ARC) -> Comp
     return np.concatenate((end + half, start - half))
 
 
+@lru_cache(maxsize=8)
+def drawn_shapes(robot: Robot) -> tuple[LinkCapsule, ...]:
+    """A robot's capsules as they are drawn: balls of one link, such as heel and toe of a sole, are a bar of its length.
+
+    It is as thick as half of the way from there to the link's joint.
+    """
+    shapes = list[LinkCapsule]()
+    for shape in robot.shapes:
+        last = shapes[-1] if shapes else shape
+        way = shape.end - last.start
+        if last.link != shape.link or last.start != last.end or shape.start != shape.end or not way:
+            shapes.append(shape)
+            continue
+        way /= abs(way)
+        above = -(last.start * np.conj(way)).imag
+        more = max(abs(above) / 4 - shape.radius, 0.0)
+        up = more * 1j * way * np.sign(above)
+        bar = {"start": last.start + more * way + up, "end": shape.end - more * way + up}
+        shapes[-1] = replace(shape, **bar, radius=shape.radius + more)
+    return tuple(shapes)
+
+
 def drawn_radius(problem: Problem) -> Array:
     """Return the radii (S,) of the capsules as drawn, m.
 
     Where there is none: a fraction of the links' usual length or of the robot's reach; less where that would fill the
     margin of an obstacle that the link keeps clear of.
     """
-    robot, shapes = problem.robot, problem.robot.shapes
+    robot, shapes = problem.robot, drawn_shapes(problem.robot)
     radius = np.array([shape.radius for shape in shapes])
     lengths = np.array([abs(shape.end - shape.start) for shape in shapes])
     usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
@@ -306,7 +331,7 @@ def drawn_part(robot: Robot) -> IntArray:
     for body in range(1, len(part)):
         turn = np.abs(tree.turns[body] - tree.turns[tree.parent[body]])
         part[body] = 1 + int(turn.argmax()) if turn.any() else part[tree.parent[body]]
-    return part[[shape.body for shape in robot.shapes]]
+    return part[[shape.body for shape in drawn_shapes(robot)]]
 
 
 def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:

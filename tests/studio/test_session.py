@@ -244,6 +244,7 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
     worker = Worker(problem.robot)
     try:
         answer = worker.ask(PlanTask(problem, PATIENCE))
+        assert not isinstance(answer, Failure), answer.words
         assert answer.plan.ok
         assert answer.plan.robot is problem.robot
         failed = worker.ask(PlanTask(problem, -1.0))

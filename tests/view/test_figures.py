@@ -4,6 +4,7 @@ import dataclasses
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from unittest.mock import Mock
 
 import matplotlib
 import numpy as np
@@ -16,9 +17,18 @@ from PIL import Image
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.problem.parts import Obstacle
+from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.view.figures.figures import SAMPLES, figures, save_figures
 from floatplan.view.figures.snapshots import COLUMNS, kinogram, kinogram_times, worst_passage
-from floatplan.view.outlines import ground_lines, obstacle_outlines, pairs, postures, snapshot_times, stadium
+from floatplan.view.outlines import (
+    drawn_shapes,
+    ground_lines,
+    obstacle_outlines,
+    pairs,
+    postures,
+    snapshot_times,
+    stadium,
+)
 from floatplan.view.style import COLUMN, OKABE_ITO, palette, styled
 
 ALWAYS = ["snapshots", "kinogram", "configuration", "rates", "torques", "momentum", "inertia"]
@@ -396,3 +406,15 @@ def test_colours_of_parts_differ() -> None:
     for count in (1, 3, len(OKABE_ITO), len(OKABE_ITO) + 1, 21):
         colours = palette(count)
         assert len({tuple(colour) for colour in colours}) == count
+
+
+def test_a_sole_of_balls_is_drawn_from_heel_to_toe() -> None:
+    """On the ground where they are, and as long; links of one ball, and balls of two links, are as they are."""
+    heel, toe, radius = -0.05 - 0.048j, 0.12 - 0.048j, 0.005
+    balls = [LinkCapsule("foot", 3, end, end, radius) for end in (heel, toe)]
+    other = LinkCapsule("hand", 4, 0j, 0j, radius)
+    (sole, hand) = drawn_shapes(Mock(shapes=(*balls, other)))
+    assert hand is other
+    assert sole.radius == pytest.approx(0.012)
+    assert sole.start - sole.radius * (1 + 1j) == pytest.approx(heel - radius * (1 + 1j))
+    assert sole.end + sole.radius * (1 - 1j) == pytest.approx(toe + radius * (1 - 1j))

@@ -212,7 +212,7 @@ def _frame(name: str, role: str, colour: str, body: int, place: complex) -> dict
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
-    robot, tree, shapes = problem.robot, problem.robot.tree, problem.robot.shapes
+    robot, tree, shapes = problem.robot, problem.robot.tree, outlines.drawn_shapes(problem.robot)
     bodies = np.arange(len(tree.mass))
     columns = {
         "body": [shape.body for shape in shapes],
@@ -260,7 +260,8 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
 
 def proved(plan: Plan) -> dict[str, Any]:
     """Return the table of what was proved of a plan."""
-    proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
+    none = "none in the plan file; floatplan certify --save makes one" if plan.robot.in_plane else "none in space yet"
+    proof = proof_rows(plan) or [Row("certificate", none)]
     tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
     replay, words = plan.record.replay, "none in the plan file; floatplan replay --save makes one"
     if replay is not None:

@@ -13,7 +13,7 @@ function nameAll() {
     canvas.dataset.watched = "yes";
   }
   for (const label of document.querySelectorAll("label[for]")) {
-    const input = document.getElementById(label.htmlFor);
+    const input = document.getElementById(label.htmlFor) || label.closest(".mantine-Flex-root")?.querySelector("input");
     if (!input) continue;
     for (const each of input.matches("input") ? [input] : input.querySelectorAll("[role=slider]"))
       named(each, words(label));
@@ -21,6 +21,7 @@ function nameAll() {
       named(each, words(label));
     if (input.matches(".multi-slider")) { input.setAttribute("role", "group"); named(input, words(label)); }
   }
+  for (const icon of document.querySelectorAll("svg:not([role], [aria-hidden])")) icon.setAttribute("aria-hidden", "true");
   for (const button of document.querySelectorAll("button, [role=button]")) {
     const icon = button.querySelector("svg[class*=tabler-icon-]")?.getAttribute("class");
     if (!words(button)) named(button, icon ? icon.match(/tabler-icon-([a-z-]+)/)[1].replaceAll("-", " ") : "close");

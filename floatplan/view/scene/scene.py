@@ -342,7 +342,7 @@ class RobotNodes:
     def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
         """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""
         robot, add = self._robot, self._server.scene.add_icosphere
-        shaped = zip(robot.shapes, shapes.part.tolist(), strict=True)
+        shaped = zip(outlines.drawn_shapes(robot), shapes.part.tolist(), strict=True)
         ends = [(part, shape.body, end) for shape, part in shaped for end in (shape.start, shape.end)]
         grips: dict[int, Any] = {}
         for part, body, end in sorted(ends, key=lambda each: -abs(each[2])):

@@ -66,6 +66,7 @@ function offerInstants(rows, seek) {
     offer("forces");
     document.getElementById("ghosts").checked = false; // they stand where the robot does
   }
+  document.getElementById("margins").parentElement.hidden = !data.motion.obstacles.some(({ margin }) => margin > 0);
   if (data.motion.vector) {
     addKey(key, swatch("bar", INK), data.motion.scale);
     offer("vector");

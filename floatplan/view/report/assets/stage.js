@@ -13,9 +13,9 @@ class Stage {
   constructor(motion, holder) {
     this.holder = holder;
     this.rule = holder.appendChild(make("span", "rule"));
-    this.backdrop = add(holder, "svg", { id: "backdrop" });
+    this.backdrop = add(holder, "svg", { id: "backdrop", "aria-hidden": "true" });
     this.front = add(holder, "svg", { id: "robot", role: "img", "aria-label": "The robot in flight" });
-    this.compass = add(holder, "svg", { id: "compass", viewBox: "-1.5 -1.5 3 3" });
+    this.compass = add(holder, "svg", { id: "compass", viewBox: "-1.5 -1.5 3 3", "aria-hidden": "true" });
     const named = (name) => [add(this.compass, "line", {}), add(this.compass, "text", { dy: "0.35em" }), name];
     this.axes = [..."xyz"].map(named);
     this.part = null;
