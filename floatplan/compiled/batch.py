@@ -56,7 +56,6 @@ CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands b
 EASY_ITERATIONS = 40  # [-] of a plain start: with fewer of them other starts promise little
 WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of random motions
-SECANT_STEPS = 4  # towards a start that meets (14), between two motions
 # Of the compiled one alone.
 FINER = 2  # levels of grids, from one to the next with twice the nodes
 USUAL_NODES = 128  # grids of more are made where they are needed
@@ -107,7 +106,6 @@ class Search:
     seed : of the random ones
     longest_step : of the solver, see :class:`floatplan.optimization.programs.Settings`
     first_start : number of the first that is followed
-    only_draws : take starts as they are, to see where they begin
     """
 
     starts: int = 1
@@ -115,7 +113,6 @@ class Search:
     seed: int = 0
     longest_step: float = FINE.longest_step
     first_start: int = 0
-    only_draws: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,10 +228,7 @@ def _settings(search: Search) -> Structure:
     """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
     fine = replace(FINE, longest_step=search.longest_step)
     steps: Steps = ((ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR))
-    if search.only_draws:
-        steps = tuple((replace(each, iterations=0), error) for each, error in steps)
-    others = {"polishing_steps": 0} if search.only_draws else {}
-    return _numbers(search, steps, **others)
+    return _numbers(search, steps)
 
 
 @cache
@@ -244,9 +238,9 @@ def constrained_settings() -> Structure:
     return _numbers(Search(longest_step=CAUTIOUS.longest_step), (coarse, fine, fine))
 
 
-def _numbers(search: Search, steps: Steps, **others: Any) -> Structure:
+def _numbers(search: Search, steps: Steps) -> Structure:
     stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
-    others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages, **others}
+    others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages}
     return constants("Settings", vars(sqp), vars(flight), globals(), **others)
 
 

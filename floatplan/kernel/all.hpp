@@ -16,7 +16,7 @@
 #include "constrained.hpp"
 #include "evaluation.hpp"
 #include "exchange.hpp"
-#include "crossings.hpp"
+#include "starts.hpp"
 #include "prediction.hpp"
 #include "correcting.hpp"
 #include "flight.hpp"

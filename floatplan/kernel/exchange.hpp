@@ -18,10 +18,47 @@ class Follower {
         for (double **each : {&start, &ended, &best}) arena.take(*each, program.size);
     }
 
-    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
-    void follow() {
-        for (double *each : {start, best}) copy(each, attempt.x, program.size);
+    Program program;
+
+    // From x, once more from its end where that nearly holds, or is not known to be optimal.
+    void follow(const double *x) {
+        copy(best, x, program.size);
         attempt.violation = HUGE_VAL;
+        follow_best();
+        if (attempt.violation < rules.near_miss && attempt.status != optimal && !search.is_exhausted()) {
+            attempt.at_once = 1;
+            follow_best();
+        }
+        if (!is_best) finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
+        copy(attempt.x, best, program.size);
+        attempt.iterations = search.iterations;
+        attempt.evaluations = program.evaluations;
+        attempt.work = program.work;
+    }
+
+    // Judges again where a start ended, with nodes of that level.
+    void finish(const double *x, Index level, Index ended_as) {
+        copy(attempt.x, x, program.size);
+        status = static_cast<Status>(ended_as);
+        attempt.violation = HUGE_VAL;
+        judge_at(level, attempt.x);
+    }
+
+  private:
+    Constrained search;
+    const Settings &set;
+    const Exchange &rules;
+    Attempt &attempt;
+    Index most_nodes, extra_count = 0;
+    Status status = infeasible;
+    bool has_rows, is_best = false;
+    double objective = 0;  // of the best
+    double *extra, *watched, *start, *ended, *best;
+
+    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
+    void follow_best() {
+        copy(start, best, program.size);
+        is_best = false;
         program.watches = has_rows;
         if (attempt.at_once) {
             solve(start, attempt.level);
@@ -45,26 +82,7 @@ class Follower {
             }
             judge();
         }
-        if (!is_best) {
-            begin(0, best);
-            judge();
-        }
-        copy(attempt.x, best, program.size);
-        attempt.iterations = search.iterations;
-        attempt.evaluations = program.evaluations;
-        attempt.work = program.work;
     }
-
-  private:
-    Program program;
-    Constrained search;
-    const Settings &set;
-    const Exchange &rules;
-    Attempt &attempt;
-    Index most_nodes, extra_count = 0;
-    Status status = infeasible;
-    bool has_rows, is_best = false;
-    double *extra, *watched, *start, *ended, *best;
 
     bool is_over() const { return attempt.violation <= 0 || search.is_exhausted(); }
 
@@ -153,15 +171,19 @@ class Follower {
         return holds;
     }
 
-    // Checks (14) and the rows, between the instants too; keeps what violates least.
+    // Checks (14) and the rows, between the instants too; keeps what violates least, of equals what costs less, or is known
+    // to be optimal.
     void judge() {
-        Evaluated &now = *search.now;
+        const Index level = program.level_needed(*search.now, set.stages[2].quadrature_error);
+        judge_at(level < attempt.level ? attempt.level : level, search.now->x);
+    }
+
+    void judge_at(Index level, const double *x) {
         program.watches = false;
         extra_count = 0;
-        Index level = program.level_needed(now, set.stages[2].quadrature_error);
-        if (level < attempt.level) level = attempt.level;
-        for (begin(level, now.x); program.unresolved(now) > set.unresolved && level + 1 < set.levels;)
-            begin(++level, now.x);
+        begin(level, x);
+        while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) begin(++level, search.now->x);
+        const Evaluated &now = *search.now;
         program.watches = has_rows;
         const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
         program.look(now, attempt.minima);
@@ -170,21 +192,14 @@ class Follower {
             const double least = attempt.minima.least[found];
             if (least < -attempt.tolerance[attempt.minima.row[found]]) violation = larger(violation, -least);
         }
-        is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL);
+        const double dearer = now.objective - objective, same = rules.same * std::fabs(objective);
+        is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL) ||
+                  (violation == attempt.violation && (dearer < 0 || (status == optimal && dearer <= same)));
         if (!is_best) return;
         copy(best, now.x, program.size);
         attempt.violation = violation, attempt.missed = std::fabs(now.equality);
         attempt.judged_level = level;
+        objective = now.objective;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;
     }
 };
-
-static inline Index follow_attempt(const Robot &robot, const Constraints &constraints, const Motions &motions,
-                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                   Attempt &attempt) {
-    Follower follower(robot, constraints, motions, levels, settings, rules, attempt);
-    Room room;
-    if (!room.make([&](Arena &arena) { follower.lay_out(arena); })) return 1;
-    follower.follow();
-    return 0;
-}

@@ -202,11 +202,11 @@ EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
 
-// Follows one start of a problem with constraints to its end; returns 0, or 1 where there was no memory for it.
+// Follows starts of a problem with constraints, one after the other; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
                                const Nodes *levels, const Settings *settings, const Exchange *rules,
-                               Attempt *attempt, Index instructions) {
-    return CHOSEN(follow_attempt(*robot, *constraints, *motions, levels, *settings, *rules, *attempt));
+                               Attempt *attempt, Draws *draws, Index instructions) {
+    return CHOSEN(follow_starts(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *draws));
 }
 
 // A program at one x; returns 0, or 1 where there was no memory for it.
@@ -214,13 +214,6 @@ EXPORT Index floatplan_evaluate(const Robot *robot, const Constraints *constrain
                                 const Nodes *levels, const Settings *settings, const Exchange *rules,
                                 const Attempt *attempt, Evaluation *at, Index instructions) {
     return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
-}
-
-// Finds starts among motions; returns 0, or 1 where there was no memory for it.
-EXPORT Index floatplan_draw(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                            const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
-                            Drawn *drawn, Index instructions) {
-    return CHOSEN(find_crossings(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *drawn));
 }
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.

@@ -203,11 +203,13 @@ struct Exchange {
     double longest_free_step;
     double feasible, stalled, initial_damping, smallest_damping, largest_damping, regularisation, qp_tolerance;
     double evaluation, differentiation, entry;
+    double near_miss, same, enough_work;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
 };
 
-// One start followed to its end.
+// Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
 struct Attempt {
+    Index first, count, started;              // numbers: the first, how many at most, and how many were followed
     Index rows, at_once, level, closer_level, objective_sum, objective_sums;
     double objective_scale, most_work, bodies, entries;
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
@@ -215,7 +217,7 @@ struct Attempt {
     const double *instants;                   // (fixed): beside the nodes, always
     Index fixed;
     Minima minima;                            // of where it ended
-    double *x;                                // (size): the start, then the end
+    double *x;                                // (size): start number 0, then the best end
     double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; that of (14)
     Index status, iterations, evaluations, judged_level;
 };
@@ -230,12 +232,15 @@ struct Evaluation {
     double *values, *slopes;                  // (rows, instants ..), (rows, instants .., size)
 };
 
-// Motions x (count, size), between which starts are found.
-struct Drawn {
-    Index count, steps, most, found;          // of the secant method; of starts
-    double apart, least_share;                // of two starts, in the metric; of a step, from either side
-    const double *motions;
-    double *starts;                           // (most, size)
+// How starts are drawn, each by the seed and its number alone.
+struct Draws {
+    Index level, random;                      // of grids; how many motions the start is one of
+    double spreads[6];                        // how wild these are
+    std::uint64_t seed;
+    Index fractions;                          // 0: none
+    const double *fraction;                   // (fractions) of the reach of h: the x given, there, in turns with others
+    const double *offset_map;                 // (m, given): by which the offset follows the boundary, or null
+    Index *branch;                            // (joints), at landing, against the boundary given
 };
 
 // What a correction leads to.

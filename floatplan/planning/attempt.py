@@ -8,8 +8,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -19,9 +18,10 @@ from floatplan.compiled.batch import STATUS, Answers, Numbers, Rows, Search, is_
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
-from floatplan.planning.starts import Start, starts
+from floatplan.planning.starts import Start, on_branch, plain_start
 from floatplan.planning.transcription.compiled_attempt import (
     PROMISING,
+    SAME,
     WATCHED_AT_MOST,
     CompiledAttempts,
     compiled_attempts,
@@ -56,8 +56,7 @@ LOG = logging.getLogger(__name__)
 COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
-NEAR_MISS = 1e-3  # [-] of violations, below which a motion that is not optimal is followed once more from its end
-SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
+Stop: TypeAlias = Callable[[], bool]
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
 
@@ -91,11 +90,9 @@ class Followed:
         return Answer(self.status, angular_momentum=momentum, coefficients=coefficients, **self.counts)
 
 
-def follow_together(problem: Problem, search: Search) -> Followed | None:
-    """Follow the plain motion of a problem, and random starts as the search says; None where it asks for more."""
-    if problem.raises_degree or not is_plain(problem):
-        return None
-    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
+def follow_together(problem: Problem, degrees: tuple[int, ...], search: Search) -> Followed:
+    """Follow the plain motion of a problem without inequalities, and random starts, as the search says."""
+    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, degrees)
     return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
 
 
@@ -203,24 +200,9 @@ class Attempts:
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum = momentum or momentum_set(problem)
         self.seed = seed
-        self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
-        (self.plain_start,) = self.first_starts(problem.degrees, 1)
+        self.plain_start = plain_start(problem, problem.degrees, self.momentum)
         self._level = self._watching_level() if self.constraints else 0
         self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
-
-    def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
-        """Return the first starts at these degrees: so many, or all where there are not so many."""
-        if degrees not in self._drawn:
-            drawing = starts(self.problem, self.model, self.constraints, degrees, self.momentum, self.seed)
-            self._drawn[degrees] = ([], drawing)
-        known, more = self._drawn[degrees]
-        known.extend(islice(more, max(count - len(known), 0)))
-        return known[:count]
-
-    def numbered(self, degrees: tuple[int, ...], given: Sequence[Start], number: int) -> Start | None:
-        """Return a start by its number, the given ones first; None where there are not so many."""
-        known = [*given, *self.first_starts(degrees, max(number + 1 - len(given), 0))]
-        return known[number] if number < len(known) else None
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -277,21 +259,38 @@ class Attempts:
         enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
         return min(enough, default=WATCHED_AT_MOST)
 
-    def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
+    def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
-        before = self.model.work - start.work
+        before = self.model.work
         if is_plain(self.problem):
-            followed = follow_compiled(self.problem, start)
-            outcome = self._judge_compiled(followed, start.variables)
+            outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
         elif self._compiled:
-            left = -1.0 if stop() else most_work - start.work
-            outcome = self._follow_compiled(self._compiled, start, left)
-            if not stop() and outcome.violation < NEAR_MISS and not outcome.is_optimal:
-                again = replace(start, x=outcome.solution.x, at_once=True)
-                other = self._follow_compiled(self._compiled, again, most_work - (self.model.work - before))
-                outcome = best([outcome, other])
+            outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work, range(1))
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
+        outcome.work = self.model.work - before
+        return outcome
+
+    def attempts(
+        self, degrees: tuple[int, ...], given: Sequence[Start], numbers: range, stop: Stop, most_work: float = np.inf
+    ) -> Outcome | None:
+        """Follow starts by number, the given ones first; None where there are not so many.
+
+        They are followed until one holds: by the kernel as many as take a moment, else one alone.
+        """
+        if numbers.start < len(given):
+            return self.attempt(given[numbers.start], stop, most_work)
+        numbers = range(numbers.start - len(given), numbers.stop - len(given))
+        plain, number, before = plain_start(self.problem, degrees, self.momentum), numbers.start, self.model.work
+        if number and not plain.variables.size:
+            return None
+        if is_plain(self.problem):
+            search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
+            outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
+        elif self._compiled:
+            outcome = self._follow_compiled(self._compiled, plain, -1.0 if stop() else most_work, numbers)
+        else:
+            return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
         return outcome
 
@@ -302,13 +301,14 @@ class Attempts:
         outcome.work = self.model.work - before
         return outcome
 
-    def _follow_compiled(self, compiled: CompiledAttempts, start: Start, most_work: float) -> Outcome:
-        """Follow a start in the kernel."""
-        ended = compiled.follow(start.variables, start.x, start.at_once, most_work)
+    def _follow_compiled(self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range) -> Outcome:
+        """Follow starts in the kernel, of which this one is number 0."""
+        ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed)
+        variables = on_branch(self.problem, start.variables, ended.branch)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
         named = self.problem.motion.objective
-        return Outcome(start.variables, reached, self.model, *of_end, named, missed=ended.missed)
+        return Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts, missed=ended.missed)
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start in space to the objective, and by way of a feasible motion where that fails."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import MOST_STARTS, Search
+from floatplan.compiled.batch import MOST_STARTS, Search, is_plain
 from floatplan.errors import refuse
 from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
@@ -130,7 +130,10 @@ def answered(problem: Problem, options: SearchOptions) -> tuple[Answer, bool]:
 def _found(problem: Problem, options: SearchOptions, near: Plan | None) -> SearchedPlan | Searched:
     began = time.perf_counter()
     most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
-    followed = follow_together(problem, Search(options.starts, most, options.seed))
+    together = is_plain(problem) and not problem.raises_degree
+    followed = (
+        follow_together(problem, problem.degrees, Search(options.starts, most, options.seed)) if together else None
+    )
     if followed and followed.status != "infeasible":
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
         LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)

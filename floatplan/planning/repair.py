@@ -14,10 +14,11 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
-from floatplan.planning.attempt import SAME, Attempts, Outcome
+from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.planned import SearchedPlan, motion_of
 from floatplan.planning.search import SearchOptions, search
 from floatplan.planning.starts import Start
+from floatplan.planning.transcription.compiled_attempt import SAME
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
 from floatplan.pool import one_thread

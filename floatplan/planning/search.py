@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 from typing import ClassVar
 
 import numpy as np
@@ -20,8 +19,9 @@ from floatplan.arguments import SEED, Check, Checked, function, optional, positi
 from floatplan.arrays import Array
 from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.attempt import ATTEMPTS, SAME, Attempts, Followed, Outcome, best
-from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
+from floatplan.planning.starts import Start
+from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS, SAME
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
@@ -29,6 +29,7 @@ from floatplan.tables import Range
 LOG = logging.getLogger(__name__)
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 3 to 7 s in space, 1 s in a plane
 MOST_JOBS = 64  # [-] processes
+MOST_ATTEMPTS = 10**6  # [-] at all degrees
 MOST_SOLVED = 1000  # [-] solved starts to choose the best from
 JOBS = whole(Range(1, MOST_JOBS, ""))
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
@@ -75,7 +76,7 @@ class SearchResult:
         return {
             "iterations": sum(solution.iterations for solution in solutions),
             "evaluations": sum(solution.evaluations for solution in solutions),
-            "starts": sum(outcome.starts for outcome in self.outcomes),
+            "starts": _starts(self.outcomes),
             "solved": sum(outcome.solved for outcome in self.outcomes if outcome.holds),
         }
 
@@ -123,7 +124,7 @@ class SearchOptions(Checked):
 
 
 def search(
-    prepared: Attempts, options: SearchOptions, most: int | None = None, followed: Followed | None = None
+    prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS, followed: Followed | None = None
 ) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
@@ -132,8 +133,6 @@ def search(
     together: of these the best alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where
     there is none.
     """
-    if not options.near_miss and prepared.impossible:
-        most = 0
     expired = expiry(options.budget)
     work = DEFAULT_WORK if options.budget is None else np.inf
     patience = np.inf if options.patience is None else options.patience
@@ -142,7 +141,7 @@ def search(
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), most):
+        for outcome in _outcomes(prepared, options, expired, allowance, followed, most):
             outcomes.append(outcome)
             log_attempt(prepared, outcomes)
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
@@ -151,15 +150,25 @@ def search(
                 options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
-            if len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and not outcomes[0].holds and prepared.impossible:
+            tried_enough = not options.near_miss or len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
+            if tried_enough and not outcomes[0].holds and prepared.impossible:
+                if not options.near_miss:
+                    return SearchResult([_untried(prepared)])
                 break
     except KeyboardInterrupt:
         interrupted = True
     if not outcomes:
-        outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
+        outcomes.append(_untried(prepared))
         outcomes[0].starts = int(interrupted)
     out_of_patience = allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0)
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
+
+
+def _untried(prepared: Attempts) -> Outcome:
+    """Return the plain motion as it is."""
+    outcome = prepared.attempt(prepared.plain_start, lambda: True)
+    outcome.starts = 0
+    return outcome
 
 
 def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
@@ -171,7 +180,7 @@ def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
 def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
     outcome = outcomes[-1]
     degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
-    start = sum(each.starts for each in outcomes)
+    start = _starts(outcomes)
     steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
     least = f"best violation {min(each.violation for each in outcomes):.3g}"
     if outcome.holds:
@@ -219,7 +228,7 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         values = np.sort([outcomes[index].objective_value for index in solved])
         agreeing = int((values - values[0] <= AGREEMENT * values).sum())
         enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST
-        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
+        return _starts(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
     if easy[0] or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
@@ -243,8 +252,9 @@ def _outcomes(
     expired: Callable[[], bool],
     allowance: Allowance,
     followed: Followed | None,
+    most: int,
 ) -> Iterator[Outcome]:
-    """Outcomes of the attempts, in their order, from this process or from several.
+    """Outcomes of the attempts, in their order, from this process or from several; of so many starts at most.
 
     The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
     none: how far it came would depend on what ran beside it.
@@ -254,11 +264,21 @@ def _outcomes(
     is_first = together is None
     if together:
         allowance.grants(together, True)
+        most -= together.starts
         yield together
 
-    def here(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-        start = prepared.numbered(degrees, given, number)
-        return prepared.attempt(start, expired, allowance.left) if start else None
+    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+        return prepared.attempts(degrees, given, numbers, expired, allowance.left)
+
+    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome | None]:
+        """One after the other as long as it matters where each ends, then together."""
+        number = numbers.start
+        while number < numbers.stop:
+            matters = len(tried) < ATTEMPTS_FOR_THE_IMPOSSIBLE or any(each.holds for each in tried)
+            count = 1 if matters or prepared.problem.raises_degree else (options.attempts or ATTEMPTS) - _starts(tried)
+            outcome = here(degrees, given, range(number, min(number + count, numbers.stop)))
+            yield outcome
+            number += outcome.starts if outcome else 1
 
     ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
     several = options.jobs > 1
@@ -266,19 +286,27 @@ def _outcomes(
         for degrees, attempts in _stages(prepared.problem):
             nearest = _nearest(tried)
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
-            numbers = range(together.starts if together else 0, attempts)
+            first = together.starts if together else 0
+            numbers = range(first, min(attempts, first + most))
             tried = []
-            for outcome in in_order(pool, [(degrees, raised, number) for number in numbers], here):
+            alone = ((degrees, raised, range(number, number + 1)) for number in numbers)
+            for outcome in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):
                 if outcome is None:  # there are not so many starts
                     break
                 if not allowance.grants(outcome, is_first):
                     return
                 is_first = False
+                most -= outcome.starts
                 yield outcome
                 tried.append(outcome)
-                allowance.gave_up = len(tried) == options.attempts and not any(each.holds for each in tried)
+                allowance.gave_up = _starts(tried) == options.attempts and not any(each.holds for each in tried)
                 if allowance.gave_up:
                     break
+
+
+def _starts(outcomes: Sequence[Outcome]) -> int:
+    """How many were followed."""
+    return sum(outcome.starts for outcome in outcomes)
 
 
 def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
@@ -307,8 +335,8 @@ def _attempting(
     prepared, expired = Attempts(problem, seed, momentum), expiry(budget)
 
     @one_thread
-    def attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-        start = prepared.numbered(degrees, given, number)
-        return replace(prepared.attempt(start, expired, most_work)) if start else None  # without what it caches
+    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+        outcome = prepared.attempts(degrees, given, numbers, expired, most_work)
+        return replace(outcome) if outcome else None  # without what it caches
 
     return attempt

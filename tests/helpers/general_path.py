@@ -11,6 +11,6 @@ from floatplan.planning.transcription import trajectory
 
 def take_general_path(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plan without the kernel, but for quadratic programs and the order of starts."""
-    monkeypatch.setattr(planned, "follow_together", lambda problem, search: None)
+    monkeypatch.setattr(planned, "is_plain", lambda problem: False)
     monkeypatch.setattr(attempt, "is_plain", lambda problem: False)
     monkeypatch.setattr(trajectory, "flight_dynamics", general_flight)

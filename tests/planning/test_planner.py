@@ -340,14 +340,14 @@ class TestArguments:
         assert "starts tried" in told[-1]
 
     def test_interruption_keeps_the_best_so_far(self, impossible, monkeypatch):
-        attempt = Attempts.attempt
+        attempts = Attempts.attempts
 
-        def interrupted(self, start, *rest):
-            if not start.at_once:
+        def interrupted(self, degrees, given, numbers, *rest):
+            if numbers.start:
                 raise KeyboardInterrupt
-            return attempt(self, start, *rest)
+            return attempts(self, degrees, given, numbers, *rest)
 
-        monkeypatch.setattr(Attempts, "attempt", interrupted)
+        monkeypatch.setattr(Attempts, "attempts", interrupted)
         problem = impossible["h far outside (9)"][0]
         plan = fp.plan(
             replace(problem, limits=replace(problem.limits, torque=1e3))

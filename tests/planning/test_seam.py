@@ -172,7 +172,7 @@ def variables_of(wheels, momentum):
     p, rate, curvature = boundary_arguments(ends, still, still, centre, amplitude, np.zeros((2, n), dtype=np.int64))
     boundary = np.array([p, DURATION * rate, DURATION**2 * curvature]).T.reshape(n, 6)
     polynomials = SinePolynomials(centre, amplitude, DURATION, boundary, (4,) * n)
-    return DecisionVariables(polynomials, *whitened_variables(polynomials), momentum)
+    return DecisionVariables(polynomials, *whitened_variables(polynomials)[:2], momentum)
 
 
 GIVEN = MomentumSet(np.array([0.3, -0.5, 0.8]), np.empty((3, 0)))

@@ -17,12 +17,12 @@ import pytest
 import floatplan as fp
 from floatplan.planning import search as room
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.search import Allowance, SearchOptions, SearchResult, expiry, search
+from floatplan.planning.search import MOST_ATTEMPTS, Allowance, SearchOptions, SearchResult, expiry, search
 
 MANY = 10**6
 
 
-def run(problem: fp.Problem, most: int | None = None, **options: Any) -> SearchResult:
+def run(problem: fp.Problem, most: int = MOST_ATTEMPTS, **options: Any) -> SearchResult:
     ready = Attempts(problem, 0)
     ready.__dict__["impossible"] = []  # as far as is known
     return search(ready, SearchOptions(**options), most)
@@ -107,7 +107,7 @@ def test_a_budget_that_is_used_up_leaves_the_first_attempt(hopeless):
 
 @pytest.mark.parametrize("after", [0, 2])
 def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
-    follow: Callable[..., Any] = Attempts.attempt
+    follow: Callable[..., Any] = Attempts.attempts
     calls = []
 
     def interrupting(self, *args):
@@ -116,7 +116,7 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
             raise KeyboardInterrupt
         return follow(self, *args)
 
-    monkeypatch.setattr(Attempts, "attempt", interrupting)
+    monkeypatch.setattr(Attempts, "attempts", interrupting)
     found = run(hopeless)
     assert found.interrupted
     assert found.counts["starts"] == max(after, 1)

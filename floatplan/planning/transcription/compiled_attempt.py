@@ -1,4 +1,4 @@
-"""One start of a problem with constraints in a plane, followed to its end by the kernel: ``exchange.hpp``.
+"""Starts of a problem with constraints in a plane, followed to their ends by the kernel: ``starts.hpp``.
 
 What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
 """
@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, distinct
+from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, SECANT_STEPS, STATUS, constrained_settings, is_planar
+from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -40,20 +40,25 @@ MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
-BATCH_LEVEL = 2  # of grids, where starts are drawn
-# Starts of a batch; steps between two motions, and of each step the least share; starts that are nearer, rad, root mean
-# square of p, lead to the same motion.
-DRAWN = {"most": 2, "steps": SECANT_STEPS, "least_share": 0.05, "apart": 0.3}
+NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
+SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
+ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
+MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
+MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer find worse plans of many joints
+LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 
 
 @dataclass(frozen=True, eq=False)
 class Ended:
-    """Where a start ended: x, its status, and the local minima of its rows, at the nodes of a level.
+    """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
-    ``violation`` is the largest one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much.
+    Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
+    one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much. ``starts`` were followed, in
+    as many iterations and evaluations.
     """
 
     x: Array
+    branch: IntArray
     status: str
     violation: float
     missed: float
@@ -61,6 +66,7 @@ class Ended:
     level: int
     iterations: int
     evaluations: int
+    starts: int
 
 
 class CompiledAttempts:
@@ -84,19 +90,26 @@ class CompiledAttempts:
         numbers = {"instants": len(self._look.grid), "near": self._look.near, "span": self._look.span}
         self._minima = Filled("Minima", self._look, **numbers, **found)
 
-    def follow(self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float) -> Ended:
-        """Follow a start to its end, ``at_once`` straight to the objective; it ends when it has done the most work."""
-        watch, found = self._watch, x.copy()
+    def follow(
+        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float, numbers: range, seed: int
+    ) -> Ended:
+        """Follow starts by number to their ends, one after the other, until one holds or has done much work.
+
+        Number 0 is x, followed ``at_once`` straight to the objective or not, others are drawn; the first ends when it
+        has done the most work, of others those are left out that would do more.
+        """
+        watch, found, branch = self._watch, x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
         given, attempt, _ = self.prepared(variables, found, at_once, most_work)
-        ended = attempt.structure
-        if watch.kernel.attempt(*given, ended, watch.kernel.instructions):
+        draws, ended = _draws(variables, seed, bool(self._constraints), branch), attempt.structure
+        ended.first, ended.count = numbers.start, len(numbers)
+        if watch.kernel.attempt(*given, ended, draws.structure, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
         self._model.work += ended.work
         kept = slice(0, ended.minima.found)
         row = self._found_row[kept]
         worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
-        counted = ended.judged_level, ended.iterations, ended.evaluations
-        return Ended(found, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
+        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started
+        return Ended(found, branch, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
 
     def prepared(
         self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float
@@ -137,42 +150,18 @@ def compiled_attempts(
     """Make a problem ready; None in space."""
     if not is_planar(model.flight):
         return None
-    watch = _watch(model.flight, constraints, OBJECTIVE_TABLE[problem.motion.objective].quantity or "")
+    quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
+    watch = CompiledConstraints(
+        model.flight, [constraint.compiled(model.flight) for constraint in constraints], quantity
+    )
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-@lru_cache(maxsize=16)
-def _watch(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints:
-    """What computes the constraints' rows, and the quantity ``also``."""
-    return CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], also)
-
-
-def crossings(
-    model: FlightModel,
-    constraints: tuple[Constraint, ...],
-    variables: DecisionVariables,
-    motions: Array,
-    **others: float,
-) -> Array:
-    """Return starts (S, size) that meet (14) between motions x (N, size), at a few nodes: ``crossings.hpp``.
-
-    Those that violate the rows least come first. ``others`` are in the place of ``DRAWN``.
-    """
-    watch = _watch(model.flight, constraints, "")
-    numbers: dict[str, Any] = DRAWN | others
-    starts = np.empty((numbers["most"], variables.size))
-    look = where_to_look(constraints)[2]
-    of_attempt = {"rows": watch.rows, "level": BATCH_LEVEL, "objective_scale": 1.0, "bodies": model.flight.bodies}
-    arrays = {"tolerance": None, "at_ends": np.zeros(watch.rows, np.int64), "instants": None, "x": None}
-    attempt = Filled("Attempt", look, **of_attempt, **arrays)
-    drawn = Filled("Drawn", count=len(motions), motions=motions, starts=starts, **numbers)
-    given = _motions(model.flight, variables, True).structure, nodes_of_levels(variables.polynomials.form)
-    settings = constrained_settings(), _rules(model.flight.bodies)
-    parts = attempt.structure, drawn.structure, watch.kernel.instructions
-    if watch.kernel.draw(*watch.references, *given, *settings, *parts):
-        raise MemoryError("no memory to choose starts")
-    model.work += attempt.structure.work
-    return starts[: drawn.structure.found]
+def _draws(variables: DecisionVariables, seed: int, constrained: bool, branch: IntArray) -> Filled:
+    """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
+    numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
+    fraction = np.array(MOMENTUM_FRACTIONS if constrained else ())
+    return Filled("Draws", variables, seed=seed, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
 
 
 @lru_cache(maxsize=8)

@@ -93,6 +93,8 @@ class DecisionVariables:
         Of h, ``centre + axes @ x[m:]``.
     following : Boundary, optional
         The conditions (13) where they change with h; the polynomials' own are those of the middle h.
+    offset_map : (m, g), optional
+        By which the offset follows a joint's given conditions (13), where it does.
     """
 
     polynomials: SinePolynomials
@@ -100,6 +102,7 @@ class DecisionVariables:
     scaling: Array
     momentum: MomentumSet
     following: Boundary | None = None
+    offset_map: Array | None = None
 
     @cached_property
     def coefficients(self) -> int:
@@ -198,23 +201,26 @@ def scaled_variables(
     """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
     size = sum(polynomials.free)
     whitened = problem.robot.in_plane and problem.motion.objective == "coefficients" and size
-    offset, scaling = whitened_variables(polynomials) if whitened else (np.zeros(size), np.eye(size))
-    return DecisionVariables(polynomials, offset, scaling, momentum, following)
+    scaled = whitened_variables(polynomials) if whitened else (np.zeros(size), np.eye(size), None)
+    offset, scaling, offset_map = scaled
+    return DecisionVariables(polynomials, offset, scaling, momentum, following, offset_map)
 
 
-def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
-    """Offset (m,) and scaling (m, m) for which (17) is ``constant + unit^2 |x|^2``.
+def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array, Array]:
+    """Offset (m,), scaling (m, m) and the offset's map (m, g) for which (17) is ``constant + unit^2 |x|^2``.
 
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square).
     """
     form, free, unit = polynomials.form, polynomials.free, whitened_unit(polynomials)
     offset, scaling = np.zeros(sum(free)), np.zeros((sum(free), sum(free)))
+    offset_map = np.empty((sum(free), polynomials.given_boundary.shape[1]))
     for width, end, boundary in zip(free, np.cumsum(free).tolist(), polynomials.given_boundary, strict=True):
         inverse, _, offset_by_boundary = whitening(form, width, polynomials.duration)
         own = slice(end - width, end)
         offset[own], scaling[own, own] = offset_by_boundary @ boundary, unit * inverse
-    return offset, scaling
+        offset_map[own] = offset_by_boundary
+    return offset, scaling, offset_map
 
 
 def whitened_unit(polynomials: SinePolynomials) -> float:
