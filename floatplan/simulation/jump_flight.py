@@ -56,9 +56,8 @@ class JumpControl:
         self.data, self.axes = robot.model.createData(), np.stack((robot.plane.horizontal, robot.plane.vertical))
         self.joints = tuple(robot.model.names)[BASE + 1 :]
         self.motors = [self.joints.index(name) for name in robot.motors]
-        effort = robot.model.effortLimit[BASE:]
-        self.effort = np.where(effort > 0, effort, np.inf)
-        self.stall, self.slope = np.full(len(effort), np.inf), np.zeros(len(effort))
+        self.effort = np.array([robot.joint_tree.joint[name].effort for name in self.joints])
+        self.stall, self.slope = np.full(len(self.joints), np.inf), np.zeros(len(self.joints))
         self.effort[self.motors] = problem.motor_torque_limits
         self.stall[self.motors], self.slope[self.motors] = problem.motor_stall, problem.motor_slope
         losses = [[each.get(name, 0.0) for name in self.joints] for each in (robot.damping, robot.friction)]

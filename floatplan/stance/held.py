@@ -51,9 +51,8 @@ class HeldJoints:
         """N m, by joint."""
         robot, found = self.model.robot, {}
         for name in robot.locked:
-            column = robot.model.joints[robot.model.getJointId(name)].idx_v
-            effort = float(robot.model.effortLimit[column])
-            if 0 < effort < np.inf and self._data.J[3:, column].any():
+            column, effort = robot.model.joints[robot.model.getJointId(name)].idx_v, robot.joint_tree.joint[name].effort
+            if effort < np.inf and self._data.J[3:, column].any():
                 found[name] = effort
         return found
 

@@ -94,10 +94,9 @@ def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low
 def test_a_jump_is_found_that_keeps_within_efforts() -> None:
     """The front hips take 12.8 N m in the usual one."""
     problem, known = go2_problem(), backflip()
-    model = pin.Model(problem.robot.model)
-    for name in ("FL_hip_joint", "FR_hip_joint"):
-        model.effortLimit[model.joints[model.getJointId(name)].idx_v] = 10.5
-    robot = replace(problem.robot, model=model)
+    tree, weaker = problem.robot.joint_tree, ("FL_hip_joint", "FR_hip_joint")
+    joints = tuple(replace(each, effort=10.5) if each.name in weaker else each for each in tree.joints)
+    robot = replace(problem.robot, joint_tree=replace(tree, joints=joints))
     sides = ([replace(each, robot=robot) for each in side] for side in (known.before, known.after))
     problem = replace(problem, robot=robot)
     weak = replace(known, problem=problem, **{name: tuple(next(sides)) for name in ("before", "after")})
