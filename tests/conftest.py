@@ -96,11 +96,9 @@ def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 @pytest.fixture
 def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end after less work than usual: the same on every machine, unlike a budget of seconds."""
-    from floatplan.planning import in_space, search
+    from floatplan.planning import search
 
-    least = search.DEFAULT_WORK / LITTLE
-    for room in (in_space, search):  # both are there before either changes: one takes the number from the other
-        monkeypatch.setattr(room, "DEFAULT_WORK", least)
+    monkeypatch.setattr(search, "DEFAULT_WORK", search.DEFAULT_WORK / LITTLE)
 
 
 @pytest.fixture(scope="session")
