@@ -21,7 +21,7 @@ from floatplan.robot.urdf.tree import is_address
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
-LARGEST_ANGLE = 1e8  # [rad] of a term of p: of degree 13, they cancel to a millionth of that
+LARGEST_ANGLE = 1e11  # [rad] of a term of p: of degree 15, the highest, terms of 3.6e10 rad cancel to 1 (Chebyshev's)
 ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
 LOSSES = ("armature", "damping")  # of motors
 # What may hold numbers that are not finite: null in a file.

@@ -264,6 +264,14 @@ class TestDamage:
         assert fp.load_plan(plan.save(tmp_path / "plan.json")).objective_value == plan.objective_value
         assert fp.certify(tmp_path / "plan.json").proved
 
+    def test_a_plan_of_the_highest_degree_is_written_and_read(self, root, tmp_path):
+        asked = fp.load_problem(root / "problems" / "gallery" / "g1.toml")
+        plan = fp.plan(replace(asked, motion=replace(asked.motion, degree=15)))
+        assert plan.ok
+        powers = plan.duration ** np.arange(plan.coefficients.shape[1])
+        assert np.abs(plan.coefficients * powers).max() > 1e8
+        assert fp.certify(plan.save(tmp_path / "plan.json")).proved
+
     def test_half_a_file_is_refused(self, record, tmp_path):
         path = record.save(tmp_path / "plan.json")
         path.write_text(path.read_text()[:-200])
