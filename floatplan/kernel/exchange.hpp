@@ -30,11 +30,14 @@ class Follower {
             attempt.at_once = 1;
             follow_best();
         }
-        if (!is_best && attempt.violation <= worth) finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
-        copy(attempt.x, best, program.size);
         attempt.iterations = search.iterations;
         attempt.evaluations = program.evaluations;
         attempt.work = program.work;
+        if (!is_best && attempt.violation <= worth) {  // what is done again does not count
+            finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
+            program.evaluations = attempt.evaluations, program.work = attempt.work;
+        }
+        copy(attempt.x, best, program.size);
     }
 
     // Judges again where a start ended, with nodes of that level.
@@ -193,12 +196,13 @@ class Follower {
         program.watches = has_rows;
         const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
         const double known = larger(missed, now.worst - program.back_off);
-        if (known > worth) {
-            attempt.violation = smaller(attempt.violation, known);
-            is_best = false;
-            return;
-        }
-        program.look(now, attempt.minima);
+        const double work = program.work + rules.evaluation + attempt.minima.instants * attempt.bodies;
+        is_best = false;
+        const bool tells = !(known > worth);
+        if (tells) program.look(now, attempt.minima);
+        program.work = work;  // what a start takes does not hang on the others
+        if (!tells) attempt.violation = smaller(attempt.violation, known);
+        if (!tells) return;
         double violation = missed <= set.tolerance ? 0 : missed;
         for (Index found = 0; found < attempt.minima.found; ++found) {
             const double least = attempt.minima.least[found];

@@ -288,18 +288,12 @@ class Program {
 
     // Infinite where a row does not apply, else 0.
     void find_outside() {
-        for (Index row = 0; row < rows; ++row) {
-            double *own = outside + row * stride;
-            const double low = attempt.low[row], high = attempt.high[row], at_ends = attempt.at_ends[row];
-            if (row && low == attempt.low[row - 1] && high == attempt.high[row - 1] && at_ends == attempt.at_ends[row - 1]) {
-                copy(own, own - stride, stride);
-                continue;
-            }
+        for (Index row = 0; row < rows; ++row)
             for (Index k = 0; k < stride; ++k) {
-                const bool moves = at_ends || (s[k] > rules.given && s[k] < 1 - rules.given);
-                own[k] = k < count && moves && s[k] >= low && s[k] <= high ? 0 : HUGE_VAL;
+                const bool moves = attempt.at_ends[row] || (s[k] > rules.given && s[k] < 1 - rules.given);
+                const bool applies = k < count && moves && s[k] >= attempt.low[row] && s[k] <= attempt.high[row];
+                outside[row * stride + k] = applies ? 0 : HUGE_VAL;
             }
-        }
     }
 
     // The basis of p as x combine it, joint by joint.
