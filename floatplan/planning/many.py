@@ -18,7 +18,7 @@ from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, STATUS, Answers, S
 from floatplan.errors import InputError
 from floatplan.planning.planned import answered, planned
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.search import DEFAULT_WORK, SearchOptions
+from floatplan.planning.search import SearchOptions
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
@@ -30,7 +30,7 @@ AT_ONCE = 8  # problems that a process is given at a time
 LONGER = "search=True searches longer"
 # Plain problems of one robot, joint ranges and degrees: their indices (M,) among all, one of them, the numbers of some.
 _Batch: TypeAlias = tuple[IntArray, Problem, Callable[[IntArray], plain.Numbers]]
-PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.05 s in a plane
+PATIENCE = 1 / 20  # [-] of the usual work, before a start is solved: about 0.05 s in a plane
 UNSOLVED = 16  # [-] starts at a degree: no row of the studies pole and weak_motors that is solved takes more
 
 
@@ -112,7 +112,7 @@ def planned_alone(
 def _efforts(options: SearchOptions, search: bool) -> tuple[SearchOptions, SearchOptions]:
     """How to search for what is not planned in a batch, and the whole search."""
     whole = replace(options, jobs=1, attempts=None)
-    return whole if search else replace(options, jobs=1, patience=PATIENCE), whole
+    return whole if search else replace(options, jobs=1, patience=PATIENCE * SearchOptions().work), whole
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:

@@ -122,6 +122,11 @@ class SearchOptions(Checked):
         "attempts": optional(whole(Range(1, ATTEMPTS, ""))),
     }
 
+    @property
+    def work(self) -> float:
+        """Most work of a search, instants of one body: the usual, unless a budget is given."""
+        return DEFAULT_WORK if self.budget is None else np.inf
+
 
 def search(
     prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS, followed: Followed | None = None
@@ -134,7 +139,7 @@ def search(
     there is none.
     """
     expired = expiry(options.budget)
-    work = DEFAULT_WORK if options.budget is None else np.inf
+    work = options.work
     patience = np.inf if options.patience is None else options.patience
     allowance = Allowance(min(work, patience), held_back=work - patience if patience < work else 0.0)
     outcomes: list[Outcome] = []
