@@ -120,7 +120,8 @@ class NumberedStarts {
     }
 };
 
-// Starts followed one after the other, until one holds, or work has been done that the search is to know of. What the
+// Starts followed one after the other, until one holds, or work has been done that the search is to know of; none where
+// it is asked first whether any motion may hold, and the answer is no. What the
 // most work ends is left out where it is not the first: how far it came hangs on what was done before.
 static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &plain,
                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
@@ -142,6 +143,10 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     starts.begin(attempt.x);
     attempt.started = 0;
     const bool at_once = attempt.at_once;
+    if (attempt.reach > 0 && attempt.first == 0) {
+        starts.place(0, x);
+        if (!follower.may_hold(x)) return follower.finish(x, attempt.level, infeasible), 0;
+    }
     bool is_best = false;
     double least = HUGE_VAL;
     for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {

@@ -200,6 +200,7 @@ class Attempts:
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum = momentum or momentum_set(problem)
         self.seed = seed
+        self._ends_hold = False
         self.plain_start = plain_start(problem, problem.degrees, self.momentum)
         self._level = self._watching_level() if self.constraints else 0
         self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
@@ -217,7 +218,8 @@ class Attempts:
     @cached_property
     def impossible(self) -> list[str]:
         """Sentences about why no motion whatever meets the problem, as far as that is known."""
-        reasons = [*self._impossible_ends(), *impossibilities(self.problem)] if self.constraints else []
+        ends = () if self._ends_hold else self._impossible_ends()
+        reasons = [*ends, *impossibilities(self.problem)] if self.constraints else []
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         return reasons
@@ -272,11 +274,18 @@ class Attempts:
         return outcome
 
     def attempts(
-        self, degrees: tuple[int, ...], given: Sequence[Start], numbers: range, stop: Stop, most_work: float = np.inf
+        self,
+        degrees: tuple[int, ...],
+        given: Sequence[Start],
+        numbers: range,
+        stop: Stop,
+        most_work: float = np.inf,
+        asks: bool = False,
     ) -> Outcome | None:
         """Follow starts by number, the given ones first; None where there are not so many.
 
-        They are followed until one holds: by the kernel as many as take a moment, else one alone.
+        They are followed until one holds: by the kernel as many as take a moment, else one alone. Where it ``asks``
+        first, and the problem is known to have no solution, the outcome is the plain motion as it is, of no start.
         """
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
@@ -288,7 +297,11 @@ class Attempts:
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
         elif self._compiled:
-            outcome = self._follow_compiled(self._compiled, plain, -1.0 if stop() else most_work, numbers)
+            left = -1.0 if stop() else most_work
+            outcome = self._follow_compiled(self._compiled, plain, left, numbers, asks)
+            self._ends_hold = asks and outcome.starts > 0
+            if not outcome.starts and not self.impossible:
+                outcome = self._follow_compiled(self._compiled, plain, left, numbers)
         else:
             return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
@@ -301,9 +314,11 @@ class Attempts:
         outcome.work = self.model.work - before
         return outcome
 
-    def _follow_compiled(self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range) -> Outcome:
+    def _follow_compiled(
+        self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range, asks: bool = False
+    ) -> Outcome:
         """Follow starts in the kernel, of which this one is number 0."""
-        ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed)
+        ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed, asks)
         variables = on_branch(self.problem, start.variables, ended.branch)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
