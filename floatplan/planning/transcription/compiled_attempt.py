@@ -18,7 +18,7 @@ from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.bounds import central_reach
+from floatplan.motion.flight import central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
 from floatplan.optimization import programs, sqp
