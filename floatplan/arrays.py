@@ -1,14 +1,15 @@
 """Names for the array types that pass between the rooms, and the one place where arrays become read-only."""
 
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-Array: TypeAlias = npt.NDArray[np.float64]
-ComplexArray: TypeAlias = npt.NDArray[np.complex128]
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+# Of numpy.ndarray itself, since fields of parts are told apart by it: from NumPy 2.5 on numpy.typing has a name for it.
+Array: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.float64]]
+ComplexArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.complex128]]
+BoolArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.bool_]]
+IntArray: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[np.int64]]
 N = TypeVar("N", bound=np.generic)
 
 
