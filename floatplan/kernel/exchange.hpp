@@ -36,6 +36,17 @@ class Follower {
         attempt.work = program.work;
     }
 
+    // b of where it ended, in powers of seconds.
+    void write(const Motions &motions, const Powers &powers, Index joints, double *b) const {
+        Double2 time[MOST_COLUMNS] = {{1, 0}};
+        double combination[MOST_COLUMNS];
+        for (Index k = 1; k < motions.columns; ++k) time[k] = time[k - 1] * motions.duration;
+        for (Index i = 0; i < joints; ++i, b += motions.columns) {
+            for (Index c = 0; c < motions.columns; ++c) combination[c] = search.now->coefficients[c * joints + i];
+            write_coefficients(combination, time, powers, motions.columns, b);
+        }
+    }
+
     // Judges again where a start ended, with nodes of that level.
     void finish(const double *x, Index level, Index ended_as) {
         copy(attempt.x, x, program.size);
