@@ -96,10 +96,9 @@ def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 @pytest.fixture
 def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end after less work than usual: the same on every machine, unlike a budget of seconds."""
-    from floatplan.planning.search import DEFAULT_WORK
+    from floatplan.planning import search
 
-    for room in ("search", "in_space"):
-        monkeypatch.setattr(f"floatplan.planning.{room}.DEFAULT_WORK", DEFAULT_WORK / LITTLE)
+    monkeypatch.setattr(search, "DEFAULT_WORK", search.DEFAULT_WORK / LITTLE)
 
 
 @pytest.fixture(scope="session")

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import os
+import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from multiprocessing import forkserver, reduction
 from pathlib import Path
+from typing import Any
 
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
 
-from floatplan.pool import processes
+from floatplan.pool import processes, same_modules
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 300.0  # [s] for what takes a few
@@ -32,6 +38,16 @@ problem = "{}"
 [vary]
 "flight.duration" = {{ from = 0.9, to = 1.4, count = 200 }}
 """
+
+
+@pytest.fixture(autouse=True)
+def own_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A fork server of these tests' own, as it loads nothing, and is killed; other tests go on with theirs."""
+    own: Any = forkserver.ForkServer()
+    for name in ("ensure_running", "connect_to_new_process", "set_forkserver_preload"):
+        monkeypatch.setattr(forkserver, name, getattr(own, name))
+    yield
+    own._stop()
 
 
 @pytest.fixture
@@ -112,11 +128,22 @@ def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path: Path, s
 
 
 def test_the_environment_is_as_it_was() -> None:
-    before = os.environ.get("PYTHONPATH"), os.environ.get("PYTHONSAFEPATH"), os.environ.get("OPENBLAS_NUM_THREADS")
+    before = dict(os.environ)
     with processes(1, ()) as executor:
         assert executor.submit(os.getpid).result() != os.getpid()
-    after = os.environ.get("PYTHONPATH"), os.environ.get("PYTHONSAFEPATH"), os.environ.get("OPENBLAS_NUM_THREADS")
-    assert after == before
+    assert dict(os.environ) == before
+
+
+def test_nor_do_threads_leave_something_there() -> None:
+    """Who begins while another has changed it sees what that put there, and goes on when that is done."""
+    before, (first, second) = dict(os.environ), (same_modules(), same_modules())
+    for step in (first.__enter__, second.__enter__):
+        step()
+        assert os.environ["PYTHONSAFEPATH"] == "1"
+    first.__exit__(None, None, None)
+    assert os.environ["PYTHONSAFEPATH"] == "1"
+    second.__exit__(None, None, None)
+    assert dict(os.environ) == before
 
 
 def large() -> bytes:
@@ -135,3 +162,56 @@ def ended_amid_an_answer() -> bool:
 def test_they_end_amid_an_answer() -> None:
     """Whoever waits for the rest of what a dead process was sending waits for ever."""
     assert any(ended_amid_an_answer() for _ in range(20))  # on a busy machine the answer may be there before the look
+
+
+def server() -> int:
+    """Process of the fork server, which starts all others; it imports nothing of the working directory."""
+    with processes(1, ()) as executor:
+        assert executor.submit(os.getenv, "PYTHONSAFEPATH").result() == "1"
+        return executor.submit(os.getppid).result()
+
+
+def once(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, first: Callable[[], object]) -> None:
+    """Do something before a function is called for the first time from here on."""
+    real, left = getattr(module, name), [first]
+
+    def called(*args: Any) -> Any:
+        if left:
+            left.pop()()
+        return real(*args)
+
+    monkeypatch.setattr(module, name, called)
+
+
+def test_they_are_let_go_amid_a_start_and_the_next_ones_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fork server that is sent a pipe which is closed already ends, and with it the start of any other process."""
+    before = server()
+    pool = processes(1, ())
+    executor = pool.__enter__()
+    closing = threading.Thread(target=lambda: pool.__exit__(None, None, None))
+
+    def let_go() -> None:
+        closing.start()
+        closing.join(0.3)
+
+    once(monkeypatch, reduction, "sendfds", let_go)
+    asked = executor.submit(os.getpid)
+    closing.join()
+    assert asked.done()
+    assert server() == before
+    with pytest.raises(RuntimeError):
+        executor.submit(os.getpid)
+
+
+@pytest.mark.parametrize(("module", "name"), [(socket, "socket"), (reduction, "sendfds"), (forkserver, "read_signed")])
+def test_they_start_although_the_fork_server_ends(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> None:
+    """Found running, and killed before it is connected, before it is sent a process, or before it has started that."""
+    before = server()
+
+    def kill() -> None:
+        os.kill(before, signal.SIGKILL)
+        os.waitid(os.P_PID, before, os.WEXITED | os.WNOWAIT)
+
+    os.kill(before, signal.SIGSTOP)
+    once(monkeypatch, module, name, kill)
+    assert server() != before

@@ -18,8 +18,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
+import numpy as np
+
 from floatplan.arguments import Outlined
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Obstacle
 
@@ -235,6 +237,13 @@ class FlightState(Outlined):
             return self
         arrays = {name: values.reshape(shape + values.shape[1:])[()] for name, values in vars(self).items()}
         return FlightState(**arrays)
+
+    def interleaved(self, between: FlightState) -> FlightState:
+        """Return the same N instants, one dimension, with N - 1 others between them."""
+        arrays = {name: np.empty((2 * len(values) - 1, *values.shape[1:])) for name, values in vars(self).items()}
+        for name, values in arrays.items():
+            values[::2], values[1::2] = getattr(self, name), getattr(between, name)
+        return FlightState(**{name: read_only(values) for name, values in arrays.items()})
 
 
 class WholeMotion(Protocol):

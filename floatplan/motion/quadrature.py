@@ -104,9 +104,21 @@ def coefficient_map(count: int) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _grid_values(count: int) -> tuple[Array, Array]:
+@one_thread
+def _search(count: int) -> tuple[Array, Array, Array]:
+    """Return a grid, the matrix from values at the nodes to those on it, and that to coefficients of a derivative."""
     grid = chebyshev_nodes(FINENESS * (count - 1) + 1)
-    return grid, read_only(chebyshev.chebvander(2 * grid - 1, count - 1))
+    at_grid = chebyshev_values(2 * grid - 1, count - 1) @ coefficient_map(count)
+    slopes = np.zeros((count, count))
+    slopes[:-1] = chebyshev.chebder(np.eye(count), scl=2)
+    return grid, read_only(at_grid), read_only(slopes)
+
+
+def integral_of_squares(values: Array) -> float:
+    """Integral over [0, 1] of the sum of squares of interpolants of ``values`` (count, r) at the Chebyshev nodes."""
+    rule = gauss_legendre(len(values))
+    at_rule = chebyshev_values(2 * rule.nodes - 1, len(values) - 1) @ (coefficient_map(len(values)) @ values)
+    return float(rule.weights @ (at_rule**2).sum(axis=1))
 
 
 def resolution(values: Array) -> float:
@@ -125,21 +137,19 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     value : (L,)
     """
     count = len(values)
-    coefficients = coefficient_map(count) @ values
-    grid, at_grid = _grid_values(count)
-    fine = at_grid @ coefficients
+    grid, to_grid, slopes = _search(count)
+    coefficients, fine = coefficient_map(count) @ values, to_grid @ values
     row, column = lowest_of_neighbours(fine)
     s, found = grid[row], fine[row, column]
     low, high = grid[np.maximum(row - 1, 0)], grid[np.minimum(row + 1, len(grid) - 1)]
-    first = np.asarray(chebyshev.chebder(coefficients, scl=2), dtype=np.float64)
-    second = np.asarray(chebyshev.chebder(first, scl=2), dtype=np.float64)
+    first = slopes @ coefficients
+    series = np.stack((first, slopes @ first))[:, :, column]
     refined = s.copy()
     for _ in range(NEWTON_STEPS):
-        slope = _evaluate(first, column, refined)
-        curvature = _evaluate(second, column, refined)
+        slope, curvature = np.einsum("lk,dkl->dl", chebyshev_values(2 * refined - 1, count - 1), series)
         safe = np.where(curvature > 0, curvature, 1.0)
         refined = np.clip(np.where(curvature > 0, refined - slope / safe, refined), low, high)
-    value = _evaluate(coefficients, column, refined)
+    value = np.einsum("lk,kl->l", chebyshev_values(2 * refined - 1, count - 1), coefficients[:, column])
     better = value < found
     return column, np.where(better, refined, s), np.where(better, value, found)
 
@@ -210,8 +220,3 @@ def narrowed(
         least = np.where(better, near[chosen, best], least)
         span /= 8
     return where, least
-
-
-def _evaluate(coefficients: Array, column: IntArray, s: Array) -> Array:
-    polynomials = chebyshev.chebvander(2 * s - 1, len(coefficients) - 1)
-    return np.asarray(np.einsum("lk,kl->l", polynomials, coefficients[:, column]))

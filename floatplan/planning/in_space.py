@@ -15,7 +15,7 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.attempt import Attempts, Outcome, Reached
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
-from floatplan.planning.search import ANNOUNCED_EVERY, DEFAULT_WORK, SearchOptions, SearchResult, expiry, log_attempt
+from floatplan.planning.search import ANNOUNCED_EVERY, SearchOptions, SearchResult, expiry, log_attempt
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
@@ -60,7 +60,7 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
     """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
     outcomes: list[Outcome] = []
     expired, began = expiry(options.budget and share * options.budget), prepared.model.work
-    most_work = share * DEFAULT_WORK if options.budget is None else np.inf
+    most_work = share * options.work
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:

@@ -19,7 +19,7 @@ from floatplan.errors import InputError
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import answered, planned
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.search import DEFAULT_WORK, Allowance, SearchOptions
+from floatplan.planning.search import Allowance, SearchOptions
 from floatplan.planning.together import Together, followed_together
 from floatplan.planning.transcription.compiled_attempt import Ended
 from floatplan.plans.plans import ALL_HOLDS, COUNTS, SOLVED, Answer, Plans
@@ -35,7 +35,7 @@ LONGER = "search=True searches longer"
 _Batch: TypeAlias = tuple[IntArray, Problem, Callable[[IntArray], Numbers]]
 # What is to be answered alone: its index, and a plan to prove, or where the first attempt ended, where that is known.
 _Task: TypeAlias = tuple[int, Answer | Ended | None]
-PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.05 s in a plane
+PATIENCE = 1 / 20  # [-] of the usual work, before a start is solved: about 0.05 s in a plane
 UNSOLVED = 16  # [-] starts at a degree: no row of the studies pole and weak_motors that is solved takes more
 
 
@@ -117,7 +117,7 @@ def planned_together(
 def _efforts(options: SearchOptions, search: bool) -> tuple[SearchOptions, SearchOptions]:
     """How to search for what is not planned in a batch, and the whole search."""
     whole = replace(options, jobs=1, attempts=None)
-    return whole if search else replace(options, jobs=1, patience=PATIENCE), whole
+    return whole if search else replace(options, jobs=1, patience=PATIENCE * SearchOptions().work), whole
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
@@ -155,11 +155,13 @@ def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions, brief: Sear
     search = Search(starts=options.starts, most_starts=MOST_STARTS + options.starts - 1, seed=options.seed)
     compiled, prepared = (solver(like, like.degrees), None) if plain else (None, Attempts(like, options.seed))
 
-    def answered(chunk: IntArray) -> tuple[IntArray, Numbers, Answers | Together, list[_Task]]:
+    def answered(chunk: IntArray) -> tuple[IntArray, Numbers, Answers | Together | None, list[_Task]]:
         numbers, doubtful = numbers_of(chunk), []
         if (bad := numbers.doubtful()).any():
             doubtful, chunk = [(index, None) for index in chunk[bad].tolist()], chunk[~bad]
-            numbers = numbers_of(chunk)
+            numbers = numbers_of(chunk) if len(chunk) else numbers
+        if not len(chunk):
+            return chunk, numbers, None, doubtful
         if compiled:
             return chunk, numbers, compiled.plan(numbers.rows(), search), doubtful
         return chunk, numbers, followed_together(prepared, numbers, Allowance.of(brief).left), doubtful
@@ -172,7 +174,7 @@ def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions, brief: Sear
             left += doubtful
             if isinstance(answers, Answers):
                 _keep(plans, indices, numbers, answers)
-            else:
+            elif answers:
                 left += _keep_solved(plans, indices, numbers, answers, options.starts)
     return left
 

@@ -40,14 +40,13 @@ NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 class SearchedPlan:
     """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on.
 
-    ``is_impossible`` says that no motion whatever can be a plan, ``gave_up`` that the search's patience ended: a longer
-    one may find another plan. ``work`` is what the search did, instants of one body.
+    ``gave_up`` says that the search's patience ended: a longer one may find another plan. ``work`` is what the search
+    did, instants of one body.
     """
 
     plan: Plan
     ended: Outcome | Followed
     others: tuple[Outcome, ...] = ()
-    is_impossible: bool = False
     gave_up: bool = False
     work: float = 0.0
 
@@ -102,7 +101,7 @@ class Searched:
             solver={**result.counts, "seconds": time.perf_counter() - self.began, "seed": prepared.seed},
         )
         work = sum(outcome.work for outcome in result.outcomes)
-        return SearchedPlan(plan, best, result.holding[1:], bool(self.reasons), result.ran_out_of_patience, work)
+        return SearchedPlan(plan, best, result.holding[1:], result.ran_out_of_patience, work)
 
 
 def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan:

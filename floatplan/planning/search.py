@@ -124,6 +124,11 @@ class SearchOptions(Checked):
         "attempts": optional(whole(Range(1, ATTEMPTS, ""))),
     }
 
+    @property
+    def work(self) -> float:
+        """Most work of a search, instants of one body: the usual, unless a budget is given."""
+        return DEFAULT_WORK if self.budget is None else np.inf
+
 
 def search(
     prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS, followed: Followed | None = None
@@ -209,8 +214,7 @@ class Allowance:
     @classmethod
     def of(cls, options: SearchOptions) -> Allowance:
         """As the options of a search say."""
-        work = DEFAULT_WORK if options.budget is None else np.inf
-        patience = np.inf if options.patience is None else options.patience
+        work, patience = options.work, np.inf if options.patience is None else options.patience
         return cls(min(work, patience), held_back=work - patience if patience < work else 0.0)
 
     def grants(self, outcome: Outcome, is_first: bool) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -141,10 +141,6 @@ class Plan(Outputs, PlannedMotion):
     @one_thread
     def _measured_record(self) -> PlanRecord:
         peaks, problem = self.peaks, self.problem
-        try:
-            floatplan = version("floatplan")
-        except PackageNotFoundError:
-            floatplan = ""
         return PlanRecord(
             **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
             problem=problem_to_dict(problem),
@@ -160,7 +156,7 @@ class Plan(Outputs, PlannedMotion):
             warnings=tuple(warning.to_dict() for warning in self.warnings),
             utilisation=tuple(use.to_dict() for use in self.utilisation),
             out_of_plane_leak=self.out_of_plane_leak,
-            floatplan=floatplan,
+            floatplan=_version(),
             problem_file=problem.file_text,
         )
 
@@ -214,6 +210,14 @@ def _motion(
         "coefficients": read_only(polynomials.powers_of_seconds(z) if coefficients is None else coefficients),
         "angular_momentum": float(angular_momentum[0]) if len(angular_momentum) == 1 else read_only(angular_momentum),
     }
+
+
+@cache
+def _version() -> str:
+    try:
+        return version("floatplan")
+    except PackageNotFoundError:
+        return ""
 
 
 @one_thread

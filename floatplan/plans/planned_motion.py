@@ -22,7 +22,7 @@ from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
-PEAK_NODES = (33, 65, 129, 257)
+PEAK_NODES = (33, 65, 129, 257)  # each of which lie among the next
 NO_LEAK = 1e-12  # [-] is rounding
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
@@ -173,10 +173,11 @@ class PlannedMotion(flight.MotionInFile):
     @cached_property
     def _resolved(self) -> FlightState:
         """The state at as many Chebyshev nodes as torques and rates need."""
-        for count in PEAK_NODES:
-            state = self.at(quadrature.chebyshev_nodes(count) * self.duration)
+        state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
+        for count in PEAK_NODES[1:]:
             if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
                 break
+            state = state.interleaved(self.at(quadrature.chebyshev_nodes(count)[1::2] * self.duration))
         return state
 
     @cached_property
@@ -227,8 +228,10 @@ class PlannedMotion(flight.MotionInFile):
         """Largest angular momentum that the motion makes out of the plane, over that in it; None in space."""
         if self.robot.in_plane is None:
             return None
-        state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
-        return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
+        state = self._resolved
+        few = slice(None, None, (len(state.times) - 1) // (PEAK_NODES[0] - 1))
+        positions, velocities, turning = state.positions[few], state.velocities[few], state.orientation_rate[few]
+        return leak_along(self.robot, positions, velocities, turning, self.angular_momentum)
 
     @cached_property
     @one_thread
@@ -258,6 +261,4 @@ class PlannedMotion(flight.MotionInFile):
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
             return self._size
-        rule = quadrature.gauss_legendre(quadrature.NODE_COUNTS[-1])
-        integrand = getattr(self.at(rule.nodes * self.duration), quantity)
-        return float(self.duration * (rule.weights @ (integrand**2).sum(axis=1)))
+        return self.duration * quadrature.integral_of_squares(getattr(self._resolved, quantity))

@@ -10,22 +10,49 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
 from itertools import zip_longest
-from multiprocessing import get_context
-from multiprocessing.context import ForkServerContext
+from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+PATIENCE = 10.0  # [s] for the end of a fork server
+
 _lock = threading.Lock()
+_starting = 0  # threads that start an interpreter: the environment is one for all of them
+_before: dict[str, str | None] = {}  # of its variables, before the first of them
 _here = threading.local()  # ``held``: whether this thread is in such a call already
 _calls = 0  # under way, in all threads of this process: BLAS has one number of threads for all of them
 _held: list[tuple[Any, int]] = []  # libraries, and the threads that each had before
+
+
+class _Process(ForkServerProcess):
+    """A process that starts although the fork server, which the system may kill or refuse a process, is ending.
+
+    It listens no more then, is known to be gone only later, and another is begun.
+    """
+
+    @staticmethod
+    def _Popen(process: Any) -> Any:
+        until = time.monotonic() + PATIENCE
+        while True:
+            try:
+                _ensure_server()
+                return ForkServerProcess._Popen(process)
+            except (ConnectionError, EOFError):
+                if time.monotonic() > until:
+                    raise
+                time.sleep(0.01)
+
+
+class _Context(ForkServerContext):
+    Process = _Process
 
 
 def get_ready(*modules: str) -> ForkServerContext:
@@ -33,10 +60,15 @@ def get_ready(*modules: str) -> ForkServerContext:
 
     Every process is a copy of one that has loaded them, and the only one that an interpreter is started for.
     """
+    context = _Context()
+    context.set_forkserver_preload(list(modules))
+    _ensure_server()
+    return context
+
+
+def _ensure_server() -> None:
     from multiprocessing import forkserver, resource_tracker
 
-    context = get_context("forkserver")
-    context.set_forkserver_preload(list(modules))
     with same_modules():
         resource_tracker.ensure_running()
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C is not for what is started here
@@ -44,7 +76,6 @@ def get_ready(*modules: str) -> ForkServerContext:
             forkserver.ensure_running()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    return context
 
 
 @contextmanager
@@ -59,16 +90,22 @@ def same_modules() -> Iterator[None]:
         "PYTHONSAFEPATH": "1",
         "OPENBLAS_NUM_THREADS": "1",
     }
-    before = {name: os.environ.get(name) for name in environment}
-    os.environ.update(environment)
+    global _starting
+    with _lock:
+        if not _starting:
+            _before.update({name: os.environ.get(name) for name in environment})
+        _starting += 1
+        os.environ.update(environment)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        with _lock:
+            _starting -= 1
+            for name, value in _before.items() if not _starting else ():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
 
 
 @contextmanager
@@ -94,7 +131,9 @@ def processes(
         try:
             yield executor
         finally:
-            answers._writer.close()  # else the rest of what a process was sending when it ended is waited for
+            with executor._shutdown_lock:  # not amid a start: a fork server ends that is sent what is closed
+                executor._shutdown_thread = True
+                answers._writer.close()  # else the rest of what a process was sending when it ended is waited for
 
 
 def in_order(pool: Executor | None, tasks: Sequence[tuple[Any, ...]], alone: Callable[..., Any]) -> Iterator[Any]:

@@ -59,8 +59,16 @@ class PlanarMotion:
         """The links' shapes at instants (N,); with the hulls for distances to the ground where asked for."""
         tree, com = self.problem.robot.tree, self.path.positions(instants)
         angles = tree.absolute_angles(self.orientation(instants), self.joints.at(instants)[0])
-        shapes = LinkShapes(tree, self.problem.robot.shapes, self.problem.ground_shapes if hulls else ())
+        shapes = self._links_and_hulls if hulls else self._links
         return shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+
+    @cached_property
+    def _links(self) -> LinkShapes:
+        return LinkShapes(self.problem.robot.tree, self.problem.robot.shapes)
+
+    @cached_property
+    def _links_and_hulls(self) -> LinkShapes:
+        return LinkShapes(self.problem.robot.tree, self.problem.robot.shapes, self.problem.ground_shapes)
 
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights of shapes over the ground's line; of both ends of a shape, one after the other."""
