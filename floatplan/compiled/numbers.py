@@ -6,6 +6,7 @@ Plain ones have no inequalities. Others have obstacles, clearances or limits, of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,7 @@ from floatplan.motion.planar.closed_form import frames_from_com, rising
 from floatplan.motion.sine_polynomial import boundary_arguments
 from floatplan.problem.family import Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.problem import ManyLimits, Problem
+from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import least_of_motors, sum_of_motors
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
@@ -80,15 +81,17 @@ def is_together(family: Family) -> bool:
     """Whether the problems of a family are planned together, plain or not."""
     base = family.base
     others = {path: array[:1] for path, array in family.arrays.items() if not _is_plain(path, base.robot)}
-    limits = {path: array for path, array in others.items() if path.split(".")[1] in MOTOR_LIMITS}
-    known = all(path in limits or (path.startswith("obstacles.") and ".window" not in path) for path in others)
-    if not (others and limits):
-        return known and goes_together(base)
-    first = _limits_of_family(base, limits) if known and goes_together(base) else None
-    return first is not None and _finite(first) == _finite(base)
+    known = (path.split(".")[:2] for path in others)
+    if not (
+        goes_together(base)
+        and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in known)
+    ):
+        return False
+    first = _limits_of_family(base, others)
+    return first is not None and _finite(first) == _finite(base) and not any(".window" in path for path in others)
 
 
-def _finite(of: Problem | ManyLimits) -> list[list[bool]]:
+def _finite(of: Problem) -> list[list[bool]]:
     """Which limits there are; of many, of the first."""
     limits = (*of.joint_limits.values(), *(getattr(of, name) for name in OF_LIMITS[:3]))
     return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in limits]
@@ -125,7 +128,7 @@ class Numbers:
     values: Mapping[str, Array]
     sound: BoolArray
     obstacles: Sequence[tuple[Obstacle, ...]] = ()
-    limits: Problem | ManyLimits | None = None
+    limits: Problem | None = None
 
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
@@ -144,11 +147,11 @@ class Numbers:
         values["height"] = np.array([problem.landing_height for problem in problems], dtype=np.float64)
         for name in ("horizontal_velocity", "gravity"):
             values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
-        limits: Problem | ManyLimits = like
+        limits = like
         if len(problems) > 1:
             of_joints = {row.key: np.array([each.joint_limits[row.key] for each in problems]) for row in JOINT_LIMITS}
             others = {name: np.array([getattr(each, name) for each in problems]) for name in OF_LIMITS}
-            limits = ManyLimits(like.robot, like.limits, of_joints, **others)
+            limits = _limited(like, joint_limits=of_joints, **others)
         return cls(like, values, sound, [problem.obstacles for problem in problems], limits)
 
     @classmethod
@@ -238,23 +241,26 @@ def _obstacles_of_family(
     return found
 
 
-def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | ManyLimits | None:
-    """Limits of some rows; None where they cannot be told together."""
-    own: dict[str, Array] = {}
+def _limited(like: Problem, **limits: Any) -> Problem:
+    """Return a problem whose limits are those (N, ..) of many, for what is made of limits alone."""
+    many = copy(like)
+    vars(many).update(limits)
+    return many
+
+
+def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | None:
+    """The base problem with the limits of some rows; None where they cannot be told together."""
+    limits: dict[str, Any] = {"joint_limits": dict(base.joint_limits)}
     for key, row in MOTOR_LIMITS.items():
         about = {path: array for path, array in varied.items() if path.split(".")[:2] == ["limits", key]}
-        found = motor_limits_with(base, row, about) if about else None
-        if about and found is None:
+        own = motor_limits_with(base, row, about) if about else None
+        if about and own is None:
             return None
-        if found is not None:
-            own[key] = found
-    if not own:
-        return base
-    of_joints = {row.key: least_of_motors(base.robot, own[row.key]) for row in JOINT_LIMITS if row.key in own}
-    others = {name: getattr(base, name) for name in OF_LIMITS}
-    if "torque" in own:
-        others |= {"motor_torque_limits": own["torque"], "torque_limits": sum_of_motors(base.robot, own["torque"])}
-    return ManyLimits(base.robot, base.limits, {**base.joint_limits, **of_joints}, **others)
+        if own is not None and key == "torque":
+            limits |= {"motor_torque_limits": own, "torque_limits": sum_of_motors(base.robot, own)}
+        elif own is not None:
+            limits["joint_limits"][key] = least_of_motors(base.robot, own)
+    return _limited(base, **limits) if any(path.startswith("limits.") for path in varied) else base
 
 
 def _within(key: str, values: Array) -> BoolArray:

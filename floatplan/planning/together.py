@@ -18,7 +18,7 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.compiled_attempt import CLOSER, CompiledAttempts, Ended, draws_of
 from floatplan.planning.transcription.constraints import Limit
 from floatplan.planning.transcription.variables import whitened
-from floatplan.problem.problem import ManyLimits, shares_of_limits
+from floatplan.problem.problem import shares_of_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def _of_constraints(compiled: CompiledAttempts, numbers: Numbers, count: int) ->
         of_obstacles = np.diff(watch.block_first)[: margins.shape[1]]
         least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
         found = {"obstacles": numbers.obstacle_numbers(), "least": least}
-    if isinstance(numbers.limits, ManyLimits):
+    if numbers.limits and numbers.limits is not numbers.like:
         blocks = [Limit.of(shares).compiled(watch.flight) for shares in shares_of_limits(numbers.limits)]
         shape = (len(block.constant) for block in blocks)
         sums = [np.broadcast_to(watch.sums(b), (count, k, watch.terms)) for b, k in zip(blocks, shape, strict=True)]

@@ -16,7 +16,7 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import Peaks
 from floatplan.motion.flight import FAST, Contact
 from floatplan.plans.planned_motion import PlannedMotion
-from floatplan.problem.problem import ManyLimits, Problem
+from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
 from floatplan.robot.wheels import wheels
@@ -111,7 +111,7 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
     return tuple(sorted(rows, key=lambda row: -row.worst))
 
 
-def limits_of_motors(problem: Problem | ManyLimits) -> dict[str, Array]:
+def limits_of_motors(problem: Problem) -> dict[str, Array]:
     """Return the limit (m,) of each motor, or (N, m), by the names of limits: what is asked, the URDF's, or none."""
     robot = problem.robot
     leaders, ratios, _ = zip(*(_coupling(robot, joint) for joint in robot.motors), strict=True)

@@ -95,6 +95,8 @@ class Family(Checked, Outlined, Sequence[Problem]):
 def obstacles_with(base: Problem, values: Mapping[str, float]) -> tuple[Obstacle, ...]:
     """Return a problem's obstacles with numbers set by their paths; InputError where one is wrong."""
     obstacles: tuple[Obstacle, ...] = _with_values(base, values)["obstacles"]
+    for obstacle in obstacles:
+        obstacle.check("obstacles")
     return obstacles
 
 

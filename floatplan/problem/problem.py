@@ -309,20 +309,7 @@ class Shares:
     also: Mapping[str, Array] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class ManyLimits:
-    """Limits of N problems, as :class:`Problem` has those of one: arrays (N, ..) in the place of (..)."""
-
-    robot: Robot
-    limits: parts.Limits
-    joint_limits: Mapping[LimitKey, Array]
-    torque_limits: Array
-    motor_torque_limits: Array
-    motor_stall: Array
-    motor_slope: Array
-
-
-def shares_of_limits(problem: Problem | ManyLimits) -> Iterator[Shares]:
+def shares_of_limits(problem: Problem) -> Iterator[Shares]:
     """Yield what a problem's limits bound, or those of many, of which the same are finite.
 
     They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates

@@ -90,7 +90,8 @@ def _planned(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
             return {name: [value] for name, value in row.items()}
         middle = len(problems) // 2
         parts = [_planned(study, problems[:middle], first), _planned(study, problems[middle:], first + middle)]
-        return {name: [value for part in parts for value in part[name]] for name in parts[0]}
+        lists = [{name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in part.items()} for part in parts]
+        return {name: [value for part in lists for value in part[name]] for name in lists[0]}
 
 
 def _together(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:

@@ -246,7 +246,7 @@ def test_what_plans_say_is_not_measured_unless_they_are_proved(root, monkeypatch
 
 def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monkeypatch):
     high_jump = fp.load_problem(root / "problems" / "high_jump.toml")
-    monkeypatch.setattr(many, "PATIENCE", 1e5)
+    monkeypatch.setattr(many, "PATIENCE", 1 / 600)
     brief = fp.plan_many([high_jump])
     assert brief.status.tolist() == ["not_found"]
     assert brief.messages[0].startswith(f"The search ended at {brief.evaluations[0]} evaluations; search=True")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -72,22 +72,15 @@ class Ended:
     coefficients: Array | None
 
     @classmethod
-    def of(cls, ended: Any, rows: WatchedRows, found: Sequence[Array], coefficients: Array | None) -> Ended:
+    def of(
+        cls, ended: Any, rows: tuple[IntArray, IntArray, Look], found: Sequence[Any], coefficients: Array | None
+    ) -> Ended:
         """As the kernel says it: a structure, and its x, branch, and the minima's row, s and least value."""
         x, branch, *minima = found
         row, s, least = (each[: ended.minima.found].copy() for each in minima)
-        worst = Worst(rows.block[row], rows.row[row], s, least)
-        counts = ended.judged_level, ended.iterations, ended.evaluations, ended.started
-        status, b = STATUS[ended.status], coefficients
-        return cls(x, branch, status, ended.violation, ended.missed, worst, *counts, ended.work, b)
-
-
-class WatchedRows(NamedTuple):
-    """Block and row (rows,) of each row of all constraints, and where to look first."""
-
-    block: IntArray
-    row: IntArray
-    look: Look
+        worst, counts = Worst(rows[0][row], rows[1][row], s, least), (ended.judged_level, ended.iterations)
+        of_end = STATUS[ended.status], ended.violation, ended.missed, worst, *counts
+        return cls(x, branch, *of_end, ended.evaluations, ended.started, ended.work, coefficients)
 
 
 class CompiledAttempts:
@@ -102,13 +95,14 @@ class CompiledAttempts:
         level: int,
     ) -> None:
         self._problem, self._model, self._constraints, self.watch = problem, model, constraints, watch
-        self.rows, self.level = WatchedRows(*where_to_look(constraints)), level
-        self._tolerance = np.array([block.tolerance for block in constraints])[self.rows.block]
+        self.rows, self.level = where_to_look(constraints), level
+        self._look = self.rows[2]
+        self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
 
     def room(self, count: int) -> tuple[Filled, list[Array | IntArray]]:
         """Return room for the minima of so many problems, the first one's filled in: their row, s and least value."""
-        look, most = self.rows.look, len(self.rows.look.grid) * self.watch.rows
+        look, most = self._look, len(self._look.grid) * self.watch.rows
         found = [np.empty((count, most), kind) for kind in (np.int64, np.float64, np.float64)]
         arrays = dict(zip(("row", "s", "least"), found, strict=True))
         return Filled("Minima", look, instants=len(look.grid), near=look.near, span=look.span, **arrays), found
@@ -139,15 +133,13 @@ class CompiledAttempts:
         """Return what the kernel is given to follow a start, the start, which ends at x (size,), and its class."""
         watch = self.watch
         instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
-        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[
-            self.rows.block
-        ]
+        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self.rows[0]]
         levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
         work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
         counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
         arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance, "coefficients": None}
         numbers = {**self._aim(variables), **levels, **work, **counts}
-        attempt = Filled("Attempt", self.rows.look, minima=self.minima, **numbers, **arrays)
+        attempt = Filled("Attempt", self._look, minima=self.minima, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
         settings = constrained_settings(), _rules(self._model.flight.bodies)
