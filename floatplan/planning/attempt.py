@@ -299,8 +299,9 @@ class Attempts:
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
         named = self.problem.motion.objective
-        more = {"starts": ended.starts, "missed": ended.missed, "coefficients": ended.coefficients}
-        return Outcome(variables, reached, self.model, *of_end, named, **more)
+        outcome = Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts, missed=ended.missed)
+        outcome.coefficients = ended.coefficients
+        return outcome
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start in space to the objective, and by way of a feasible motion where that fails."""

@@ -151,20 +151,16 @@ def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], lis
 def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions, brief: SearchOptions) -> list[_Task]:
     """Plan a batch in chunks; what is to be searched for is returned: doubtful numbers too, which a Problem checks."""
     all_indices, like, numbers_of = batch
-    plain = is_plain(like)
-    search = Search(starts=options.starts, most_starts=MOST_STARTS + options.starts - 1, seed=options.seed)
-    compiled, prepared = (solver(like, like.degrees), None) if plain else (None, Attempts(like, options.seed))
+    plain, follow = is_plain(like), _following(like, options, brief)
 
     def answered(chunk: IntArray) -> tuple[IntArray, Numbers, Answers | Together | None, list[_Task]]:
-        numbers, doubtful = numbers_of(chunk), []
-        if (bad := numbers.doubtful()).any():
-            doubtful, chunk = [(index, None) for index in chunk[bad].tolist()], chunk[~bad]
+        numbers = numbers_of(chunk)
+        bad = numbers.doubtful()
+        doubtful: list[_Task] = [(index, None) for index in chunk[bad].tolist()]
+        if doubtful:
+            chunk = chunk[~bad]
             numbers = numbers_of(chunk) if len(chunk) else numbers
-        if not len(chunk):
-            return chunk, numbers, None, doubtful
-        if compiled:
-            return chunk, numbers, compiled.plan(numbers.rows(), search), doubtful
-        return chunk, numbers, followed_together(prepared, numbers, Allowance.of(brief).left), doubtful
+        return chunk, numbers, follow(numbers) if len(chunk) else None, doubtful
 
     size = CHUNK if plain else WITH_ROWS
     chunks = [all_indices[first : first + size] for first in range(0, len(all_indices), size)]
@@ -177,6 +173,16 @@ def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions, brief: Sear
             elif answers:
                 left += _keep_solved(plans, indices, numbers, answers, options.starts)
     return left
+
+
+def _following(like: Problem, options: SearchOptions, brief: SearchOptions) -> Callable[[Numbers], Answers | Together]:
+    """Return what follows starts of problems like one: all that they need of plain ones, of others the plain motion."""
+    if is_plain(like):
+        compiled, most = solver(like, like.degrees), MOST_STARTS + options.starts - 1
+        search = Search(starts=options.starts, most_starts=most, seed=options.seed)
+        return lambda numbers: compiled.plan(numbers.rows(), search)
+    prepared, work = Attempts(like, options.seed), Allowance.of(brief).left
+    return lambda numbers: followed_together(prepared, numbers, work)
 
 
 def _keep_solved(plans: Plans, indices: IntArray, numbers: Numbers, found: Together, starts: int) -> list[_Task]:

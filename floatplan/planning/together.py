@@ -5,6 +5,7 @@ knows how the first attempt ended.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class Together:
     x: Array
     branch: IntArray
     coefficients: Array
-    found: list[Array | IntArray]
+    found: list[Any]
 
     @property
     def solved(self) -> IntArray:
@@ -52,7 +53,8 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     count, n = rows.boundary.shape[:2]
     durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
     offset, scaling, _ = whitened(polynomials.form, polynomials.free, durations, rows.boundary)
-    x, branch = np.linalg.solve(scaling, -offset[..., None])[..., 0], np.zeros((count, n), np.int64)
+    x = np.asarray(np.linalg.solve(scaling, -offset[..., None])[..., 0], np.float64)
+    branch = np.zeros((count, n), np.int64)
     coefficients = np.empty((count, n, CONDITIONS + polynomials.width))
     thickness = [min((each.thickness for each in own), default=np.inf) for own in numbers.obstacles or [()] * count]
     paths = numbers.paths()

@@ -100,7 +100,7 @@ class CompiledAttempts:
         self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
 
-    def room(self, count: int) -> tuple[Filled, list[Array | IntArray]]:
+    def room(self, count: int) -> tuple[Filled, list[Any]]:
         """Return room for the minima of so many problems, the first one's filled in: their row, s and least value."""
         look, most = self._look, len(self._look.grid) * self.watch.rows
         found = [np.empty((count, most), kind) for kind in (np.int64, np.float64, np.float64)]

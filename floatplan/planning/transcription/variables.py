@@ -235,4 +235,4 @@ def whitened(
 
 def whitened_units(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> Array:
     """Size (N,) of b that one unit of whitened variables makes."""
-    return 1 / np.max([whitening(form, each, durations)[1] for each in free], axis=0)
+    return np.asarray(1 / np.max([whitening(form, each, durations)[1] for each in free], axis=0))
