@@ -25,6 +25,7 @@ OUT = Path(sys.argv[1] if sys.argv[1:] else "runs/fly_a_go2")
 HEAVIER, ROTORS, FRICTION = 1.05, 0.0045, 0.8  # [-], [kg m^2] at the joints, [-]: planned for 1, 0 and 0.6
 FOOT = 0.022  # [m] radius of the feet
 STEP = 0.5e-3  # [s] of the simulation
+CLEAR = 5e-3  # [m] of feet above the ground as planned: nothing that is measured below is of a free flight
 AFTER = 1.0  # [s] that it is to stand at the end
 TIPPED = 30.0  # [degrees] of the trunk: no more is standing
 
@@ -63,16 +64,23 @@ def on_the_ground() -> tuple[mujoco.MjModel, mujoco.MjData]:
     model.body_mass[:] *= HEAVIER
     model.body_inertia[:] *= HEAVIER
     data = mujoco.MjData(model)
-    data.qpos[:7] = jump["q"][0, [0, 1, 2, 6, 3, 4, 5]]
-    data.qpos[[model.joint(name).qposadr[0] for name in names]] = jump["q"][0, 7:]
-    mujoco.mj_kinematics(model, data)
-    data.qpos[:3] -= (min(data.body(foot).xpos @ up for foot in feet) - FOOT) * up
+    data.qpos[:3] -= lowest_foot(model, data, 0) * up
     return model, data
+
+
+def lowest_foot(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> float:
+    """Place the robot as the jump's file says, and return how high its lowest foot is, m."""
+    data.qpos[:7] = jump["q"][row, [0, 1, 2, 6, 3, 4, 5]]
+    data.qpos[[model.joint(name).qposadr[0] for name in names]] = jump["q"][row, 7:]
+    mujoco.mj_kinematics(model, data)
+    return min(float(data.body(foot).xpos @ up) for foot in feet) - FOOT
 
 
 def fly(correct: bool) -> tuple[float, bool, np.ndarray]:
     """Fly with or without: by how much touchdown is off, degrees, whether it stands, and its pitch, degrees."""
     model, data = on_the_ground()
+    heights = [lowest_foot(model, mujoco.MjData(model), row) for row in range(len(jump["time"]))]
+    is_clear = np.array(heights) - heights[0] > CLEAR
     places, rates = ([getattr(model.joint(name), key)[0] for name in names] for key in ("qposadr", "dofadr"))
     weakest, strongest = model.jnt_actfrcrange[[model.joint(name).id for name in names]].T
     planned, motors = ([names.index(name) for name in which] for which in (robot.joints, robot.motors))
@@ -86,7 +94,8 @@ def fly(correct: bool) -> tuple[float, bool, np.ndarray]:
         if np.isnan(missed) and t >= touchdown - takeoff:
             missed = abs(degrees(remainder(pitch - plan.problem.final.orientation, 2 * pi)))
         if correct and in_flight[row]:
-            replanner.update(t, pitch, pitch_rate, positions[planned], velocities[planned])
+            if is_clear[row]:
+                replanner.update(t, pitch, pitch_rate, positions[planned], velocities[planned])
             reference = replanner.reference(t)
             q[motors], v[motors] = robot.motor_ratios @ reference.positions, robot.motor_ratios @ reference.velocities
             torques[motors] = reference.motors

@@ -4,6 +4,8 @@ A row is kept where its value is at least zero: one minus the share of a limit t
 margin over ``LENGTH_SCALE``, as in the planner's constraints.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +36,7 @@ SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
 SHARE_AIM, SHARE_SOFTNESS = 0.02, 0.01  # [-] of limits, see :class:`LimitRows`
+TORQUE_AIM = 0.5  # [-] of torques: what rotors and friction that nobody knows need besides, motors must have to spare
 DISTANCE_AIM, DISTANCE_SOFTNESS = 0.1, 0.02  # [LENGTH_SCALE]
 ALWAYS = (-np.inf, np.inf)
 
@@ -43,13 +46,20 @@ class LimitRows:
     """A block of rows that applies within a window, s since takeoff.
 
     Corrections aim at values of ``aim``, above zero; a row may miss that by ``softness`` where the landing may miss the
-    goal by sigma.
+    goal by sigma. Where the plan is nearer to a limit they aim at what it has: of torques where it is nearest, of all
+    else where it lands.
     """
 
     block: Block
     aim: float
     softness: float
     window: tuple[float, float] = ALWAYS
+    of_torques: bool = False
+
+    def as_planned(self, values: Array, landing: int) -> LimitRows:
+        """Return the same with that aim, for values (rows, K) under the plan's motion, which lands at an instant."""
+        least = max(values.min(), SHARE_AIM) if self.of_torques else max(values[:, landing].min(), 0.0)
+        return replace(self, aim=min(self.aim, least))
 
 
 def limit_rows(problem: Problem) -> list[LimitRows]:
@@ -68,7 +78,9 @@ def limit_rows(problem: Problem) -> list[LimitRows]:
                 element=f"limits.{shares.key}",
                 advice="leave it out, or fly without corrections",
             )
-        rows.append(LimitRows(shares, SHARE_AIM, SHARE_SOFTNESS))
+        of_torques = shares.key == "torque"
+        aim = TORQUE_AIM if of_torques else SHARE_AIM
+        rows.append(LimitRows(shares, aim, SHARE_SOFTNESS, of_torques=of_torques))
     return rows
 
 

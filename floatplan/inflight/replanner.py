@@ -194,7 +194,7 @@ class Replanner:
         self._plausible = Plausibility(plan)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
-        self._update.aim_as_landed()
+        self._update.aim_as_planned()
         self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
         positions, velocities, _ = self.motion.at(0.0)
         rate = self.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)[0]

@@ -6,8 +6,9 @@ read. The rest of the flight, joint motions (12) from now to the landing, is wri
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -172,7 +173,7 @@ class Update:
         made["turns"] = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         later = dict.fromkeys((*FILTER, "room"))  # see begin()
         rows, masses = _of_limits(blocks, constraints.block_first), _of_masses(tree, bodies)
-        self._row_blocks = np.repeat(np.arange(len(blocks)), np.diff(constraints.block_first))
+        self._block_first = constraints.block_first
         arrays = {**self._of_instants(grid), **masses, **found, **self._called, **made, **later}
         self._filled = Filled("Flight", first, rewriting, views, grid, tree, **counts, **numbers, **rows, **arrays)
         given = self._robot.structure, self._constraints.structure, self._flight
@@ -193,11 +194,11 @@ class Update:
         self.motions.clear()
         self.remember(self._first)
 
-    def aim_as_landed(self) -> None:
-        """Aim no further from limits than the motion predicted last is where it lands: on the ground, as feet do."""
-        landed, blocks = self.row_values[:, np.argmax(self._instants.s)], self.views.rows
-        least = [landed[self._row_blocks == index].min(initial=rows.aim) for index, rows in enumerate(blocks)]
-        self.views.rows = [replace(rows, aim=max(aim, 0.0)) for rows, aim in zip(blocks, least, strict=True)]
+    def aim_as_planned(self) -> None:
+        """Aim no further from limits than the motion predicted last is: it comes to the ground, as feet do."""
+        landing, views = int(np.argmax(self._instants.s)), self.views
+        values = [self.row_values[begin:end] for begin, end in pairwise(self._block_first)]
+        views.rows = [rows.as_planned(own, landing) for rows, own in zip(views.rows, values, strict=True)]
         self._filled.point_to(aim=np.array([rows.aim for rows in self.views.rows]))
 
     def expected(self, measured: Measurement, now: float) -> Expected:

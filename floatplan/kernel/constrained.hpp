@@ -2,6 +2,18 @@
 // quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them. Where the rows
 // contradict one another the steps are elastic; once they do no more, the Hessian is guessed anew.
 
+// Values of the last iterations, fewer than 8.
+struct Progress {
+    double values[8];
+    Index known = 0;
+
+    // Whether a new one is above a share of that so many iterations before.
+    bool stalls(double value, Index iterations, double share) {
+        values[known++ % 8] = value;
+        return known > iterations && value > share * values[(known - 1 - iterations) % 8];
+    }
+};
+
 class Constrained {
   public:
     Index iterations = 0;
@@ -39,6 +51,7 @@ class Constrained {
         double penalty = 0;
         bool was_reset = true, is_optimal = false;
         Index slow_steps = 0, iteration = 0;
+        Progress of_elastic;
         pull_count = 0, equality_pull = 0;
         while (size && iteration < stage.iterations && !is_exhausted()) {
             ++iteration, ++iterations;
@@ -52,6 +65,10 @@ class Constrained {
             }
             do find_step();
             while (reaches_more());
+            if (!elastic) of_elastic.known = 0;
+            else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
+                     now->worst > set.hopeless)
+                break;
             const double slope = dot(now->gradient, direction, size), squared = dot(direction, direction, size);
             const bool stationary = is_stationary(slope, stage);
             is_optimal = stationary && now->worst <= stage.feasibility;
@@ -98,11 +115,10 @@ class Constrained {
     double reduce_violations() {
         program.metric_matrix(metric);
         for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
-        double damping = rules.initial_damping, squared = squares(*now), history[8] = {squared};
-        Index known = 1;
+        double damping = rules.initial_damping, squared = squares(*now);
+        Progress progress;
         for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
-            const Index back = rules.stall_iterations;
-            const bool stalled = known > back && squared > rules.stalled * history[(known - 1 - back) % 8];
+            const bool stalled = progress.stalls(squared, rules.stall_iterations, rules.stalled);
             if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
             if (damping > rules.largest_damping) break;
             program.differentiate(*now);
@@ -119,7 +135,6 @@ class Constrained {
                 }
                 damping *= 4;
             }
-            history[known++ % 8] = squared;
         }
         return squared;
     }

@@ -19,6 +19,7 @@ class Follower {
     }
 
     Program program;
+    double worth = HUGE_VAL;  // of violation: by how much more an end violates the rows is not told
 
     // From x, once more from its end where that nearly holds, or is not known to be optimal.
     void follow(const double *x) {
@@ -29,11 +30,14 @@ class Follower {
             attempt.at_once = 1;
             follow_best();
         }
-        if (!is_best) finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
-        copy(attempt.x, best, program.size);
         attempt.iterations = search.iterations;
         attempt.evaluations = program.evaluations;
         attempt.work = program.work;
+        if (!is_best && attempt.violation <= worth) {  // what is done again does not count
+            finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
+            program.evaluations = attempt.evaluations, program.work = attempt.work;
+        }
+        copy(attempt.x, best, program.size);
     }
 
     // b of where it ended, in powers of seconds.
@@ -85,9 +89,14 @@ class Follower {
             }
             program.back_off = rules.back_off;
             extra_count = 0;
-            begin(level, start);
+            double left = HUGE_VAL;
+            for (Index each : {attempt.level, level}) {
+                begin(each, each == attempt.level ? start : search.now->x);
+                left = search.reduce_violations();
+                if (!(left < rules.nearly_promising)) break;
+            }
             status = infeasible;
-            if (search.reduce_violations() < rules.promising) {
+            if (left < rules.promising) {
                 copy(ended, search.now->x, program.size);
                 solve(ended, level);
             }
@@ -190,14 +199,21 @@ class Follower {
     }
 
     void judge_at(Index level, const double *x) {
-        program.watches = false;
+        program.watches = has_rows && worth < HUGE_VAL;
         extra_count = 0;
         begin(level, x);
         while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) begin(++level, search.now->x);
         const Evaluated &now = *search.now;
         program.watches = has_rows;
         const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
-        program.look(now, attempt.minima);
+        const double known = larger(missed, now.worst - program.back_off);
+        const double work = program.work + rules.evaluation + attempt.minima.instants * attempt.bodies;
+        is_best = false;
+        const bool tells = !(known > worth);
+        if (tells) program.look(now, attempt.minima);
+        program.work = work;  // what a start takes does not hang on the others
+        if (!tells) attempt.violation = smaller(attempt.violation, known);
+        if (!tells) return;
         double violation = missed <= set.tolerance ? 0 : missed;
         for (Index found = 0; found < attempt.minima.found; ++found) {
             const double least = attempt.minima.least[found];

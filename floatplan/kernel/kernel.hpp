@@ -200,6 +200,7 @@ struct Motions {
 // What a search for a motion with constraints keeps to; see the Python constants of these names.
 struct Exchange {
     double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
+    double nearly_promising, elastic_stalled;
     double longest_free_step;
     double feasible, stalled, initial_damping, smallest_damping, largest_damping, regularisation, qp_tolerance;
     double evaluation, differentiation, entry;

@@ -50,7 +50,7 @@ class Program {
         for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
         arena.take(basis, 3 * size * most);
         for (double **each : {&s, &times}) arena.take(*each, most);
-        arena.take(integrals, most_nodes * most);
+        arena.take(own_integrals, most_nodes * most);
         arena.take(outside, rows * most);
         arena.take(boundary, 2 * n * motions.given);
         arena.take(weights, 8 * (2 + 2 * n + robot.links));
@@ -81,11 +81,14 @@ class Program {
         double *to[3] = {value, first, second};
         for (int order = 0; order < 3; ++order)
             for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
-        if (constraints.needs_places)
-            for (Index j = 0; j < N; ++j) copy(integrals + j * stride, grid.integrals + j * N, N);
+        integrals = grid.integrals;
+        if (extra && needs_integrals()) {
+            for (Index j = 0; j < N; ++j) copy(own_integrals + j * stride, grid.integrals + j * N, N);
+            integrals = own_integrals;
+        }
         for (Index k = N; k < stride; k += LANES) add_instants(k, grid);
         combine_basis(to);
-        find_outside();
+        if (watches) find_outside();
         for (Evaluated &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
@@ -95,31 +98,23 @@ class Program {
 
     // Values at each.x.
     void evaluate(Evaluated &at) {
-        Motion &m = at.motion;
-        const Nodes &grid = levels[level];
-        place_coefficients(at);
-        combine(m, n, at.coefficients, motions.columns, value, first, second);
-        swing_joints(robot, m, motions.centre, motions.amplitude);
-        turn(robot, m, at.momentum);
-        at.equality = motions.duration * dot(grid.weights, m.rate, grid.nodes) - motions.change;
-        if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
-        if (constraints.needs_places && watches) {
-            copy(m.time, times, stride);
-            for (Index k = 0; k < count; k += LANES) {
-                Vector turned = all(0);
-                for (Index j = 0; j < grid.nodes; ++j)
-                    turned = add_product(m.rate[j], load(integrals + j * stride + k), turned);
-                store(m.attitude + k, all(motions.orientation) + all(motions.duration) * turned);
-            }
-            place(robot, constraints, m, 0, 0);
-        }
-        at.violation = at.worst = std::fabs(at.equality);
-        at.squares = 0;
+        move(at);
+        move_links(at);
         if (watches) evaluate_rows(at);
         at.objective = objective(at);
         at.differentiated = false;
         ++evaluations;
         work += rules.evaluation + count * attempt.bodies;
+    }
+
+    // The squared violations at at.x; of (14) alone where these are enough.
+    double squares(Evaluated &at, double enough) {
+        move(at);
+        const double missed = at.equality * at.equality;
+        if (missed >= enough) return missed;
+        move_links(at);
+        evaluate_rows(at);
+        return missed + at.squares;
     }
 
     // Gradient, (14) and the rows that a step may reach, by x.
@@ -247,9 +242,39 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
-    double *value, *first, *second, *basis, *s, *times, *integrals, *outside, *boundary, *weights, *pack;
+    double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *boundary, *weights, *pack;
     double *slope, *series, *written;
+    const double *integrals;  // (nodes, stride)
     MinimaRoom between;
+
+    bool needs_integrals() const { return constraints.needs_places && watches; }
+
+    // Joints and base, and by how much (14) is missed.
+    void move(Evaluated &at) {
+        place_coefficients(at);
+        combine(at.motion, n, at.coefficients, motions.columns, value, first, second);
+        swing_joints(robot, at.motion, motions.centre, motions.amplitude);
+        turn(robot, at.motion, at.momentum);
+        const Nodes &grid = levels[level];
+        at.equality = motions.duration * dot(grid.weights, at.motion.rate, grid.nodes) - motions.change;
+        at.violation = at.worst = std::fabs(at.equality);
+        at.squares = 0;
+    }
+
+    // What the rows and the objective need beside.
+    void move_links(Evaluated &at) {
+        Motion &m = at.motion;
+        if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
+        if (!needs_integrals()) return;
+        copy(m.time, times, stride);
+        for (Index k = 0; k < count; k += LANES) {
+            Vector turned = all(0);
+            for (Index j = 0; j < nodes(); ++j)
+                turned = add_product(m.rate[j], load(integrals + j * stride + k), turned);
+            store(m.attitude + k, all(motions.orientation) + all(motions.duration) * turned);
+        }
+        place(robot, constraints, m, 0, 0);
+    }
 
     // What instants beside the nodes need: the basis there, and integrals until then.
     void add_instants(Index k, const Nodes &grid) {
@@ -258,7 +283,7 @@ class Program {
         const Vector at = load(s + k);
         for (int order = 0; order < 3; ++order)
             chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, to[order] + k);
-        if (constraints.needs_places) chebyshev_sums(grid.antiderivative, N + 1, N, at, stride, integrals + k);
+        if (needs_integrals()) chebyshev_sums(grid.antiderivative, N + 1, N, at, stride, own_integrals + k);
     }
 
     // Infinite where a row does not apply, else 0.

@@ -95,8 +95,6 @@ class NumberedStarts {
             draws.branch[i] = drawn < 0.25 ? -1 : drawn < 0.75 ? 0 : 1;
         }
         motions.land_on(draws.branch);
-        const double before = program.work;
-        const Index evaluations = program.evaluations;
         program.back_off = 0;
         program.watches = true;
         program.watch(draws.level, nullptr, 0);
@@ -112,15 +110,13 @@ class NumberedStarts {
                 multiply(inverse, free, free, z, 1, at.x);
             }
             for (Index a = free; a < size; ++a) at.x[a] = 2 * random.uniform() - 1;
-            program.evaluate(at);
-            const double violated = at.equality * at.equality + at.squares;
+            const double violated = program.squares(at, least);
             if (k && !(violated < least)) continue;
             least = violated;
             copy(x, at.x, size);
         }
         const double instants = draws.random * program.nodes();
-        program.work = before + rules.evaluation + instants * bodies;  // all of them together
-        program.evaluations = evaluations;
+        program.work += rules.evaluation + instants * bodies;  // all of them together
     }
 };
 
@@ -151,6 +147,7 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
         const Attempt before = attempt;
         attempt.at_once = starts.place(number, x) && (number || at_once);
+        if (attempt.started) follower.worth = larger(least, rules.near_miss);
         follower.follow(x);
         if (attempt.started && follower.program.work > attempt.most_work) {
             attempt = before, is_best = false;

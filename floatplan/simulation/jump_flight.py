@@ -9,6 +9,7 @@ the planner is used: the ground pushes as MuJoCo's contacts do.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -30,12 +31,14 @@ CLEAR = 5e-3  # [m] of feet above the ground as planned: lower ones of a robot t
 class Flown:
     """One of :class:`floatplan.simulation.jump_landings.JumpLandings`, its corrections by status, and its motion.
 
-    ``balanced`` is as of :func:`floatplan.simulation.mujoco_model.inertial_spec`.
+    ``tilt`` is the trunk's largest, rad, from where it should be, from the landing on; ``balanced`` is as of
+    :func:`floatplan.simulation.mujoco_model.inertial_spec`.
     """
 
     stands: bool
     touched: tuple[str, ...]
     pitch: float
+    tilt: float
     torque: float
     slid: float
     statuses: Counter[str]
@@ -82,21 +85,23 @@ class JumpControl:
         flight: tuple[int, int],
         correct: bool,
         record: bool = False,
-        rotors: float | None = None,
+        **chosen: Any,
     ) -> Flown:
-        """Fly one robot, drawn by a seed and its number, or with some rotors, kg m^2, on a ground of some friction."""
-        drawn = perturbation.drawn(*flight, len(self.joints), self.robot.model.njoints)
-        drawn = drawn if rotors is None else replace(drawn, armature=rotors)
+        """Fly one robot, drawn by a seed and its number but for what is chosen of it, on a ground of some friction."""
+        drawn = replace(perturbation.drawn(*flight, len(self.joints), self.robot.model.njoints), **chosen)
         robot = ContactRobot(self.jump, drawn.friction * friction, drawn)
         robot.begin(self.ends[0], self.wanted.positions[0])
         loop = _Loop(self, perturbation, drawn, self.replanner if correct else None)
-        pitch, slid, rows = np.nan, 0.0, []
+        pitch, tilt, slid, rows = np.nan, 0.0, 0.0, []
         for tick, now in enumerate(self.times.tolist()):
             state = robot.state()
             if np.isnan(pitch) and now >= loop.landing:
                 pitch = robot.pitch - self.goal
+            if now >= loop.landing:
+                tilt = max(tilt, abs(robot.pitch - float(self.wanted.positions[tick, BASE - 1])))
             torques = loop.torques(tick, np.stack(state[:2]))
             if not robot.move(torques, STEPS):
+                tilt = np.inf
                 break
             slid = slid + robot.slips * PERIOD * (now < self.jump.duration)
             if record:
@@ -105,6 +110,7 @@ class JumpControl:
             stands=robot.stands(self.ends[1], self.wanted.positions[-1, BASE - 1]),
             touched=robot.links(),
             pitch=float(pitch),
+            tilt=tilt,
             torque=loop.share,
             slid=float(np.max(slid)),
             statuses=loop.statuses,

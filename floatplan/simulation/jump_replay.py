@@ -6,6 +6,9 @@ import time as clock
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from floatplan.arguments import SEED, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
@@ -20,37 +23,40 @@ from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_pe
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 
-MULTIPLES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
-TRIALS, SEARCH = 4, 977  # [-] flights with the lightest and with the heaviest rotors each, and their seed
+MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
+SEARCH = 977  # seed of the flights by which gains are judged
 CORRECTED = 250.0  # [Hz]
 TO_SPARE = 0.2  # [-] of friction
-STRAIGHT = 0.1  # [rad]
+MASSES = 0.05  # [-] of all bodies together, more or less
+FALLEN = 1.0  # [rad] of tilt: more is no worse
 ROTORS = 2.5  # [-] armature that may be there, over the least inertia that a joint turns where the robot stands
 
 
 def search_gains(jump: Jump) -> tuple[Array, int]:
-    """Return gains (2, J) with which robots land that measure late, whatever rotors they have, and how many were tried.
+    """Return gains (2, J) with which robots land that measure late, whatever they weigh, and how many were tried.
 
-    Light rotors ring where gains are high, heavy ones lag where they are low, so each of some multiples of
-    :func:`first_gains` is flown with none and with the heaviest, with corrections in flight and without, ``TRIALS``
-    times each: the first with which all land on their feet alone, ``STRAIGHT`` at touchdown, or else those with which
-    most do.
+    Low gains lag behind heavy rotors and let the robot fall, high ones ring with light rotors; what lands every robot
+    that was tried may be next to either. So each of some multiples of :func:`first_gains` is flown with the extremes:
+    no rotors and the heaviest, all bodies lighter and heavier, with corrections in flight and without. The answer is
+    the middle of the two neighbours with which together most of these land on their feet alone; of equals, fewest want
+    more torque than there is; of equals again, trunks stay nearest to their path from the landing on (mean square).
     """
-    first, found = first_gains(jump), list[tuple[tuple[float, ...], Array]]()
+    first = first_gains(jump)
     control = JumpControl(jump, first, CORRECTED)
     heaviest = ROTORS * float(joint_inertia(control.robot.model, control.wanted.positions[0]).min())
-    late = Perturbation(mass=0.05, noise=math.radians(0.1), delay=4e-3)
-    friction = jump.request.friction + TO_SPARE
-    ways = list(itertools.product((0.0, heaviest), (False, True), range(TRIALS)))
-    for factor in MULTIPLES:
-        control.gains = factor * first
-        ends = _landings(
-            [control.fly(late, friction, (SEARCH, trial), correct, rotors=rotors) for rotors, correct, trial in ways]
-        )
-        found.append(((int(ends.clean.sum()), int(ends.stands.sum()), -ends.pitch_rms), control.gains))
-        if ends.clean.all() and ends.pitch_rms < STRAIGHT:
-            break
-    return max(found, key=lambda each: each[0])[1], len(found)
+    late, friction = Perturbation(noise=math.radians(0.1), delay=4e-3), jump.request.friction + TO_SPARE
+    bodies, found = np.ones(control.robot.model.njoints), []
+    for multiple in MULTIPLES:
+        control.gains = multiple * first
+        ends = []
+        for rotors, mass, correct in itertools.product((0.0, heaviest), (1 - MASSES, 1 + MASSES), (False, True)):
+            chosen: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
+            end = control.fly(late, friction, (SEARCH, 0), correct, **chosen)
+            ends.append((end.stands and not end.touched, end.torque <= 1, -(min(end.tilt, FALLEN) ** 2)))
+        found.append(np.sum(ends, axis=0))
+    scores = [tuple(one + two) for one, two in itertools.pairwise(found)]
+    best = scores.index(max(scores))
+    return (MULTIPLES[best] + MULTIPLES[best + 1]) / 2 * first, len(MULTIPLES)
 
 
 @one_thread

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flown_plans import Drifting
 from jumps import INSTALLED, backflip
 from needed import skip_or_fail
 from once import made_once
@@ -122,8 +123,21 @@ def test_corrections_end_before_feet_may_touch_and_ask_for_no_torque_when_they_d
     assert np.max(peaks) < 0.5
 
 
+def test_corrections_leave_half_of_the_torques_to_feedback() -> None:
+    """Also where the goal is out of reach: rotors and friction that nobody knows need torques besides."""
+    plan = backflip().flight
+    assert plan is not None
+    replanner, robot, peaks = fp.Replanner(plan, 250.0), Drifting(plan, 1.3 * plan.angular_momentum), []
+    for t in np.arange(0.0, plan.duration - 0.006, 0.006):
+        done = replanner.update(*robot.state(replanner))
+        peaks.append(done.torque_peak / plan.problem.motor_torque_limits)
+        robot.fly(replanner, t + 0.006)
+    assert done.status == "limited"
+    assert 0.4 < np.max(peaks) < 0.53
+
+
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "gains"), [("a1", (56.0, 0.98)), ("go1", (53.0, 0.88))])
+@pytest.mark.parametrize(("name", "gains"), [("a1", (44.0, 0.77)), ("go1", (49.5, 0.825))])
 def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[float, float]) -> None:
     """Also where rotors that the plan does not know make them land early."""
     found = made_once(f"{name}.toml", lambda: fp.jump(root / "problems" / "jumps" / f"{name}.toml", starts=1))

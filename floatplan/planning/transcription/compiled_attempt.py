@@ -39,6 +39,8 @@ from floatplan.tables import OBJECTIVE_TABLE
 REACH = 1.1  # of a row's scale: rows above have no derivatives, unless a step reaches them
 MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
+NEARLY_PROMISING = 0.1  # the same, below which a motion is watched more closely while it is made feasible
+ELASTIC_STALLED = 0.95  # of the violation STALL_ITERATIONS elastic steps before: a hopeless search ends above it
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
