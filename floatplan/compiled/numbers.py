@@ -51,7 +51,7 @@ def has_inequalities(problem: Problem) -> bool:
     return (
         bool(problem.obstacles or problem.self_clearances or problem.ground)
         or problem.limits.orientation_rate is not None
-        or any(map(any, _finite(problem)))
+        or any(np.isfinite(values).any() for values in _limits(problem))
     )
 
 
@@ -93,8 +93,11 @@ def is_together(family: Family) -> bool:
 
 def _finite(of: Problem) -> list[list[bool]]:
     """Which limits there are; of many, of the first."""
-    limits = (*of.joint_limits.values(), *(getattr(of, name) for name in OF_LIMITS[:3]))
-    return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in limits]
+    return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in _limits(of)]
+
+
+def _limits(of: Problem) -> tuple[Array, ...]:
+    return *of.joint_limits.values(), of.torque_limits, of.motor_torque_limits, of.motor_stall
 
 
 def _is_plain(path: str, robot: Robot) -> bool:
