@@ -33,26 +33,20 @@ _held: list[tuple[Any, int]] = []  # libraries, and the threads that each had be
 
 
 class _Process(ForkServerProcess):
-    """A process that starts although the fork server, which the system may kill or refuse a process, is ending.
-
-    It listens no more then, is known to be gone only later, and another is begun.
-    """
+    """A process that starts although the fork server is ending, as where the system kills it: by the next one."""
 
     @staticmethod
     def _Popen(process: Any) -> Any:
-        until = time.monotonic() + PATIENCE
+        until, lost = time.monotonic() + PATIENCE, 0
         while True:
             try:
                 _ensure_server()
                 return ForkServerProcess._Popen(process)
-            except (ConnectionError, EOFError):
-                if time.monotonic() > until:
+            except (ConnectionError, EOFError) as error:
+                lost += not isinstance(error, ConnectionRefusedError)  # or the process ended where it began
+                if lost > 1 or time.monotonic() > until:
                     raise
                 time.sleep(0.01)
-
-
-class _Context(ForkServerContext):
-    Process = _Process
 
 
 def get_ready(*modules: str) -> ForkServerContext:
@@ -60,10 +54,11 @@ def get_ready(*modules: str) -> ForkServerContext:
 
     Every process is a copy of one that has loaded them, and the only one that an interpreter is started for.
     """
-    context = _Context()
+    context: Any = ForkServerContext()
+    context.Process = _Process
     context.set_forkserver_preload(list(modules))
     _ensure_server()
-    return context
+    return context  # type: ignore[no-any-return]
 
 
 def _ensure_server() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import process_time
 
@@ -30,6 +31,7 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
+FAILED = "no jump was found near the one at hand"
 MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
 
 
@@ -59,7 +61,7 @@ def jump(
     starts : int
         How many are tried at most, until one is found: fewer where together they take 300 iterations each.
     progress : callable, optional
-        Told in a few words what is done.
+        Told in a few words what is done; after a search ``near`` a jump that found none, what is in the way there too.
     helps : bool
         Whether it is told what stands in the way where no jump is found, and tried what would help, which takes as
         long again at most, or little more.
@@ -90,8 +92,14 @@ def jump(
         setup = jump_setup(problem, asked)
         first = setup.program(ROOM)
         first.separation.check_standing(first.node, first.motion(first.guess()))
-    began = process_time()
-    answer, best, tried = _searched(setup, first, seed, starts, say, near)
+    began, begun = process_time(), None if near is None else beside(first, near)
+    if begun is not None:
+        found = _near(setup, first, begun, seed, say, helps)
+        if found.ok:
+            return found
+        missed = f"{FAILED}. {found.explanation} Searching on: "
+        say = partial(lambda told, words: told(missed + words), say)
+    answer, best, tried = _searched(setup, first, seed, starts, say)
     if answer is not None and answer.ok:
         return answer
     until = 2 * process_time() - began
@@ -130,27 +138,26 @@ def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, sa
     return f"Tried without finding one: {'; '.join(vain)}."
 
 
+def _near(setup: Setup, first: JumpProgram, begun: Array, seed: int, say: Callable[[str], None], helps: bool) -> Jump:
+    """The jump that is found from one at hand; or none, and what is in the way there, which elsewhere need not be."""
+    say("from the jump at hand")
+    found = program, solution = solved(first.warm(), begun)
+    if solution.converged:
+        return _corrected(setup, found, lambda room: setup.program(room).warm(), seed)
+    say(f"{FAILED}; what is in the way there")
+    gives = in_the_way(program, solution, setup.request, begun) if helps else []
+    words = "; ".join(sentence(each, setup.problem) for each in gives)
+    return _not_found(setup.problem, setup.request, f"In the way there: {words}." if words else "")
+
+
 def _searched(
-    setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None], near: Jump | None
+    setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]
 ) -> tuple[Jump | None, tuple[JumpProgram, Solution] | None, int]:
     """The first jump that is found, or what a solution came to; the nearest without one; and how many were tried."""
     best: tuple[JumpProgram, Solution] | None = None
     answer: Jump | None = None
     known: JumpProgram | None = None  # of the start before: what it could not keep apart is kept apart from the start
     spent = tried = 0
-
-    def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
-        found = completed(setup, program, solution, seed)
-        return found, None if found.ok else found.check.figures
-
-    begun = None if near is None else beside(first, near)
-    if begun is not None:
-        say("from the jump at hand")
-        found = solved(first.warm(), begun)
-        if found[1].converged:
-            again = corrected(ROOM, setup.request, found, lambda room: setup.program(room).warm(), complete)
-            if again.ok:
-                return again, None, 0
     for start in range(starts):
         if spent >= WORK * starts:
             break
@@ -163,7 +170,7 @@ def _searched(
             if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
                 best = found
             continue
-        answer = corrected(ROOM, setup.request, found, setup.program, complete)
+        answer = _corrected(setup, found, setup.program, seed)
         if answer.ok:
             break
     return answer, best, tried
@@ -184,6 +191,16 @@ def beside(program: JumpProgram, near: Jump) -> Array | None:
     parts[:3] = state.planned(near.problem.robot)
     parts[-3][:, 0], parts[-2][:] = lasts, near.flight.angular_momentum
     return program.join(parts)
+
+
+def _corrected(
+    setup: Setup, found: tuple[JumpProgram, Solution], program: Callable[[Room], JumpProgram], seed: int
+) -> Jump:
+    def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
+        answer = completed(setup, program, solution, seed)
+        return answer, None if answer.ok else answer.check.figures
+
+    return corrected(ROOM, setup.request, found, program, complete)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

@@ -27,10 +27,13 @@ LIGHT = 0.05  # [-] of the weight is the friction that gives at least
 SMOOTH = 0.1  # [-] of the program's cost, beside what gives
 FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
 NEARLY = 1e-3  # [-] what is off without counting
+SLIGHT = 0.01  # [-] of the largest share is what is rounding beside it
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150}
 ORACLES = ("quality-function", "probing")  # of which the second finds what the first does not, and the other way about
 IPOPT |= {"mu_min": 1e-4, "adaptive_mu_globalization": "never-monotone-mode", "mumps_pivot_order": 0}
 IPOPT["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
+IPOPT |= {"acceptable_iter": 10, "acceptable_obj_change_tol": 1e-4, "acceptable_constr_viol_tol": 1e-4}  # the sum stays
+IPOPT |= {f"acceptable_{name}": 1e20 for name in ("tol", "dual_inf_tol", "compl_inf_tol")}
 
 
 class Given(NamedTuple):
@@ -50,19 +53,20 @@ def kind_of(label: str) -> str:
     return {"rate": "velocity", "torque-speed curve": "torque"}.get(words, words)
 
 
-def in_the_way(program: JumpProgram, ended: Solution, request: JumpRequest) -> list[Given]:
+def in_the_way(program: JumpProgram, ended: Solution, request: JumpRequest, guess: Array | None = None) -> list[Given]:
     """Return what has to give where a program ended without a solution, of each kind the most; none if not found."""
     missed, row = ended.worst
     if ended.missing < np.inf:  # all but distances holds
         return [Given(row, "apart", missed, 1.0)]
     asks = [request.takeoff.durations, "duration" in request.fixed, request.landing.durations]
     sides = ("takeoff", "flight", "landing")
-    return giving(
-        program, ended, tuple(f"duration of ({side}" for side, given in zip(sides, asks, strict=True) if given)
-    )
+    timed = tuple(f"duration of ({side}" for side, given in zip(sides, asks, strict=True) if given)
+    return giving(program, ended, timed, guess)
 
 
-def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -> list[Given]:
+def giving(
+    program: JumpProgram, ended: Solution, timed: tuple[str, ...] = (), guess: Array | None = None
+) -> list[Given]:
     """Return the limits that give, the most of each kind, where the sum of what kinds give is least; none if not found.
 
     Parameters
@@ -70,6 +74,7 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     program : without a solution
     ended : where it ended
     timed : how the labels of durations begin that may give
+    guess : (size,) from which it is searched; the generic one where none is given
     """
     (_, evaluate, rows), m = program.stated, len(program.stated[2].labels)
     low, high = (np.concatenate([*part, box]) for part, box in zip((rows.low, rows.high), program.box, strict=True))
@@ -93,9 +98,10 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
     room[np.arange(len(take)), index[take]] = signs * sizes[take]
     least = np.where(kinds == "duration", low / MOST, low - MOST * sizes)
     box = np.where(loose, (least, high + MOST * sizes), (low, high))[:, m:]
+    start = program.guess() if guess is None else guess
     for oracle in ORACLES:
         found = _relaxed(program, take, room, oracle)(
-            x0=np.concatenate((program.guess(), program.separation.start, np.full(len(names), FIRST))),
+            x0=np.concatenate((start, program.separation.start, np.full(len(names), FIRST))),
             lbx=np.append(box[0], np.zeros(len(names))),
             ubx=np.append(box[1], [1.0 if name == "ground" else MOST for name in names]),
             lbg=np.where(signs < 0, -np.inf, low[take]),
@@ -106,7 +112,8 @@ def giving(program: JumpProgram, ended: Solution, timed: tuple[str, ...] = ()) -
         if shares[~loose].max() < NEARLY:
             worst = [int(np.where(loose & (index == row), shares, 0.0).argmax()) for row in range(len(names))]
             gives = (Given(labels[at], str(kinds[at]), float(shares[at]), float(sizes[at])) for at in worst)
-            return sorted((each for each in gives if each.share > NEARLY), key=lambda each: -each.share)
+            off = max(NEARLY, SLIGHT * float(shares[loose].max()))
+            return sorted((each for each in gives if each.share > off), key=lambda each: -each.share)
     return []
 
 

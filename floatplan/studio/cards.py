@@ -80,9 +80,9 @@ def _words(view: View) -> list[str]:
     answer = view.answer
     if view.fault:
         return [view.fault]
-    doing = [f"{view.doing.capitalize()} …"] if view.doing else []
+    doing = [f"{view.doing[0].upper()}{view.doing[1:]} …"] if view.doing else []
     if answer is None or not view.is_current:
-        return doing
+        return doing and [*doing, *(["Shown is what was found before."] if answer else [])]
     if answer.jump is not None:
         return [answer.jump.explanation, *([] if answer.view else ["Shown is a flight alone."])]
     if view.verdict == "not found":

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from jumps import INSTALLED, go2_problem
+from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
@@ -71,8 +71,14 @@ def test_nothing_stands_in_the_way_of_what_is_found() -> None:
 @pytest.mark.long
 @pytest.mark.usefixtures("at_leisure")
 def test_a_search_that_finds_nothing_says_why() -> None:
-    answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.12), starts=1)
+    said = list[str]()
+    answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.12), starts=1, near=backflip(), progress=said.append)
     assert not answer.ok
+    found = re.search(
+        r"In the way there: friction of .*: (\S+) needed, 0\.12 allowed.* Searching on: start 1 of 1", said[2]
+    )
+    assert found is not None, said
+    assert float(found[1]) > 0.12
     found = re.search(
         r"In the way: friction of \w+_foot \(\w+ on [^)]*\): (\S+) needed, 0\.12 allowed"
         r".* With friction (\S+) a jump was found and checked\.",
@@ -93,6 +99,28 @@ def test_limits_that_are_broken_between_nodes_are_tried_too() -> None:
     )
     assert found is not None, answer.explanation
     assert fp.jump(go2_problem(), fp.JumpRequest(friction=float(found[1])), starts=1).ok
+
+
+def test_what_is_in_the_way_near_a_jump_at_hand_is_said_while_the_search_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As it is found there, from there; elsewhere it may be another, which is what the answer says."""
+    found, begun = backflip(), list[bool]()
+
+    def given(program: JumpProgram, _: object, __: object, guess: np.ndarray | None = None) -> list[Given]:
+        begun.append(guess is not None and bool(np.abs(guess - program.guess()).max() > 0.1))
+        return [Given("friction of RL_foot (flight)", "friction", 0.5, 1.0)] if begun[-1] else []
+
+    ended = SimpleNamespace(converged=False, missing=np.inf, worst=(1.0, "parabola"), iterations=9)
+    monkeypatch.setattr(planner, "solved", lambda first, *_: (first, ended))
+    monkeypatch.setattr(planner, "in_the_way", given)
+    said, failed = list[str](), "no jump was found near the one at hand"
+    answer = fp.jump(found.problem, fp.JumpRequest(friction=0.2), starts=2, near=found, progress=said.append)
+    told = f"{failed}. In the way there: friction of RL_foot (flight): 0.3 needed, 0.2 allowed. Searching on: "
+    tried = [f"{told}{words}" for words in ("start 1 of 2", "start 2 of 2", "what stands in the way")]
+    assert said == ["from the jump at hand", f"{failed}; what is in the way there", *tried]
+    assert answer.explanation == "No jump was found in 2 starts. In the way: parabola."
+    assert begun == [True, False]
 
 
 def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

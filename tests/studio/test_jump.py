@@ -65,6 +65,14 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
     assert "<td>- N m</tr>" in compared or "<td>-</tr>" in compared, "what is the flight's alone is not the jump's"
 
 
+def test_while_none_is_found_it_says_what_is_in_the_way(shown: ShownPlan, problem: fp.Problem) -> None:
+    view = View(problem, number=2, answer=shown, answered=1, doing="no jump near. In the way: RL_foot, 2 N m <")
+    card = cards.status_card(view)
+    assert (view.verdict, "Searching" in card) == ("waiting", True)
+    assert "<p>No jump near. In the way: RL_foot, 2 N m &lt; …</p><p>Shown is what was found before.</p>" in card
+    assert "Shown" not in cards.status_card(replace(view, doing="")), "as fast as hands move"
+
+
 def test_where_there_is_no_jump_it_says_why(shown: ShownPlan, problem: fp.Problem) -> None:
     assert problem.jump is not None
     none = Jump(problem, problem.jump, explanation=HOSTILE)
