@@ -51,6 +51,13 @@ class Follower {
         }
     }
 
+    // Whether nothing tells at x already that no motion holds.
+    bool may_hold(const double *x) {
+        program.watches = false;
+        begin(attempt.level, x);
+        return program.may_hold(*search.now);
+    }
+
     // Judges again where a start ended, with nodes of that level.
     void finish(const double *x, Index level, Index ended_as) {
         copy(attempt.x, x, program.size);

@@ -213,6 +213,7 @@ struct Attempt {
     Index first, count, started;              // numbers: the first, how many at most, and how many were followed
     Index rows, at_once, level, closer_level, objective_sum, objective_sums;
     double objective_scale, most_work, bodies, entries;
+    double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is asked first
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
     const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing
     const double *instants;                   // (fixed): beside the nodes, always

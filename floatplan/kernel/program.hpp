@@ -218,6 +218,44 @@ class Program {
     void look(const Evaluated &at, Minima &minima) {
         minima.found = 0;
         if (!rows) return;
+        find_minima(robot, constraints, series_of(at), minima, between);
+        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
+    }
+
+    // Whether rows hold at takeoff and landing that x does not change there, and the CM is never deeper in an obstacle
+    // than the point of the robot that stays nearest to it can be away from it.
+    bool may_hold(const Evaluated &at) {
+        const Minima &minima = attempt.minima;
+        const Series whole = series_of(at);
+        const double ends[LANES] = {0, 1};
+        between.close.per_second = 1 / whole.duration;
+        follow(robot, constraints, whole, ends, LANES, between.close);
+        if (constraints.needs_places) {
+            between.close.attitude[1] = motions.orientation + motions.change;  // at the goal, wherever x leads
+            place(robot, constraints, between.close, 0, 0);
+        }
+        const double *path = constraints.path;
+        for (Index row = 0; row < rows; ++row) {
+            const Vector value = row_at(robot, constraints, between.close, row, 0);
+            for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
+                if (end >= attempt.low[row] && end <= attempt.high[row] && value[end] < -attempt.tolerance[row])
+                    return false;
+            const Index kind = constraints.kind[row], second = constraints.second[row];
+            if (kind <= share_row || kind == pair_row || (row && second == constraints.second[row - 1])) continue;
+            const double *obstacle = constraints.obstacles + 7 * second;
+            for (Index k = 0; k < minima.instants; ++k) {
+                const double s = minima.grid[k], t = s * whole.duration;
+                const Place com{all(path[0] + path[2] * t), all(path[1] + path[3] * t - path[4] / 2 * t * t)};
+                const double distance = to_obstacle(kind, obstacle, all(t), com, com).distance[0] - obstacle[6];
+                if (s >= attempt.low[row] && s <= attempt.high[row] && distance - constraints.least[row] < -attempt.reach)
+                    return false;
+            }
+        }
+        return true;
+    }
+
+  private:
+    Series series_of(const Evaluated &at) {
         const Index terms = motions.terms, N = nodes();
         for (int order = 0; order < 3; ++order)
             multiply(motions.series + order * terms * motions.columns, terms, motions.columns, at.coefficients, n,
@@ -226,13 +264,10 @@ class Program {
         for (Index c = 0; c <= N; ++c)
             turned[c] = motions.duration * dot(levels[level].antiderivative + c * N, at.motion.rate, N);
         turned[0] += motions.orientation;
-        const Series whole{terms, N + 1, motions.duration, at.momentum, series, series + terms * n,
-                           series + 2 * terms * n, turned, motions.centre, motions.amplitude};
-        find_minima(robot, constraints, whole, minima, between);
-        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
+        return {terms, N + 1, motions.duration, at.momentum, series, series + terms * n, series + 2 * terms * n, turned,
+                motions.centre, motions.amplitude};
     }
 
-  private:
     const Robot &robot;
     const Constraints &constraints;
     const Motions &motions;

@@ -120,7 +120,8 @@ class NumberedStarts {
     }
 };
 
-// Starts followed one after the other, until one holds, or work has been done that the search is to know of. What the
+// Starts followed one after the other, until one holds, or work has been done that the search is to know of; none where
+// it is asked first whether any motion may hold, and the answer is no. What the
 // most work ends is left out where it is not the first: how far it came hangs on what was done before.
 static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &plain,
                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
@@ -142,6 +143,14 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     starts.begin(attempt.x);
     attempt.started = 0;
     const bool at_once = attempt.at_once;
+    auto write = [&] {
+        if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);
+        return 0;
+    };
+    if (attempt.reach > 0 && attempt.first == 0) {
+        starts.place(0, x);
+        if (!follower.may_hold(x)) return follower.finish(x, attempt.level, infeasible), write();
+    }
     bool is_best = false;
     double least = HUGE_VAL;
     for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
@@ -166,8 +175,7 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
         motions.land_on(branch);
         follower.finish(best, level, status);
     }
-    if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);
-    return 0;
+    return write();
 }
 
 // So many problems of one robot, degrees and kinds of rows, each with starts of its own.

@@ -17,7 +17,7 @@ from floatplan.motion.dynamics import FlightDynamics, MomentumSet, RatesAtEnds, 
 from floatplan.motion.planar import bounds, closed_form
 from floatplan.motion.planar import end_rates as planar_ends
 from floatplan.motion.planar import flight as planar
-from floatplan.motion.planar.bounds import inertia_extremes
+from floatplan.motion.planar.bounds import central_reach, inertia_extremes
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
 from floatplan.motion.planar.closed_form import Ballistics, Dynamics, frame_from_com, tree_dynamics
 from floatplan.motion.planar.contact import FAST, Contact, landing, no_common_momentum, reachable_sets, takeoff
@@ -36,7 +36,7 @@ from floatplan.problem.problem import Problem
 
 __all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FlightCoordinates", "FullMotion", "GaussGrid"]
 __all__ += ["LinkShapes", "MotionInFile", "PinocchioDynamics", "PlanarFlight", "PlanarMotion", "Reachable", "Segments"]
-__all__ += ["angular_momentum_interval", "ballistics", "difficulties", "end_rates", "flight_dynamics"]
+__all__ += ["angular_momentum_interval", "ballistics", "central_reach", "difficulties", "end_rates", "flight_dynamics"]
 __all__ += ["frame_from_com", "free_flyer", "gauss_grid", "impossibilities", "inertia_extremes", "landing"]
 __all__ += ["missed_in_space", "momentum_set", "motion_into_ground", "no_common_momentum", "obstacle_distances"]
 __all__ += ["planar_flight", "reachable_sets", "takeoff", "tree_dynamics", "whole_motion"]

@@ -204,6 +204,7 @@ class Attempts:
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum = momentum or momentum_set(problem)
         self.seed, self._first = seed, first
+        self._ends_hold = False
         self.plain_start = plain_start(problem, problem.degrees, self.momentum)
         self.compiled = compiled_attempts(problem, self.model, self.constraints, self.plain_start.variables)
         self._level = self.compiled.level if self.compiled else CONSTRAINED_LEVEL if self.constraints else 0
@@ -221,7 +222,8 @@ class Attempts:
     @cached_property
     def impossible(self) -> list[str]:
         """Sentences about why no motion whatever meets the problem, as far as that is known."""
-        reasons = [*self._impossible_ends(), *impossibilities(self.problem)] if self.constraints else []
+        ends = () if self._ends_hold else self._impossible_ends()
+        reasons = [*ends, *impossibilities(self.problem)] if self.constraints else []
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         return reasons
@@ -260,11 +262,18 @@ class Attempts:
         return outcome
 
     def attempts(
-        self, degrees: tuple[int, ...], given: Sequence[Start], numbers: range, stop: Stop, most_work: float = np.inf
+        self,
+        degrees: tuple[int, ...],
+        given: Sequence[Start],
+        numbers: range,
+        stop: Stop,
+        most_work: float = np.inf,
+        asks: bool = False,
     ) -> Outcome | None:
         """Follow starts by number, the given ones first; None where there are not so many.
 
-        They are followed until one holds: by the kernel as many as take a moment, else one alone.
+        They are followed until one holds: by the kernel as many as take a moment, else one alone. Where it ``asks``
+        first, and the problem is known to have no solution, the outcome is the plain motion as it is, of no start.
         """
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
@@ -276,7 +285,11 @@ class Attempts:
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
         elif self.compiled:
-            outcome = self._follow_compiled(self.compiled, plain, -1.0 if stop() else most_work, numbers)
+            left = -1.0 if stop() else most_work
+            outcome = self._follow_compiled(self.compiled, plain, left, numbers, asks)
+            self._ends_hold = asks and outcome.starts > 0
+            if not outcome.starts and not self.impossible:
+                outcome = self._follow_compiled(self.compiled, plain, left, numbers)
         else:
             return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
@@ -289,11 +302,13 @@ class Attempts:
         outcome.work = self.model.work - before
         return outcome
 
-    def _follow_compiled(self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range) -> Outcome:
+    def _follow_compiled(
+        self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range, asks: bool = False
+    ) -> Outcome:
         """Follow starts in the kernel, of which this one is number 0."""
         ended, self._first = self._first, None
         if ended is None:
-            ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed)
+            ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed, asks)
         self.model.work += ended.work
         variables = on_branch(self.problem, start.variables, ended.branch)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)

@@ -158,7 +158,7 @@ def search(
             tried_enough = not options.near_miss or len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
             if tried_enough and not outcomes[0].holds and prepared.impossible:
                 if not options.near_miss:
-                    return SearchResult([_untried(prepared)])
+                    return SearchResult([_untried(prepared) if outcomes[0].starts else outcomes[0]])
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -279,13 +279,14 @@ def _outcomes(
         yield together
 
     def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
-        return prepared.attempts(degrees, given, numbers, expired, allowance.left)
+        return prepared.attempts(degrees, given, numbers, expired, allowance.left, not options.near_miss)
 
     def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome | None]:
         """One after the other as long as it matters where each ends, then together."""
         number = numbers.start
         while number < numbers.stop:
-            matters = len(tried) < ATTEMPTS_FOR_THE_IMPOSSIBLE or any(each.holds for each in tried)
+            alone = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 1
+            matters = len(tried) < alone or any(each.holds for each in tried)
             count = 1 if matters or prepared.problem.raises_degree else (options.attempts or ATTEMPTS) - _starts(tried)
             outcome = here(degrees, given, range(number, min(number + count, numbers.stop)))
             yield outcome

@@ -15,6 +15,7 @@ from floatplan.compiled.batch import OPTIMAL, powers_of_basis
 from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.layout import FilledRows
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.flight import central_reach
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.compiled_attempt import CLOSER, CompiledAttempts, Ended, draws_of
 from floatplan.planning.transcription.constraints import Limit
@@ -63,6 +64,7 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     minima, found = compiled.room(count)
     own_minima = FilledRows(minima, count, **dict(zip(("row", "s", "least"), found, strict=True)))
     ends = {"minima": own_minima, "x": x, "coefficients": coefficients, "first": 0, "count": 1}
+    ends["reach"] = central_reach(like.problem.robot)  # it is asked first whether there is a chance
     levels = {"level": level, "closer_level": np.minimum(level + CLOSER, WATCHED_AT_MOST)}
     of_motions = {"boundary": rows.boundary, "offset": offset, "scaling": scaling, "orientation": given}
     of_flights = {name: getattr(rows, name) for name in ("duration", "momentum", "change")}

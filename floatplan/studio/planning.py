@@ -153,18 +153,24 @@ def _answer(content: bytes) -> bytes:
 
 def packed(content: object, robot: fp.Robot) -> bytes:
     """Content as bytes, without the robot."""
+
+    class Pickler(pickle.Pickler):
+        def persistent_id(self, obj: Any) -> str | None:
+            return ROBOT if obj is robot else None
+
     buffer = io.BytesIO()
-    pickler = pickle.Pickler(buffer, pickle.HIGHEST_PROTOCOL)
-    pickler.persistent_id = lambda each: ROBOT if each is robot else None  # type: ignore[method-assign]
-    pickler.dump(content)
+    Pickler(buffer, pickle.HIGHEST_PROTOCOL).dump(content)
     return buffer.getvalue()
 
 
 def unpacked(content: bytes, robot: fp.Robot) -> Any:
     """What was packed on the other side, with the robot of this one."""
-    unpickler = pickle.Unpickler(io.BytesIO(content))
-    unpickler.persistent_load = lambda _: robot  # type: ignore[method-assign]
-    return unpickler.load()
+
+    class Unpickler(pickle.Unpickler):
+        def persistent_load(self, pid: Any) -> fp.Robot:
+            return robot
+
+    return Unpickler(io.BytesIO(content)).load()
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,3 +120,21 @@ def test_starts_that_are_followed_together_end_as_alone(root):
     least = alone[0].work + alone[1].work
     cut = ready.attempts(blocked.degrees, none, range(6), lambda: False, least + 1)
     assert (cut.starts, cut.work) == (2, pytest.approx(least))
+
+
+@pytest.mark.parametrize(
+    ("center", "radius", "is_followed"),
+    [((0.0, 0.6), 0.6, False), ((1.4, 3.4), 0.6, False), ((1.165, 3.07), 0.2, True)],
+)
+def test_it_is_asked_first_whether_any_motion_may_hold(root, center, radius, is_followed):
+    """A pole in the start posture, one on the way of the centre of mass; and one of which nothing is known."""
+    problem = fp.load_problem(root / "problems" / "obstacle.toml")
+    blocked = replace(problem, obstacles=(fp.Circle(center=center, radius=radius, margin=0.02),))
+    ready = Attempts(blocked, 5)
+    alone = ready.attempts(blocked.degrees, (), range(1), lambda: False)
+    asked = ready.attempts(blocked.degrees, (), range(1), lambda: False, asks=True)
+    assert alone.starts == 1
+    assert asked.starts == is_followed == (not ready.impossible)
+    nearest = alone.solution.x if is_followed else ready.plain_start.x
+    assert np.array_equal(asked.solution.x, nearest)
+    assert asked.violation > 0

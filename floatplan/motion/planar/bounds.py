@@ -188,7 +188,8 @@ def impossibilities(problem: Problem) -> list[str]:
     sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
     if problem.obstacles:
         point, times = central_point(problem), np.linspace(0, problem.flight.duration, PATH_INSTANTS)
-        com = ballistics(problem).positions(times) @ [1, 1j]
+        fall = ballistics(problem)
+        com = complex(*fall.position0) + complex(*fall.velocity0) * times - fall.gravity / 2 * 1j * times**2
         for index, obstacle in enumerate(problem.obstacles):
             path = com - complex(*obstacle.velocity) * times  # as seen from it
             sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
@@ -224,7 +225,13 @@ def central_point(problem: Problem) -> CentralPoint:
     tree, weights = problem.robot.tree, _central_weights(problem.robot)
     states = (problem.initial, problem.final)
     angles = (tree.absolute_angles(np.array(state.orientation), state.positions) for state in states)
-    return CentralPoint(float(np.abs(weights).sum()), *(complex(tree.rotations(each) @ weights) for each in angles))
+    return CentralPoint(central_reach(problem.robot), *(complex(tree.rotations(each) @ weights) for each in angles))
+
+
+@lru_cache(maxsize=16)
+def central_reach(robot: Robot) -> float:
+    """How far that point is from the centre of mass at most, m; infinite where the robot has no shapes."""
+    return float(np.abs(_central_weights(robot)).sum()) if robot.shapes else np.inf
 
 
 @lru_cache(maxsize=16)

@@ -19,6 +19,7 @@ from floatplan.compiled.constraints import CompiledConstraints, Look
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.flight import central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
 from floatplan.optimization import programs, sqp
@@ -110,17 +111,26 @@ class CompiledAttempts:
         return Filled("Minima", look, instants=len(look.grid), near=look.near, span=look.span, **arrays), found
 
     def follow(
-        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float, numbers: range, seed: int
+        self,
+        variables: DecisionVariables,
+        x: Array,
+        at_once: bool,
+        most_work: float,
+        numbers: range,
+        seed: int,
+        asks: bool = False,
     ) -> Ended:
         """Follow starts by number to their ends, one after the other, until one holds or has done much work.
 
         Number 0 is x, followed ``at_once`` straight to the objective or not, others are drawn; the first ends when it
-        has done the most work, of others those are left out that would do more.
+        has done the most work, of others those are left out that would do more. Where it ``asks`` first whether start
+        and goal, or the path of the centre of mass, leave a chance, and they do not, none is followed.
         """
         watch, ended_at, branch = self.watch, x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
         given, attempt, _ = self.prepared(variables, ended_at, at_once, most_work)
         draws, ended = draws_of(variables, seed, bool(self._constraints), branch), attempt.structure
         ended.first, ended.count = numbers.start, len(numbers)
+        ended.reach = central_reach(self._problem.robot) if asks else 0.0
         powers, coefficients = powers_of_basis(variables.polynomials.form.bubbles), None
         if not variables.polynomials.free_ends:
             coefficients = np.empty((len(branch), CONDITIONS + variables.polynomials.width))
