@@ -16,6 +16,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.compiled.batch import Rows
 from floatplan.compiled.constraints import can_write, obstacle_numbers
 from floatplan.errors import InputError
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.bounds import momentum_intervals
 from floatplan.motion.planar.closed_form import frames_from_com, rising
 from floatplan.motion.sine_polynomial import boundary_arguments
@@ -69,7 +70,8 @@ def _is_given(problem: Problem) -> bool:
 def goes_together(problem: Problem) -> bool:
     """Whether problems that differ from this one in numbers are planned together, plain or not."""
     always = all(obstacle.window is None and can_write(obstacle) for obstacle in problem.obstacles)
-    return _is_given(problem) and not problem.ground and always
+    steers = max(problem.degrees, default=0) >= CONDITIONS
+    return is_plain(problem) or (_is_given(problem) and steers and not problem.ground and always)
 
 
 def is_plain_family(family: Family) -> bool:

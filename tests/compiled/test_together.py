@@ -56,6 +56,12 @@ def test_a_family(kind, weak, monkeypatch):
     assert assert_as_alone(family, monkeypatch).ok.any()
 
 
+@pytest.mark.parametrize("degree", [5, (5, 8), (9, 6), "auto"])
+def test_degrees(degree, weak, monkeypatch):
+    base = replace(weak, motion=fp.Motion(degree=degree))
+    assert_as_alone(fp.Family(base, {"flight.duration": [1.35, 1.4, 1.45]}), monkeypatch)
+
+
 def test_a_list_in_any_order(weak, root, monkeypatch):
     rates = replace(weak, limits=fp.Limits(position="full", velocity=(9.0, 9.0)), self_clearances=())
     other = [replace(weak, flight=replace(weak.flight, duration=value)) for value in (1.2, 1.5)]

@@ -212,8 +212,10 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     form, series = polynomials.form, basis(polynomials.form).series
     condition = [form.given.index(each) if each in form.given else -1 for each in range(CONDITIONS)]
     written = of_coefficients and following is not None
-    unit = whitened_units(form, polynomials.free, (polynomials.duration,))
-    map_ = powers_map(form, polynomials.duration) / unit if written else None
+    map_ = None
+    if written:
+        units = whitened_units(form, polynomials.free, (polynomials.duration,))
+        map_ = powers_map(form, polynomials.duration) / units
     ends = [_end(following, end, momentum.centre) for end in (0, 1)]
     return Filled(
         "Motions",
