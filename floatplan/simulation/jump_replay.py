@@ -38,8 +38,8 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
     Low gains lag behind heavy rotors and let the robot fall, high ones ring with light rotors; what lands every robot
     that was tried may be next to either. So each of some multiples of :func:`first_gains` is flown with the extremes:
     no rotors and the heaviest, all bodies lighter and heavier, with corrections in flight and without. The answer is
-    the middle of the two neighbours with which together most of these land on their feet alone; of equals, fewest want
-    more torque than there is; of equals again, trunks stay nearest to their path from the landing on (mean square).
+    the middle of the two neighbours with which together most of these land on their feet alone, and of equals those
+    whose trunks stay nearest to their path from the landing on (mean square).
     """
     first = first_gains(jump)
     control = JumpControl(jump, first, CORRECTED)
@@ -52,7 +52,7 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
         for rotors, mass, correct in itertools.product((0.0, heaviest), (1 - MASSES, 1 + MASSES), (False, True)):
             chosen: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
             end = control.fly(late, friction, (SEARCH, 0), correct, **chosen)
-            ends.append((end.stands and not end.touched, end.torque <= 1, -(min(end.tilt, FALLEN) ** 2)))
+            ends.append((end.stands and not end.touched, -(min(end.tilt, FALLEN) ** 2)))
         found.append(np.sum(ends, axis=0))
     scores = [tuple(one + two) for one, two in itertools.pairwise(found)]
     best = scores.index(max(scores))

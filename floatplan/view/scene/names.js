@@ -21,6 +21,9 @@ function nameAll() {
       named(each, words(label));
     if (input.matches(".multi-slider")) { input.setAttribute("role", "group"); named(input, words(label)); }
   }
+  for (const [kind, name] of [["Number", "time, s"], ["Select", "speed"]])  // of what plays a scene
+    for (const each of document.querySelectorAll(`.mantine-${kind}Input-input, .mantine-${kind}-input`))
+      if (!each.labels?.length && !each.hasAttribute("aria-label")) named(each, name);
   for (const icon of document.querySelectorAll("svg:not([role], [aria-hidden])")) icon.setAttribute("aria-hidden", "true");
   for (const button of document.querySelectorAll("button, [role=button]")) {
     const icon = button.querySelector("svg[class*=tabler-icon-]")?.getAttribute("class");

@@ -52,7 +52,8 @@ POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
 WIDTH = 0.4  # [-] width of other obstacles, in sizes of the robot
 UPRIGHT = """@media (max-aspect-ratio: 4/5) {
-  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); }
+  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
+  div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
 }"""  # where a window is higher than wide, all of the motion is seen
 STONE, SAND = (150, 150, 150), (226, 222, 212)
 LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
