@@ -38,7 +38,7 @@ class KernelProgram:
 
     def whole(self, x: np.ndarray, penalty: float = 0.0) -> dict[str, np.ndarray]:
         """Everything at x, by the kernel's names; values (rows, instants), slopes (rows, instants, size)."""
-        compiled, size = self._ready._compiled, len(x)
+        compiled, size = self._ready.compiled, len(x)
         assert compiled, "the flight is in a plane"
         x = np.ascontiguousarray(x)
         given, attempt, kept = compiled.prepared(self.of, x.copy(), True, np.inf)
@@ -49,7 +49,7 @@ class KernelProgram:
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         numbers = {"level": self.level, "extra": len(self.others), "back_off": self.back_off, "penalty": penalty}
         at = Filled("Evaluation", **numbers, **arrays, others=np.array(self.others), x=x)
-        kernel = compiled._watch.kernel
+        kernel = compiled.watch.kernel
         assert not kernel.evaluate(*given, attempt.structure, at.structure, kernel.instructions), "there is memory"
         assert kept, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}

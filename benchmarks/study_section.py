@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +28,7 @@ problem = "{PROBLEMS / "somersault.toml"}"
 "flight.duration" = {{ from = 0.9, to = 1.4, count = 250 }}
 """
 CALL = 16_384  # rows
+WORDS = ("optimal", "not_found", "impossible")
 
 
 def studies(counts: Counts) -> None:
@@ -51,6 +52,32 @@ def studies(counts: Counts) -> None:
     print("  in processor time; the command, with all of its start, on all processors by the clock;")
     print("  overhead: study without peaks of torque, less plan_many alone for the same rows, over that;")
     print("  inside: all of a study but planning and peaks, over its own planning in chunks\n")
+    header = ["study with limits", "rows", *WORDS, "rows per s of processor", "ms of a row that is solved"]
+    table(header, [_with_limits(name, counts.across) for name in ("pole", "weak_motors")])
+    print("  planned and measured in this process, without table and map; the best of three\n")
+
+
+def _with_limits(name: str, most: int) -> list[str]:
+    """Rows of a study with obstacles or limits: how many end in which way, and how many a second of the processor."""
+    study = load_study_file(PROBLEMS / "studies" / f"{name}.toml")
+    count, content = min(len(study), 4 * most), rows.packed(study)
+    family = study.family(0, count)
+    status = fp.plan_many(family).status
+    solved = np.flatnonzero(np.isin(status, WORDS[0]))
+
+    def seconds(run: Callable[[], object]) -> float:
+        spent = []
+        for _ in range(3):
+            began = time.process_time()
+            run()
+            spent.append(time.process_time() - began)
+        return min(spent)
+
+    whole = seconds(lambda: rows.planned_rows(content, 0, study.samples.values(0, count)))
+    easy = fp.Family(family.base, {path: values[solved] for path, values in family.arrays.items()})
+    ended = [str(int(np.isin(status, word).sum())) for word in WORDS]
+    of_solved = 1e3 * seconds(lambda: fp.plan_many(easy)) / max(len(solved), 1)
+    return [name, str(count), *ended, f"{count / whole:.0f}", f"{of_solved:.2f}"]
 
 
 @dataclass(frozen=True)
@@ -77,7 +104,7 @@ def _turn(asked: Path, folder: Path, family: fp.Family) -> _Turn:
     They take turns of about a second, so that a machine which changes its speed changes it for both.
     """
     clock = time.process_time
-    timed = ((rows, ["plan_many"]), (rows, ["many_peaks"]), (maps, ["write_maps"]))
+    timed = ((rows, ["planned_together"]), (rows, ["many_peaks"]), (maps, ["write_maps"]))
     with ExitStack() as stack:
         inside, peaks, drawn = (stack.enter_context(stopwatch(*each, clock)) for each in timed)
         alone = stack.enter_context(_alone(family))

@@ -88,9 +88,9 @@ class CompiledConstraints:
         opposite = _opposite(kind, first, of_sums)
         is_differentiated = opposite < 0
         self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
-        self.path = path_numbers(path)
+        self.path, self.least = path_numbers(path), columns[3]
         needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
-        rows = {"kind": kind, "first": first, "second": second, "least": columns[3], "per_scale": columns[4]}
+        rows = {"kind": kind, "first": first, "second": second, "per_scale": columns[4]}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
         self.first_also, all_sums = len(of_sums), [of_sums] if self.also is None else [of_sums, self.also]
         about = {"obstacles": np.array(obstacles), "sums": np.concatenate(all_sums), "opposite": opposite}
@@ -119,23 +119,26 @@ class CompiledConstraints:
         return len(rows) - before
 
     def sums(self, block: SumRows) -> Array:
-        """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments."""
+        """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments.
+
+        Of many (N, r, terms).
+        """
         rows = self._sum(block.weights)
-        rows[:, 0] = block.constant
+        rows[..., 0] = block.constant
         return rows
 
     def _sum(self, weighted: Mapping[str, Array]) -> Array:
         n, tree = self.joints, self.flight.tree
-        rows = np.zeros((len(next(iter(weighted.values()))), self.terms))
+        rows = np.zeros((*next(iter(weighted.values())).shape[:-1], self.terms))
         of_torques = {"torques": tree.turns, "motor_torques": tree.motor_turns}
         begins = {"orientation_rate": 1, "velocities": 2, "accelerations": 2 + n}
         for quantity, weights in weighted.items():
             assert quantity in QUANTITIES, f"the kernel knows no limits of {quantity}"
             if quantity in of_torques:
-                rows[:, 2 + 2 * n :] += weights @ of_torques[quantity].T[: weights.shape[1]]
+                rows[..., 2 + 2 * n :] += weights @ of_torques[quantity].T[: weights.shape[-1]]
             else:
                 begin = begins[quantity]
-                rows[:, begin : begin + weights.shape[1]] += weights
+                rows[..., begin : begin + weights.shape[-1]] += weights
         return rows
 
 

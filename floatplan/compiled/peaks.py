@@ -3,16 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled.bodies import unscaled_robot
-from floatplan.compiled.constraints import CompiledConstraints, DistanceRows, can_write, obstacle_numbers, path_numbers
+from floatplan.compiled.constraints import CompiledConstraints, DistanceRows, can_write
+from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.layout import Filled, kernel, structure_array
-from floatplan.motion.flight import ballistics
 from floatplan.motion.planar.flight import planar_flight
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
 from floatplan.problem.problem import Problem
@@ -42,20 +41,24 @@ def can_measure(problem: Problem) -> bool:
 
 
 def many_peaks(
-    of: Problem | Sequence[Problem], duration: Array, angular_momentum: Array, coefficients: Array, orders: int = 1
+    of: Problem | Sequence[Problem] | Numbers,
+    duration: Array,
+    angular_momentum: Array,
+    coefficients: Array,
+    orders: int = 1,
 ) -> ManyPeaks:
     """Measure N plans; each as if it were alone.
 
     Parameters
     ----------
-    of : Problem, or N problems of one robot with obstacles of the same kinds
-        Of one alone, with the joint ranges of all, no distances are measured.
+    of : Problem, or N problems of one robot with obstacles of the same kinds, or their numbers
+        Of one alone, with the joint ranges of all, no distances are measured. Of numbers, the joint ranges are one's.
     duration : (N,) s
     angular_momentum : (N,) kg m^2/s
     coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
     orders : how many of the joints' derivatives to measure too
     """
-    found, problems = kernel(), [of] if isinstance(of, Problem) else of
+    found, problems = kernel(), [of] if isinstance(of, Problem) else [of.like] if isinstance(of, Numbers) else of
     count, n, size = coefficients.shape
     like, motors = problems[0], len(problems[0].robot.motors)
     peaks = np.empty((count, motors + orders * n))
@@ -65,7 +68,7 @@ def many_peaks(
     ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
     plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
     clearance = np.full(count, np.inf)
-    constraints, distances = _distances([] if isinstance(of, Problem) else of)
+    constraints, distances = _distances(None if isinstance(of, Problem) or not like.obstacles else of)
     found_here = {"resolved": RESOLVED, "peaks": peaks, "clearance": clearance}
     batch = Filled("Peaks", **found_here, **counts, **ranges, **plans, **distances)
     robot = unscaled_robot(like.robot.tree)[1].structure
@@ -76,32 +79,28 @@ def many_peaks(
     return ManyPeaks(of_motors, dict(zip(ORDERS, of_joints, strict=False)), clearance)
 
 
-def _distances(problems: Sequence[Problem]) -> tuple[CompiledConstraints | None, dict[str, Any]]:
+def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[CompiledConstraints | None, dict[str, Any]]:
     """Rows of the distances to obstacles, and what of each problem is its own."""
     own: dict[str, Any] = dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
-    if not (problems and problems[0].obstacles):
+    if of is None:
         nothing = dict.fromkeys(("grid", "low", "high", "row", "s", "least"))
         return None, own | {"minima": Filled("Minima", **nothing)}
-    like, grid = problems[0], np.linspace(0, 1, INSTANTS)
+    numbers = of if isinstance(of, Numbers) else Numbers.of_problems(of)
+    like, grid = numbers.like, np.linspace(0, 1, INSTANTS)
     blocks = [DistanceRows(each, 0.0, 1.0) for each in like.obstacles]
     constraints = CompiledConstraints(planar_flight(like), blocks)
     rows = np.diff(constraints.block_first)
-    windows = np.array(
-        [
-            [np.array(each.window or (0.0, np.inf)) / problem.flight.duration for each in problem.obstacles]
-            for problem in problems
-        ]
-    )
-    windows[..., 1] = np.minimum(windows[..., 1], 1)
+    windows = np.array([[each.window or (0.0, np.inf) for each in own] for own in numbers.obstacles])
+    windows = np.minimum(windows / numbers.values["duration"][:, None, None], (np.inf, 1.0))
     low, high = np.repeat(windows, rows, axis=1).transpose(2, 0, 1)
     room = {"row": np.empty(INSTANTS * constraints.rows, np.int64)}
     room |= {name: np.empty(INSTANTS * constraints.rows) for name in ("s", "least")}  # type: ignore[misc]
     span = 1 / (INSTANTS - 1)
     minima = Filled("Minima", instants=INSTANTS, near=np.inf, span=span, grid=grid, low=None, high=None, **room)
-    obstacles = np.array([list(chain(*map(obstacle_numbers, problem.obstacles))) for problem in problems])
+    obstacles = numbers.obstacle_numbers()
     return constraints, {
-        "orientation": np.array([problem.initial.orientation for problem in problems]),
-        "path": np.array([path_numbers(ballistics(problem)) for problem in problems]),
+        "orientation": numbers.values["orientation"][:, 0],
+        "path": numbers.paths(),
         "obstacles": obstacles,
         "numbers": obstacles.shape[1],
         "low": low,

@@ -40,6 +40,17 @@ class Follower {
         copy(attempt.x, best, program.size);
     }
 
+    // b of where it ended, in powers of seconds.
+    void write(const Motions &motions, const Powers &powers, Index joints, double *b) const {
+        Double2 time[MOST_COLUMNS] = {{1, 0}};
+        double combination[MOST_COLUMNS];
+        for (Index k = 1; k < motions.columns; ++k) time[k] = time[k - 1] * motions.duration;
+        for (Index i = 0; i < joints; ++i, b += motions.columns) {
+            for (Index c = 0; c < motions.columns; ++c) combination[c] = search.now->coefficients[c * joints + i];
+            write_coefficients(combination, time, powers, motions.columns, b);
+        }
+    }
+
     // Whether nothing tells at x already that no motion holds.
     bool may_hold(const double *x) {
         program.watches = false;

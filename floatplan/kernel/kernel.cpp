@@ -202,11 +202,12 @@ EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
 
-// Follows starts of a problem with constraints, one after the other; returns 0, or 1 where there was no memory for it.
+// Follows starts of so many problems with constraints, one after the other; returns 0, or 1 where there was no memory.
 EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
                                const Nodes *levels, const Settings *settings, const Exchange *rules,
-                               Attempt *attempt, Draws *draws, Index instructions) {
-    return CHOSEN(follow_starts(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *draws));
+                               const Powers *powers, Attempt *attempts, Draws *draws, Index count,
+                               Index instructions) {
+    return CHOSEN(follow_rows(*robot, constraints, motions, levels, *settings, *rules, powers, attempts, draws, count));
 }
 
 // A program at one x; returns 0, or 1 where there was no memory for it.

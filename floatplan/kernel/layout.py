@@ -171,6 +171,30 @@ class Filled:
         self.structure.point_to(**self._kept)
 
 
+class FilledRows:
+    """So many copies of a structure, which differ in numbers (count,) and in what they point to, arrays (count, ..).
+
+    A structure within it may be many, too. ``numbers`` are its members, as arrays.
+    """
+
+    def __init__(self, like: Filled, copies: int, /, **values: Any) -> None:
+        kind = type(like.structure)
+        self.structures: Any = (kind * copies)()
+        self.numbers: Any = np.frombuffer(self.structures, np.dtype(kind))
+        self.numbers[:] = np.frombuffer(bytes(like.structure), np.dtype(kind))
+        self._kept: list[Any] = [like]
+        for name, value in values.items():
+            if isinstance(value, FilledRows):
+                self._kept.append(value)
+                self.numbers[name] = value.numbers
+            elif name in kind.arrays:
+                array = np.ascontiguousarray(value, kind.arrays[name][0])
+                self._kept.append(array)
+                self.numbers[name] = address(array) + np.arange(copies) * array.strides[0]
+            else:
+                self.numbers[name] = value
+
+
 def structure_array(name: str, filled: Sequence[Filled | None]) -> Any:
     """Return an array of structures of one name that keeps what they point to; empty where there is None."""
     array: Any = (STRUCTURES[name] * len(filled))(*(each.structure if each else STRUCTURES[name]() for each in filled))

@@ -125,7 +125,7 @@ class NumberedStarts {
 // most work ends is left out where it is not the first: how far it came hangs on what was done before.
 static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &plain,
                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                  Attempt &attempt, Draws &draws) {
+                                  const Powers *powers, Attempt &attempt, Draws &draws) {
     BranchedMotions motions(plain, draws.offset_map, robot.joints);
     Follower follower(robot, constraints, motions.at, levels, settings, rules, attempt);
     NumberedStarts starts(follower.program, motions, rules, attempt.bodies, draws, robot.joints);
@@ -143,9 +143,13 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     starts.begin(attempt.x);
     attempt.started = 0;
     const bool at_once = attempt.at_once;
+    auto write = [&] {
+        if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);
+        return 0;
+    };
     if (attempt.reach > 0 && attempt.first == 0) {
         starts.place(0, x);
-        if (!follower.may_hold(x)) return follower.finish(x, attempt.level, infeasible), 0;
+        if (!follower.may_hold(x)) return follower.finish(x, attempt.level, infeasible), write();
     }
     bool is_best = false;
     double least = HUGE_VAL;
@@ -166,9 +170,21 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
         }
         if (least <= 0 || follower.program.work > rules.enough_work) break;
     }
-    if (is_best) return 0;
-    std::copy(branch, branch + robot.joints, draws.branch);
-    motions.land_on(branch);
-    follower.finish(best, level, status);
+    if (!is_best) {
+        std::copy(branch, branch + robot.joints, draws.branch);
+        motions.land_on(branch);
+        follower.finish(best, level, status);
+    }
+    return write();
+}
+
+// So many problems of one robot, degrees and kinds of rows, each with starts of its own.
+static inline Index follow_rows(const Robot &robot, const Constraints *constraints, const Motions *motions,
+                                const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                const Powers *powers, Attempt *attempts, Draws *draws, Index count) {
+    for (Index row = 0; row < count; ++row)
+        if (follow_starts(robot, constraints[row], motions[row], levels, settings, rules, powers, attempts[row],
+                          draws[row]))
+            return 1;
     return 0;
 }

@@ -115,10 +115,6 @@ class BaseMotion(Protocol):
     def motor_torques(self) -> Array:
         """Each motor's own torque (K, m) N m."""
 
-    @property
-    def longest_way(self) -> float:
-        """Longest way that an end of a link's shape goes from instant to instant, m."""
-
     def obstacle_distances(self, obstacle: Obstacle) -> Array:
         """Distances (K, r) of the links to an obstacle, r as of :meth:`FlightDynamics.links_measured`.
 

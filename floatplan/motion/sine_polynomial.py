@@ -240,23 +240,23 @@ class SinePolynomials:
         return np.array([exact.powers_of_seconds(combination, self.duration) for combination in combinations])
 
 
-def powers_map(form: Form, duration: float) -> Array:
-    """Matrix (k+1, g+width) from a joint's given conditions and free coefficients to its b, powers of seconds."""
+def powers_map(form: Form, duration: float | Array) -> Array:
+    """Matrices (.., k+1, g+width) from a joint's given conditions and free coefficients to its b, powers of seconds."""
     powers = basis(form).powers
-    return np.asarray(powers / duration ** np.arange(len(powers))[:, None])
+    return np.asarray(powers / (np.array(duration)[..., None] ** np.arange(len(powers)))[..., None])
 
 
 @lru_cache(maxsize=64)
-def whitening(form: Form, free: int, duration: float) -> tuple[Array, float, Array]:
+def whitening(form: Form, free: int, durations: tuple[float, ...]) -> tuple[Array, Array, Array]:
     """Of a joint's ``b = b_0 + C z``, ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map to b_0.
 
-    The joint has ``free`` of a form's coefficients; the map is from the boundary; the duration is in s.
+    The joint has ``free`` of a form's coefficients; the map is from the boundary; of each of N durations, s.
     """
-    powers, given = powers_map(form, duration), len(form.given)
-    orthogonal, triangular = np.linalg.qr(powers[:, given : given + free])
+    powers, given = powers_map(form, np.array(durations)), len(form.given)
+    orthogonal, triangular = np.linalg.qr(powers[..., given : given + free])
     inverse = np.linalg.inv(triangular)
-    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
-    return inverse, longest, -inverse @ (orthogonal.T @ powers[:, :given])
+    longest = np.linalg.norm(inverse, 2, axis=(1, 2)) if free else np.zeros(len(durations))
+    return inverse, longest, -inverse @ (orthogonal.swapaxes(1, 2) @ powers[..., :given])
 
 
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:

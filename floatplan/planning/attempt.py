@@ -14,7 +14,9 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.batch import STATUS, Answers, Numbers, Rows, Search, is_plain, is_planar, solver
+from floatplan.compiled.attempts import COMPILED_LEVEL, CONSTRAINED_LEVEL
+from floatplan.compiled.batch import STATUS, Answers, Rows, Search, is_planar, solver
+from floatplan.compiled.numbers import Numbers, is_plain
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
@@ -22,8 +24,8 @@ from floatplan.planning.starts import Start, on_branch, plain_start
 from floatplan.planning.transcription.compiled_attempt import (
     PROMISING,
     SAME,
-    WATCHED_AT_MOST,
     CompiledAttempts,
+    Ended,
     compiled_attempts,
 )
 from floatplan.planning.transcription.constraints import Constraint, applies, constraints
@@ -53,9 +55,6 @@ from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
 LOG = logging.getLogger(__name__)
-COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
-CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
-SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
 Stop: TypeAlias = Callable[[], bool]
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
@@ -192,18 +191,23 @@ def best(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 class Attempts:
-    """A problem made ready for attempts; ``momentum`` left out, those of the problem."""
+    """A problem made ready for attempts; ``momentum`` left out, those of the problem.
 
-    def __init__(self, problem: Problem, seed: int, momentum: MomentumSet | None = None) -> None:
+    Where the first of them, from the plain motion, ended, is known where it was followed with those of other problems.
+    """
+
+    def __init__(
+        self, problem: Problem, seed: int, momentum: MomentumSet | None = None, first: Ended | None = None
+    ) -> None:
         self.problem = problem
         self.model: FlightModel = flight_model(problem)
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum = momentum or momentum_set(problem)
-        self.seed = seed
+        self.seed, self._first = seed, first
         self._ends_hold = False
         self.plain_start = plain_start(problem, problem.degrees, self.momentum)
-        self._level = self._watching_level() if self.constraints else 0
-        self._compiled = compiled_attempts(problem, self.model, self.constraints, self._level)
+        self.compiled = compiled_attempts(problem, self.model, self.constraints, self.plain_start.variables)
+        self._level = self.compiled.level if self.compiled else CONSTRAINED_LEVEL if self.constraints else 0
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -245,29 +249,13 @@ class Attempts:
                     cause = block.cause.format(end=name)
                     yield f"At {verb} the {name} itself is impossible: {violated} ({cause})."
 
-    def _watching_level(self) -> int:
-        """Level of grids for the constraints: no link may jump over an obstacle between two nodes.
-
-        The plain motion tells how far the links travel.
-        """
-        smallest = min((obstacle.thickness for obstacle in self.problem.obstacles), default=np.inf)
-        if smallest == np.inf:
-            return CONSTRAINED_LEVEL
-        plain = self.plain_start
-        dense = self.model.nodes(COMPILED_LEVEL, plain.variables.polynomials.form)
-        way = trajectory(self.model, plain.variables, dense, plain.x).flown.longest_way
-        wanted = way / max(smallest, SMALLEST_STEP)
-        counts = enumerate(self.model.flight.node_counts)
-        enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
-        return min(enough, default=WATCHED_AT_MOST)
-
     def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work
         if is_plain(self.problem):
             outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif self._compiled:
-            outcome = self._follow_compiled(self._compiled, start, -1.0 if stop() else most_work, range(1))
+        elif self.compiled:
+            outcome = self._follow_compiled(self.compiled, start, -1.0 if stop() else most_work, range(1))
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
         outcome.work = self.model.work - before
@@ -296,12 +284,12 @@ class Attempts:
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif self._compiled:
+        elif self.compiled:
             left = -1.0 if stop() else most_work
-            outcome = self._follow_compiled(self._compiled, plain, left, numbers, asks)
+            outcome = self._follow_compiled(self.compiled, plain, left, numbers, asks)
             self._ends_hold = asks and outcome.starts > 0
             if not outcome.starts and not self.impossible:
-                outcome = self._follow_compiled(self._compiled, plain, left, numbers)
+                outcome = self._follow_compiled(self.compiled, plain, left, numbers)
         else:
             return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
@@ -318,12 +306,17 @@ class Attempts:
         self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range, asks: bool = False
     ) -> Outcome:
         """Follow starts in the kernel, of which this one is number 0."""
-        ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed, asks)
+        ended, self._first = self._first, None
+        if ended is None:
+            ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed, asks)
+        self.model.work += ended.work
         variables = on_branch(self.problem, start.variables, ended.branch)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
         named = self.problem.motion.objective
-        return Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts, missed=ended.missed)
+        outcome = Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts, missed=ended.missed)
+        outcome.coefficients = ended.coefficients
+        return outcome
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start in space to the objective, and by way of a feasible motion where that fails."""

@@ -13,16 +13,18 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import MOST_STARTS, Search, is_plain
+from floatplan.compiled.batch import MOST_STARTS, Search
+from floatplan.compiled.numbers import is_plain
 from floatplan.errors import refuse
 from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together
 from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
+from floatplan.planning.transcription.compiled_attempt import Ended
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import Answer
+from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
 from floatplan.pool import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
@@ -118,15 +120,20 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     return found if isinstance(found, SearchedPlan) else found.plan
 
 
-def answered(problem: Problem, options: SearchOptions) -> tuple[Answer, bool]:
-    """Plan a flight of which the numbers are enough, and say whether the search's patience ended; errors as above."""
-    found = _found(problem, options, None)
+def answered(problem: Problem, options: SearchOptions, first: Ended | None = None) -> tuple[Answer, bool]:
+    """Plan a flight of which the numbers are enough, and say whether the search's patience ended; errors as above.
+
+    Where the first attempt ended may be known.
+    """
+    found = _found(problem, options, None, first)
     if isinstance(found, SearchedPlan):
         return Answer.of_plan(found.plan, found.plan.status), found.gave_up
     return found.answer, found.result.ran_out_of_patience
 
 
-def _found(problem: Problem, options: SearchOptions, near: Plan | None) -> SearchedPlan | Searched:
+def _found(
+    problem: Problem, options: SearchOptions, near: Plan | None, first: Ended | None = None
+) -> SearchedPlan | Searched:
     began = time.perf_counter()
     most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
     together = is_plain(problem) and not problem.raises_degree
@@ -137,15 +144,16 @@ def _found(problem: Problem, options: SearchOptions, near: Plan | None) -> Searc
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
         LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
         return SearchedPlan(plan, followed, work=followed.work)
-    return _searched(problem, options, near, followed, began)
+    return _searched(problem, options, near, first or followed, began)
 
 
 @one_thread
 def _searched(
-    problem: Problem, options: SearchOptions, near: Plan | None, followed: Followed | None, began: float
+    problem: Problem, options: SearchOptions, near: Plan | None, known: Ended | Followed | None, began: float
 ) -> Searched:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
-    prepared = Attempts(problem, options.seed)
+    followed, first = (known, None) if isinstance(known, Followed) else (None, known)
+    prepared = Attempts(problem, options.seed, first=first)
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
     if problem.robot.in_plane is None:
@@ -195,7 +203,7 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     ``reasons`` are why no motion whatever can be one, as far as is known.
     """
     if found.best.holds:
-        return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
+        return ALL_HOLDS if prepared.constraints else GOAL_MET
     problem = prepared.problem
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
     sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]

@@ -5,6 +5,8 @@ processes changes it. More solutions wanted make it longer, so that its best is 
 is given, it ends by the work done in its order.
 """
 
+from __future__ import annotations
+
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -139,9 +141,7 @@ def search(
     there is none.
     """
     expired = expiry(options.budget)
-    work = options.work
-    patience = np.inf if options.patience is None else options.patience
-    allowance = Allowance(min(work, patience), held_back=work - patience if patience < work else 0.0)
+    allowance = Allowance.of(options)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
@@ -210,6 +210,12 @@ class Allowance:
     held_back: float = 0.0
     is_used_up: bool = False
     gave_up: bool = False
+
+    @classmethod
+    def of(cls, options: SearchOptions) -> Allowance:
+        """As the options of a search say."""
+        work, patience = options.work, np.inf if options.patience is None else options.patience
+        return cls(min(work, patience), held_back=work - patience if patience < work else 0.0)
 
     def grants(self, outcome: Outcome, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""

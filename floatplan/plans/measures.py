@@ -112,7 +112,7 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
 
 
 def limits_of_motors(problem: Problem) -> dict[str, Array]:
-    """Return the limit (m,) of each motor, by the names of limits: that asked for, else the URDF's, else infinite."""
+    """Return the limit (m,) of each motor, or (N, m), by the names of limits: what is asked, the URDF's, or none."""
     robot = problem.robot
     leaders, ratios, _ = zip(*(_coupling(robot, joint) for joint in robot.motors), strict=True)
     found: dict[str, Array] = {}
@@ -120,7 +120,7 @@ def limits_of_motors(problem: Problem) -> dict[str, Array]:
         if row.of == "motors":
             asked = np.minimum(problem.motor_torque_limits, problem.motor_stall)
         else:
-            asked = np.abs(ratios) * problem.joint_limits[row.key][list(leaders)]
+            asked = np.abs(ratios) * problem.joint_limits[row.key][..., list(leaders)]
         of_urdf = np.array(getattr(robot, f"motor_{row.key}_limits")) if row.in_urdf else np.inf
         found[row.key] = np.where(np.isfinite(asked), asked, of_urdf)
     return found

@@ -10,11 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arguments import Check, Checked, Outlined, by_name, made, numbers
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import in_files
 from floatplan.problem.jump import JumpRequest
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.problem.resolution import motor_limits
+from floatplan.problem.resolution import motor_limits, of_motors
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 MOST_PROBLEMS = 10_000_000  # of a family
@@ -88,6 +90,31 @@ class Family(Checked, Outlined, Sequence[Problem]):
             return Family(self.base, {path: array[index] for path, array in self.arrays.items()})
         values = {path: array[index].item() for path, array in self.arrays.items()}
         return replace(self.base, **_with_values(self.base, values))
+
+
+def obstacles_with(base: Problem, values: Mapping[str, float]) -> tuple[Obstacle, ...]:
+    """Return a problem's obstacles with numbers set by their paths; InputError where one is wrong."""
+    obstacles: tuple[Obstacle, ...] = _with_values(base, values)["obstacles"]
+    for obstacle in obstacles:
+        obstacle.check("obstacles")
+    return obstacles
+
+
+def motor_limits_with(base: Problem, row: LimitRow, varied: Mapping[str, Array]) -> Array | None:
+    """Return limits (N, m) of motors with numbers (N,) set by their paths, not checked; infinite where there is none.
+
+    None where what is varied is not written motor by motor.
+    """
+    whole, count = f"limits.{row.key}", len(next(iter(varied.values())))
+    if whole in varied:
+        return np.tile(varied[whole][:, None], len(base.robot.motors)) if len(varied) == 1 else None
+    given = _spelt_out(base, f"{whole}.", row.key, getattr(base.limits, row.key))
+    if not isinstance(given, Mapping):
+        return None
+    values = {**given, **{path.removeprefix(f"{whole}."): values for path, values in varied.items()}}
+    named = of_motors(base.robot, dict(zip(values, values, strict=True)), whole, None)
+    columns = [np.broadcast_to(np.inf if name is None else values[name], count) for name in named]
+    return np.stack(columns, axis=1)
 
 
 def _with_values(base: Problem, values: Mapping[str, float]) -> dict[str, Any]:

@@ -310,13 +310,13 @@ class Shares:
 
 
 def shares_of_limits(problem: Problem) -> Iterator[Shares]:
-    """Yield what a problem's limits bound.
+    """Yield what a problem's limits bound, or those of many, of which the same are finite.
 
     They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates
     and accelerations, of motors that are weaker when they turn, and of the base's rate.
     """
     robot, own = problem.robot, problem.motor_torque_limits
-    implied = ((robot.motor_ratios == 0) | np.isfinite(own)[:, None]).all(axis=0)
+    implied = ((robot.motor_ratios == 0) | np.isfinite(own[..., None])).all(axis=-2)
     generalized = np.where(implied, np.inf, problem.torque_limits)
     of_motors, of_joints = (robot.motors, np.eye(len(robot.motors))), (robot.joints, np.eye(len(robot.joints)))
     kinds: list[tuple[LimitKey, str, Array, tuple[Sequence[str], Array], Array | None]] = [
@@ -326,14 +326,16 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
         ("torque", "speed-dependent torque", problem.motor_stall, of_motors, problem.motor_slope),
     ]
     for key, what, limits, (subjects, rows), slope in kinds:
-        limited = np.flatnonzero(np.isfinite(limits))
+        limited = np.flatnonzero(np.isfinite(limits.reshape(-1, limits.shape[-1])[0]))
         if limited.size:
-            row, limit = LIMIT_TABLE[key], limits[limited]
+            row, limit = LIMIT_TABLE[key], limits[..., limited]
             names = tuple(f"{what} of {subjects[i]}" for i in limited.tolist())
             also = (
-                {} if slope is None else {"velocities": (slope[limited] / limit)[:, None] * robot.motor_ratios[limited]}
+                {}
+                if slope is None
+                else {"velocities": (slope[..., limited] / limit)[..., None] * robot.motor_ratios[limited]}
             )
-            yield Shares(key, names, limit, row.unit, {row.quantity: rows[limited] / limit[:, None]}, also)
+            yield Shares(key, names, limit, row.unit, {row.quantity: rows[limited] / limit[..., None]}, also)
     if problem.limits.orientation_rate is not None:
         row, limit = LIMIT_TABLE["orientation_rate"], np.array([problem.limits.orientation_rate])
         yield Shares(row.key, ("orientation rate",), limit, row.unit, {row.quantity: 1 / limit[:, None]})

@@ -216,10 +216,20 @@ def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
         return read_only(np.full(len(robot.joints), math.inf))
     if not isinstance(given, Mapping | int | float):
         return read_only(_in_order(robot, given, f"limits.{row.key}"))
-    own = motor_limits(robot, row, given)
+    return read_only(least_of_motors(robot, motor_limits(robot, row, given)))
+
+
+def least_of_motors(robot: Robot, own: Array) -> Array:
+    """Limits (.., n) of coordinates, of the motors' own (.., m): the least that a motor demands, by its ratio."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        per_coordinate = own[:, None] / np.abs(robot.motor_ratios)
-    return read_only(np.where(robot.motor_ratios != 0, per_coordinate, math.inf).min(axis=0))
+        per_coordinate = own[..., None] / np.abs(robot.motor_ratios)
+    return np.asarray(np.where(robot.motor_ratios != 0, per_coordinate, math.inf).min(axis=-2))
+
+
+def sum_of_motors(robot: Robot, own: Array) -> Array:
+    """Generalised torques (.., n) that the motors' own (.., m) add up to, by ratio."""
+    ratios = np.abs(robot.motor_ratios)
+    return np.asarray((ratios * np.where(ratios > 0, own[..., None], 0.0)).sum(axis=-2))
 
 
 def motor_limits(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
@@ -229,7 +239,7 @@ def motor_limits(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
     the planned coordinates: it is a motor's own limit where the joint has but one motor.
     """
     if isinstance(given, Mapping):
-        return read_only(_of_motors(robot, given, f"limits.{row.key}", math.inf))
+        return read_only(of_motors(robot, given, f"limits.{row.key}", math.inf))
     if isinstance(given, str) and given == "urdf":
         return read_only(getattr(robot, f"motor_{row.key}_limits"))
     if isinstance(given, str | int | float):
@@ -242,8 +252,7 @@ def motor_limits(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
 def torque_limits(robot: Robot, given: str | JointValues) -> Array:
     """Return limits (n,) N m of the generalised torques: as given, or what those of the motors add up to."""
     if isinstance(given, str | Mapping | int | float):
-        own, ratios = motor_limits(robot, TORQUE, given), np.abs(robot.motor_ratios)
-        return read_only((ratios * np.where(ratios > 0, own[:, None], 0.0)).sum(axis=0))
+        return read_only(sum_of_motors(robot, motor_limits(robot, TORQUE, given)))
     return read_only(_in_order(robot, given, "limits.torque"))
 
 
@@ -254,11 +263,11 @@ def _leaders(robot: Robot) -> IntArray:
 
 def motor_values(robot: Robot, limits: parts.Limits, name: str, default: float) -> Array:
     """Return one field of the motors' curves (m,), the default where a motor has none."""
-    curves = _of_motors(robot, limits.motor, "limits.motor", None)
+    curves = of_motors(robot, limits.motor, "limits.motor", None)
     return read_only([default if curve is None else getattr(curve, name) for curve in curves])
 
 
-def _of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: Any) -> list[Any]:
+def of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: Any) -> list[Any]:
     """What a mapping says of each of the m motors: by its own name, else by its leader's; refuse other names."""
     for joint in given:
         if joint in robot.coupled and joint not in robot.motors:

@@ -14,7 +14,7 @@ from datetime import timedelta
 from typing import Any
 
 from floatplan.arguments import optional
-from floatplan.compiled.batch import is_plain_family
+from floatplan.compiled.numbers import is_together
 from floatplan.errors import FloatplanError, InputError, import_optional
 from floatplan.planning.search import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
@@ -166,7 +166,9 @@ class StudyRun:
     ) -> None:
         self._study, self._folder, self._engine, self._progress = study, folder, engine, progress
         self._packed = packed(study)
-        self._size = self._least = FIRST_TOGETHER if is_plain_family(study.family(0, 1)) else FIRST_ALONE
+        self._size = self._least = (
+            FIRST_TOGETHER if is_together(study.family(0, 1)) and not study.plan.jump else FIRST_ALONE
+        )
 
     def fill(self, gaps: list[Range]) -> None:
         """Keep every process busy until nothing is left."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import is_plain_family
+from floatplan.compiled.numbers import is_plain_family
 from floatplan.errors import InputError
 from floatplan.export.formats import format_of
 from floatplan.files import read_json, read_regular, write_atomically

@@ -2,7 +2,7 @@
 
 import pickle
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -12,10 +12,11 @@ import numpy as np
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import is_plain_family
+from floatplan.compiled.numbers import Numbers, is_plain_family, is_together
 from floatplan.compiled.peaks import ORDERS, ManyPeaks, can_measure, many_peaks
 from floatplan.errors import FloatplanError, InputError, printable
-from floatplan.planning.many import plan_many, planned_alone
+from floatplan.planning.many import planned_together
+from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import largest_use, limits_of_motors
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.pool import one_thread
@@ -32,7 +33,6 @@ from floatplan.tables import OBJECTIVE_TABLE
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 VERDICTS = ("", "proved", "undecided", "refuted")
 LONGEST_EXPLANATION = 400  # characters
-AT_ONCE = 64  # rows that are measured together
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,7 @@ def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
     began = time.perf_counter()
     study = _unpacked(content)
     problems = study.problems(values)
-    columns = _together(study, problems) if is_plain_family(problems) and not study.plan.jump else None
-    if columns is None:
-        parts = range(0, len(problems), AT_ONCE)
-        rows = [row for at in parts for row in _one_by_one(study, problems[at : at + AT_ONCE], first + at)]
-        columns = {name: [row[name] for row in rows] for name in rows[0]}
+    columns = _planned(study, problems, first)
     return PlannedChunk(written(_table(study, first, values, columns)), time.perf_counter() - began)
 
 
@@ -84,48 +80,83 @@ def row_seed(seed: int, index: int) -> int:
     return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) & LARGEST_SEED
 
 
-def _together(study: StudyFile, problems: Family) -> dict[str, Any] | None:
-    """Plan rows in one batch and measure them in blocks; None where that fails, so that the bad row is to be found."""
-    began = time.perf_counter()
+def _planned(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
+    """Plan rows; an error of any kind, which no code foresaw, is a row's alone."""
     try:
-        plans = plan_many(problems, seed=study.samples.seed, **study.plan.effort)
-        found = np.flatnonzero(plans.ok)
-        peaks, use = _measured(problems, plans, found)
-    except Exception:
-        return None
+        return (_jumped_all if study.plan.jump else _together)(study, problems, first)
+    except Exception as error:
+        if len(problems) == 1:
+            row = _row(study, Answer("error", message=f"{type(error).__name__}: {error}"), np.nan)
+            return {name: [value] for name, value in row.items()}
+        middle = len(problems) // 2
+        parts = [_planned(study, problems[:middle], first), _planned(study, problems[middle:], first + middle)]
+        lists = [{name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in part.items()} for part in parts]
+        return {name: [value for part in lists for value in part[name]] for name in lists[0]}
+
+
+def _together(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
+    """Plan rows together and measure them in blocks."""
+    began, plan = time.perf_counter(), study.plan
+    seed, is_plain = study.samples.seed, is_plain_family(problems)
+    options = SearchOptions(seed, starts=plan.starts, attempts=plan.attempts, near_miss=False)
+    seeds = (lambda row: seed) if is_plain else lambda row: row_seed(seed, first + row)
+    plans = planned_together(problems, options, seeds, plan.search, plan.prove)
+    peaks, use, clearance = _measured(problems, plans, np.flatnonzero(plans.ok))
     spent = np.maximum(plans.evaluations, 1)
     milliseconds = 1e3 * (time.perf_counter() - began) * spent / spent.sum()
     shown = {each: printable(each, LONGEST_EXPLANATION) for each in {GOAL_MET, *plans.messages.values()}}
     explanation = np.full(len(plans), shown[GOAL_MET], dtype=object)
     for index, message in plans.messages.items():
         explanation[index] = shown[message]
-    refuted = (plans.verdict == "refuted") & np.isin(plans.status, SOLVED)
+    refuted = (plans.verdict == "refuted") & np.isin(plans.status, SOLVED)  # then it was not found
     return {
         "status": np.where(refuted, "not_found", plans.status).tolist(),
         "objective": np.where(plans.ok, plans.objective, np.nan),
         "angular_momentum": plans.angular_momentum,
         "peaks": peaks,
         "utilisation": use,
-        "clearance": np.full(len(plans), np.nan),
+        "clearance": clearance,
         "explanation": explanation,
         "starts": plans.starts,
         "milliseconds": milliseconds,
-        "coefficients": plans.coefficients,
+        "coefficients": plans.coefficients if np.isfinite(plans.coefficients).all() else _without_gaps(plans),
         "verdict": plans.verdict.tolist(),
     }
 
 
-def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, Array]:
-    """Peaks (N, m) of the motors' torques and utilisation (N,) of the URDF's limits: a plain problem has no others."""
-    base = problems.base
-    peaks, use = np.full((len(plans), len(base.robot.motors)), np.nan), np.full(len(plans), np.nan)
-    if found.size:
-        duration = problems.arrays.get("flight.duration", np.full(len(plans), base.flight.duration))[found]
-        motions = duration, plans.angular_momentum[found], plans.coefficients[found]
-        limits_rates = bool(np.isfinite(base.robot.motor_velocity_limits).any())
-        measured = many_peaks(base, *motions, orders=int(limits_rates))
-        peaks[found], use[found] = measured.motor_torque, _use(base.robot, measured, limits_of_motors(base))
-    return peaks, use
+def _without_gaps(plans: Plans) -> list[list[list[float]] | None]:
+    """Coefficients of each, of as many joints and powers as it has."""
+    own = (plans.answer(index).coefficients for index in range(len(plans)))
+    return [b.tolist() if b.size else None for b in own]
+
+
+def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, Array, Array]:
+    """Peaks (N, m) of the motors' torques, utilisation (N,) of limits, and distances (N,) to obstacles, m.
+
+    By the kernel where it knows all of that.
+    """
+    base, (use, clearance) = problems.base, np.full((2, len(plans)), np.nan)
+    peaks = np.full((len(plans), len(base.robot.motors)), np.nan)
+    known = base.robot.in_plane and limits_of_motors(base).keys() <= {"torque", *ORDERS} and can_measure(base)
+    if known and found.size:
+        if is_together(problems):
+            numbers = Numbers.of_family(problems, found)
+            of: Problem | Sequence[Problem] | Numbers = numbers if numbers.obstacles else base
+            durations, limits = numbers.values["duration"], limits_of_motors(numbers.limits or base)
+        else:
+            of = each = [problems[index] for index in found.tolist()]
+            durations, own = np.array([one.flight.duration for one in each]), list(map(limits_of_motors, each))
+            limits = {name: np.array([one[name] for one in own]) for name in own[0]}
+        orders = max((1 + i for i, name in enumerate(ORDERS) if np.isfinite(limits[name]).any()), default=0)
+        measured = many_peaks(of, durations, plans.angular_momentum[found], plans.coefficients[found], orders)
+        peaks[found], use[found] = measured.motor_torque, _use(base.robot, measured, limits)
+        clearance[found] = np.where(np.isfinite(measured.clearance), measured.clearance, np.nan)
+    for index in [] if known else found.tolist():
+        plan = replace(plans.answer(index), certificate=None).plan(problems[index], plans.seed)
+        peaks[index] = plan.peaks.motor_torque
+        use[index] = np.nan if (share := largest_use(plan.utilisation)) is None else share
+        clearance[index] = np.nan if plan.peaks.clearance is None else plan.peaks.clearance
+    return peaks, use, clearance
 
 
 def _use(robot: Robot, measured: ManyPeaks, limits: Mapping[str, Array]) -> Array:
@@ -136,64 +167,18 @@ def _use(robot: Robot, measured: ManyPeaks, limits: Mapping[str, Array]) -> Arra
     return np.where(most > 0, most, np.nan)
 
 
-def _one_by_one(study: StudyFile, problems: Family, first: int) -> list[dict[str, Any]]:
-    """Plan rows by a search each, with seeds of their own; an error of any kind is a row's alone."""
-    try:
-        return _searched(study, problems, first)
-    except Exception as error:  # a row that no code foresaw loses no other
-        if len(problems) == 1:
-            return [_row(study, Answer("error", message=f"{type(error).__name__}: {error}"), np.nan)]
-        parts = [(problems[index : index + 1], first + index) for index in range(len(problems))]
-        return [row for part, index in parts for row in _one_by_one(study, part, index)]
-
-
-def _searched(study: StudyFile, problems: Family, first: int) -> list[dict[str, Any]]:
-    """Plan rows, and measure those that are solved together."""
-    rows, solved = [], {}
+def _jumped_all(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
+    """Plan a whole jump for each row."""
+    rows = []
     for index in range(len(problems)):
         began = time.perf_counter()
         more: dict[str, Any] = {}
-        seed = row_seed(study.samples.seed, first + index)
         try:
-            problem = problems[index]
-            if study.plan.jump:
-                answer, more = _jumped(problem, seed, study.plan)
-            else:
-                answer = planned_alone(problem, seed, **study.plan.effort)
-                if answer.status in SOLVED and answer.verdict != "refuted":
-                    solved[index] = problem, answer, seed
+            answer, more = _jumped(problems[index], row_seed(study.samples.seed, first + index), study.plan)
         except InputError as error:
             answer = Answer("error", message=str(error))
         rows.append(_row(study, answer, 1e3 * (time.perf_counter() - began)) | more)
-    if solved:
-        for index, found in zip(solved, _measured_alone(*zip(*solved.values(), strict=True)), strict=True):
-            rows[index] |= found
-    return rows
-
-
-def _measured_alone(
-    problems: Sequence[Problem], answers: Sequence[Answer], seeds: Sequence[int]
-) -> Iterator[dict[str, Any]]:
-    """Objective, peaks, utilisation and clearance of plans; by the kernel where it knows all of that."""
-    robot, limits = problems[0].robot, [limits_of_motors(problem) for problem in problems]
-    if robot.in_plane is None or limits[0].keys() > {"torque", *ORDERS} or not all(map(can_measure, problems)):
-        for problem, answer, seed in zip(problems, answers, seeds, strict=True):
-            plan = replace(answer, certificate=None).plan(problem, seed)
-            yield _figures(answer, plan.peaks.motor_torque, largest_use(plan.utilisation), plan.peaks.clearance)
-        return
-    columns = max(answer.coefficients.shape[1] for answer in answers)
-    coefficients = [np.pad(b, ((0, 0), (0, columns - b.shape[1]))) for b in (answer.coefficients for answer in answers)]
-    durations = np.array([problem.flight.duration for problem in problems])
-    momenta = np.array([answer.angular_momentum for answer in answers])
-    measured = many_peaks(problems, durations, momenta, np.array(coefficients), orders=len(ORDERS))
-    use = _use(robot, measured, {name: np.array([each[name] for each in limits]) for name in limits[0]})
-    yield from map(_figures, answers, measured.motor_torque, use.tolist(), measured.clearance.tolist())
-
-
-def _figures(answer: Answer, torque: Array, use: float | None, clearance: float | None) -> dict[str, Any]:
-    known = {"utilisation": use, "clearance": None if clearance == np.inf else clearance}
-    numbers = {name: np.nan if value is None else value for name, value in known.items()}
-    return {"objective": answer.objective, "peaks": torque, **numbers}
+    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
@@ -226,16 +211,15 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
 
 def _row(study: StudyFile, answer: Answer, milliseconds: float) -> dict[str, Any]:
     """What a row holds of an answer of which nothing is measured."""
-    refuted = answer.verdict == "refuted" and answer.status in SOLVED  # then it was not found
     return {
-        "status": "not_found" if refuted else answer.status,
+        "status": answer.status,
         **dict.fromkeys(("objective", "utilisation", "clearance", *OF_JUMPS), np.nan),
         "angular_momentum": answer.angular_momentum,
         "peaks": np.full(len(study.base.robot.motors), np.nan),
         "explanation": printable(answer.message or GOAL_MET, LONGEST_EXPLANATION),
         "starts": answer.starts,
         "milliseconds": milliseconds,
-        "coefficients": answer.coefficients.tolist() if answer.coefficients.size else None,
+        "coefficients": None,
         "verdict": answer.verdict,
     }
 

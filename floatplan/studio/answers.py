@@ -11,7 +11,7 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.compiled.batch import is_plain_family
+from floatplan.compiled.numbers import is_plain_family
 from floatplan.errors import printable
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions

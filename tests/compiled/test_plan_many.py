@@ -21,10 +21,10 @@ from floatplan.compiled.batch import (
     MOST_STARTS,
     RANKED_ROUNDS,
     STARTS_TO_AGREE,
-    Numbers,
     Search,
     solver,
 )
+from floatplan.compiled.numbers import Numbers
 from floatplan.planning import many
 from floatplan.planning import search as searching
 from floatplan.planning.planned import planned

@@ -16,8 +16,9 @@ from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.compiled.batch import Numbers, Search, solver
+from floatplan.compiled.batch import Search, solver
 from floatplan.compiled.bodies import Bodies
+from floatplan.compiled.numbers import Numbers
 from floatplan.kernel import build, layout
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics

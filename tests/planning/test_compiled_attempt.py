@@ -34,7 +34,7 @@ def test_a_start_ends_where_the_general_path_ends(ready, monkeypatch):
     compiled = ready.attempt(ready.plain_start)
     take_general_path(monkeypatch)
     general = Attempts(ready.problem, 0)
-    assert general._compiled is None
+    assert general.compiled is None
     general = general.attempt(general.plain_start)
     assert (compiled.holds, compiled.solution.status) == (general.holds, general.solution.status)
     assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-6)

@@ -172,23 +172,15 @@ def momentum_asked(problem: Problem, asked: float | str) -> float:
 
 def momentum_interval(problem: Problem, changes: Array, duration: float) -> tuple[float, float]:
     """(9) for other ``changes`` (n+1,) of orientation and joints, rad, or another duration, s."""
+    low, high = momentum_intervals(problem, changes, np.array(duration))
+    return float(low), float(high)
+
+
+def momentum_intervals(problem: Problem, changes: Array, durations: Array) -> tuple[Array, Array]:
+    """(9) for ``changes`` (.., n+1) of orientation and joints, rad, and durations (..), s."""
     low, high = inertia_extremes(problem.robot, problem.position_limits)
-    ends = [(c * a, c * b) for c, a, b in zip(changes.tolist(), low.tolist(), high.tolist(), strict=True)]  # (7), (8)
-    return sum(map(min, ends)) / duration, sum(map(max, ends)) / duration
-
-
-def monotonic_midpoints(extremes: tuple[Array, Array], changes: Array, durations: Array) -> Array:
-    """Return (10), the middle of :func:`angular_momentum_interval`, of N problems, kg m^2/s.
-
-    Parameters
-    ----------
-    extremes : of :func:`inertia_extremes`
-    changes : (N, n+1) rad, of orientation and positions
-    durations : (N,) s
-    """
-    low, high = extremes
-    ends = changes * low, changes * high
-    return np.asarray((np.minimum(*ends).sum(axis=1) + np.maximum(*ends).sum(axis=1)) / (2 * durations))
+    ends = changes * low, changes * high  # (7), (8)
+    return np.minimum(*ends).sum(axis=-1) / durations, np.maximum(*ends).sum(axis=-1) / durations
 
 
 def impossibilities(problem: Problem) -> list[str]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -141,8 +142,23 @@ def frame_weights(robot: Robot, frame: Frame) -> ComplexArray:
 
 def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
     """Place of a frame relative to the centre of mass, (6), m, as a complex number."""
-    angles = robot.tree.absolute_angles(np.array(state.orientation), state.positions)
-    return complex(robot.tree.rotations(angles) @ frame_weights(robot, frame))
+    return complex(frames_from_com(robot, frame, np.array(state.orientation), state.positions))
+
+
+def frames_from_com(robot: Robot, frame: Frame, orientation: Array, positions: Array) -> ComplexArray:
+    """Places (..) of a frame so, for orientations (..) and positions (.., n), rad: each as if it were alone."""
+    tree = robot.tree
+    angles = orientation[..., None] + (positions[..., None, :] * tree.turns).sum(axis=-1) + tree.offsets
+    return np.asarray((tree.rotations(angles) * frame_weights(robot, frame)).sum(axis=-1))
+
+
+def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any) -> Any:
+    """Vertical velocity of the centre of mass at takeoff, m/s, by (2), (3) and (6), of one flight or of many.
+
+    ``takeoff`` is where it takes off, ``landing`` where the landing frame is relative to it at landing, as complex
+    numbers, m; ``height`` is that frame's, m.
+    """
+    return (height - landing.imag - takeoff.imag) / duration + gravity * duration / 2
 
 
 @lru_cache(maxsize=8)
@@ -153,8 +169,7 @@ def ballistics(problem: Problem) -> Ballistics:
         problem.robot, problem.takeoff_frame, problem.initial
     )
     landing = frame_from_com(problem.robot, problem.landing_frame, problem.final)
-    height_change = problem.landing_height - landing.imag - takeoff.imag
-    vertical_velocity = height_change / flight.duration + flight.gravity * flight.duration / 2
+    vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),
         velocity0=read_only([flight.speed_in_plane, vertical_velocity]),

@@ -204,13 +204,6 @@ class PlanarBaseMotion:
         """Instants (K,) s."""
         return self.flight.duration * self.grid.s
 
-    @property
-    def longest_way(self) -> float:
-        """Longest way that an end of a capsule goes from instant to instant, m."""
-        return float(
-            max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (self.shapes.start, self.shapes.end))
-        )
-
     def obstacle_distances(self, obstacle: Obstacle) -> Array:
         """Distances (K, r) of the capsules to an obstacle."""
         return clearance.obstacle_distances(self.shapes, obstacle, self._times)

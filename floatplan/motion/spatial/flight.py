@@ -238,11 +238,6 @@ class SpatialBaseMotion:
         """Each motor's own torque (K, m) N m."""
         return np.asarray(self._joint_torques @ self.flight.transmission)
 
-    @property
-    def longest_way(self) -> float:
-        """No shape goes anywhere yet, m."""
-        return 0.0
-
     def obstacle_distances(self, obstacle: Obstacle) -> Array:
         """Not known yet."""
         raise NotImplementedError(NO_SHAPES)

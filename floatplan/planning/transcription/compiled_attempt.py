@@ -5,6 +5,7 @@ What crosses: the nodes of all levels, the class of motions of the start's varia
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -12,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, distinct
-from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
-from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar
-from floatplan.compiled.constraints import CompiledConstraints
+from floatplan.compiled.attempts import WATCHED_AT_MOST, knots, nodes_of_levels, orientations, watching_levels
+from floatplan.compiled.batch import FINE, SPREADS, STATUS, Rows, constrained_settings, is_planar, powers_of_basis
+from floatplan.compiled.constraints import CompiledConstraints, Look
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -32,7 +33,7 @@ from floatplan.planning.transcription.program import (
     objective,
 )
 from floatplan.planning.transcription.trajectory import FlightModel
-from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_unit
+from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_units
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -42,7 +43,6 @@ PROMISING = 1e-3  # sum of squared violations below which a motion is worth foll
 NEARLY_PROMISING = 0.1  # the same, below which a motion is watched more closely while it is made feasible
 ELASTIC_STALLED = 0.95  # of the violation STALL_ITERATIONS elastic steps before: a hopeless search ends above it
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
-WATCHED_AT_MOST = 6  # level of grids
 NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
 ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
@@ -57,7 +57,8 @@ class Ended:
 
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
     one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much. ``starts`` were followed, in
-    as many iterations and evaluations.
+    as many iterations and evaluations, and so much ``work``, instants of one body. Its ``coefficients`` (n, k+1) are b
+    of (12), powers of t in seconds; None where accelerations at an end are free.
     """
 
     x: Array
@@ -70,6 +71,19 @@ class Ended:
     iterations: int
     evaluations: int
     starts: int
+    work: float
+    coefficients: Array | None
+
+    @classmethod
+    def of(
+        cls, ended: Any, rows: tuple[IntArray, IntArray, Look], found: Sequence[Any], coefficients: Array | None
+    ) -> Ended:
+        """As the kernel says it: a structure, and its x, branch, and the minima's row, s and least value."""
+        x, branch, *minima = found
+        row, s, least = (each[: ended.minima.found].copy() for each in minima)
+        worst, counts = Worst(rows[0][row], rows[1][row], s, least), (ended.judged_level, ended.iterations)
+        of_end = STATUS[ended.status], ended.violation, ended.missed, worst, *counts
+        return cls(x, branch, *of_end, ended.evaluations, ended.started, ended.work, coefficients)
 
 
 class CompiledAttempts:
@@ -83,15 +97,18 @@ class CompiledAttempts:
         watch: CompiledConstraints,
         level: int,
     ) -> None:
-        self._problem, self._model, self._constraints, self._watch = problem, model, constraints, watch
-        self._block, self._row, self._look = where_to_look(constraints)
-        self._tolerance = np.array([block.tolerance for block in constraints])[self._block]
-        self._level = level
-        most = len(self._look.grid) * watch.rows
-        self._found_row, self._found_s, self._found_least = np.empty(most, np.int64), np.empty(most), np.empty(most)
-        found = {"row": self._found_row, "s": self._found_s, "least": self._found_least}
-        numbers = {"instants": len(self._look.grid), "near": self._look.near, "span": self._look.span}
-        self._minima = Filled("Minima", self._look, **numbers, **found)
+        self._problem, self._model, self._constraints, self.watch = problem, model, constraints, watch
+        self.rows, self.level = where_to_look(constraints), level
+        self._look = self.rows[2]
+        self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
+        self.minima, self._found = self.room(1)
+
+    def room(self, count: int) -> tuple[Filled, list[Any]]:
+        """Return room for the minima of so many problems, the first one's filled in: their row, s and least value."""
+        look, most = self._look, len(self._look.grid) * self.watch.rows
+        found = [np.empty((count, most), kind) for kind in (np.int64, np.float64, np.float64)]
+        arrays = dict(zip(("row", "s", "least"), found, strict=True))
+        return Filled("Minima", look, instants=len(look.grid), near=look.near, span=look.span, **arrays), found
 
     def follow(
         self,
@@ -109,33 +126,32 @@ class CompiledAttempts:
         has done the most work, of others those are left out that would do more. Where it ``asks`` first whether start
         and goal, or the path of the centre of mass, leave a chance, and they do not, none is followed.
         """
-        watch, found, branch = self._watch, x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
-        given, attempt, _ = self.prepared(variables, found, at_once, most_work)
-        draws, ended = _draws(variables, seed, bool(self._constraints), branch), attempt.structure
+        watch, ended_at, branch = self.watch, x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
+        given, attempt, _ = self.prepared(variables, ended_at, at_once, most_work)
+        draws, ended = draws_of(variables, seed, bool(self._constraints), branch), attempt.structure
         ended.first, ended.count = numbers.start, len(numbers)
         ended.reach = central_reach(self._problem.robot) if asks else 0.0
-        if watch.kernel.attempt(*given, ended, draws.structure, watch.kernel.instructions):
+        powers, coefficients = powers_of_basis(variables.polynomials.form.bubbles), None
+        if not variables.polynomials.free_ends:
+            coefficients = np.empty((len(branch), CONDITIONS + variables.polynomials.width))
+            attempt.point_to(coefficients=coefficients)
+        if watch.kernel.attempt(*given, powers.structure, ended, draws.structure, 1, watch.kernel.instructions):
             raise MemoryError("no memory to follow a start")
-        self._model.work += ended.work
-        kept = slice(0, ended.minima.found)
-        row = self._found_row[kept]
-        worst = Worst(self._block[row], self._row[row], self._found_s[kept].copy(), self._found_least[kept].copy())
-        counted = ended.judged_level, ended.iterations, ended.evaluations, ended.started
-        return Ended(found, branch, STATUS[ended.status], ended.violation, ended.missed, worst, *counted)
+        return Ended.of(ended, self.rows, [ended_at, branch, *(each[0] for each in self._found)], coefficients)
 
     def prepared(
         self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float
     ) -> tuple[tuple[Any, ...], Filled, Filled]:
         """Return what the kernel is given to follow a start, the start, which ends at x (size,), and its class."""
-        watch = self._watch
+        watch = self.watch
         instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
-        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self._block]
-        levels = {"level": self._level, "closer_level": min(self._level + CLOSER, WATCHED_AT_MOST)}
+        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self.rows[0]]
+        levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
         work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
         counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
-        arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance}
+        arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance, "coefficients": None}
         numbers = {**self._aim(variables), **levels, **work, **counts}
-        attempt = Filled("Attempt", self._look, minima=self._minima, **numbers, **arrays)
+        attempt = Filled("Attempt", self._look, minima=self.minima, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
         settings = constrained_settings(), _rules(self._model.flight.bodies)
@@ -147,29 +163,34 @@ class CompiledAttempts:
 
     def _aim(self, variables: DecisionVariables) -> dict[str, Any]:
         """Which of the kernel's sums the objective is of, and its scale."""
-        if self._watch.also is None:
+        if self.watch.also is None:
             return {"objective_sum": 0, "objective_sums": 0, "objective_scale": 1.0}
-        nodes = self._model.nodes(self._level, variables.polynomials.form)
+        nodes = self._model.nodes(self.level, variables.polynomials.form)
         aim = objective(self._problem, self._model, variables, nodes)
         assert isinstance(aim, IntegralOfSquares), "it has a quantity"
-        sums = {"objective_sum": self._watch.first_also, "objective_sums": len(self._watch.also)}
+        sums = {"objective_sum": self.watch.first_also, "objective_sums": len(self.watch.also)}
         return {**sums, "objective_scale": aim.scale}
 
 
 def compiled_attempts(
-    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], level: int
+    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], plain: DecisionVariables
 ) -> CompiledAttempts | None:
-    """Make a problem ready; None in space."""
+    """Make a problem ready, whose plain motion is of these variables; None in space."""
     if not is_planar(model.flight):
         return None
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
     watch = CompiledConstraints(
         model.flight, [constraint.compiled(model.flight) for constraint in constraints], quantity
     )
+    polynomials, thickness = plain.polynomials, [each.thickness for each in problem.obstacles]
+    momentum, boundary, change = plain.momentum.centre, polynomials.given_boundary[None], np.zeros(1)
+    rows = Rows(np.array([polynomials.duration]), momentum, change, boundary)
+    places = np.array([problem.initial.orientation]), watch.path[None], np.array([min(thickness, default=np.inf)])
+    level = int(watching_levels(model.flight, polynomials, rows, places)[0]) if constraints else 0
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-def _draws(variables: DecisionVariables, seed: int, constrained: bool, branch: IntArray) -> Filled:
+def draws_of(variables: DecisionVariables, seed: int, constrained: bool, branch: IntArray) -> Filled:
     """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
     numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
     fraction = np.array(MOMENTUM_FRACTIONS if constrained else ())
@@ -191,7 +212,10 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     form, series = polynomials.form, basis(polynomials.form).series
     condition = [form.given.index(each) if each in form.given else -1 for each in range(CONDITIONS)]
     written = of_coefficients and following is not None
-    map_ = powers_map(form, polynomials.duration) / whitened_unit(polynomials) if written else None
+    map_ = None
+    if written:
+        units = whitened_units(form, polynomials.free, (polynomials.duration,))
+        map_ = powers_map(form, polynomials.duration) / units
     ends = [_end(following, end, momentum.centre) for end in (0, 1)]
     return Filled(
         "Motions",

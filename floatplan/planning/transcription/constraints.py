@@ -118,12 +118,16 @@ class Limit(Constraint):
     def of(cls, shares: Shares) -> Limit:
         """Return limits with each combination of the signs of what is used: upper limits before lower ones."""
         signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)] if shares.also else [(1, 0), (-1, 0)]
-        weights = {name: np.concatenate([sign * rows for sign, _ in signs]) for name, rows in shares.used.items()}
-        weights |= {name: np.concatenate([sign * rows for _, sign in signs]) for name, rows in shares.also.items()}
+        weights = {
+            name: np.concatenate([sign * rows for sign, _ in signs], axis=-2) for name, rows in shares.used.items()
+        }
+        weights |= {
+            name: np.concatenate([sign * rows for _, sign in signs], axis=-2) for name, rows in shares.also.items()
+        }
         return cls(
             labels=shares.labels * len(signs),
             unit=shares.unit,
-            scale=np.tile(shares.limit, len(signs)),
+            scale=np.concatenate([shares.limit] * len(signs), axis=-1),
             tolerance=RELATIVE,
             relaxed="the limit on the {label} {amount} higher",
             cause="it follows from the {end}'s rates and accelerations",
@@ -145,7 +149,7 @@ class Limit(Constraint):
         used = [weights @ trajectory.quantity_jacobian(name) for name, weights in self.weights.items()]
         return -sum(used[1:], used[0])
 
-    def compiled(self, flight: FlightDynamics) -> Block:
+    def compiled(self, flight: FlightDynamics) -> SumRows:
         """Return the same sums."""
         used: dict[str, Array] = {}
         for name, weights in self.weights.items():

@@ -12,7 +12,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
-from floatplan.motion.sine_polynomial import CURVATURES, SinePolynomials, boundary_arguments, whitening
+from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, boundary_arguments, whitening
 from floatplan.problem.problem import Problem
 
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
@@ -207,22 +207,32 @@ def scaled_variables(
 
 
 def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array, Array]:
-    """Offset (m,), scaling (m, m) and the offset's map (m, g) for which (17) is ``constant + unit^2 |x|^2``.
+    """:func:`whitened` of one class of motions."""
+    form, free, durations = polynomials.form, polynomials.free, (polynomials.duration,)
+    offset, scaling, offset_map = whitened(form, free, durations, polynomials.given_boundary[None])
+    return offset[0], scaling[0], offset_map[0]
+
+
+def whitened(
+    form: Form, free: tuple[int, ...], durations: tuple[float, ...], boundary: Array
+) -> tuple[Array, Array, Array]:
+    """Offsets (N, m), scaling (N, m, m), the offsets' maps (N, m, g) for which (17) is ``constant + unit^2 |x|^2``.
 
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
-    the most sensitive direction of x move p by one radian (root mean square).
+    the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
     """
-    form, free, unit = polynomials.form, polynomials.free, whitened_unit(polynomials)
-    offset, scaling = np.zeros(sum(free)), np.zeros((sum(free), sum(free)))
-    offset_map = np.empty((sum(free), polynomials.given_boundary.shape[1]))
-    for width, end, boundary in zip(free, np.cumsum(free).tolist(), polynomials.given_boundary, strict=True):
-        inverse, _, offset_by_boundary = whitening(form, width, polynomials.duration)
+    count, size, unit = len(boundary), sum(free), whitened_units(form, free, durations)
+    offset, scaling = np.zeros((count, size)), np.zeros((count, size, size))
+    offset_map = np.empty((count, size, boundary.shape[2]))
+    for joint, (width, end) in enumerate(zip(free, np.cumsum(free).tolist(), strict=True)):
+        inverse, _, offset_by_boundary = whitening(form, width, durations)
         own = slice(end - width, end)
-        offset[own], scaling[own, own] = offset_by_boundary @ boundary, unit * inverse
-        offset_map[own] = offset_by_boundary
+        offset[:, own] = (offset_by_boundary * boundary[:, joint, None]).sum(axis=2)
+        scaling[:, own, own] = unit[:, None, None] * inverse
+        offset_map[:, own] = offset_by_boundary
     return offset, scaling, offset_map
 
 
-def whitened_unit(polynomials: SinePolynomials) -> float:
-    """Size of b that one unit of whitened variables makes."""
-    return 1 / max(whitening(polynomials.form, free, polynomials.duration)[1] for free in polynomials.free)
+def whitened_units(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> Array:
+    """Size (N,) of b that one unit of whitened variables makes."""
+    return np.asarray(1 / np.max([whitening(form, each, durations)[1] for each in free], axis=0))
