@@ -159,11 +159,24 @@ class Page:
         return self._labelled(label, "[role=slider]")
 
     def drag_grip(self, end: str, part: int, turn: float) -> None:
-        """Drag the grip of a part of a posture around its joint, by an angle, rad."""
+        """Drag the grip of a part of a posture around its joint, by an angle, rad.
+
+        A page that software draws may be so far behind that it sees no grip there: then again.
+        """
+        before = self.studio.session.view.number
+        self.wait(lambda: self.studio.server.get_clients())
+
+        def is_dragged() -> bool:
+            self._drag_once(end, part, turn)
+            time.sleep(1.0)
+            return bool(self.studio.session.view.number > before)
+
+        self.wait(is_dragged)
+
+    def _drag_once(self, end: str, part: int, turn: float) -> None:
         from selenium.webdriver.common.action_chains import ActionChains
 
         robot = self.studio.session.view.problem.robot
-        self.wait(lambda: self.studio.server.get_clients())
         places = grip_places(self.studio, end, part, np.linspace(0.0, turn, 6))
         points = [self._pixel(each) for each in in_space(robot.plane, places)]
         canvas = self.browser.driver.find_elements("css selector", "canvas")[0]
