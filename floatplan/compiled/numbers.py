@@ -44,16 +44,7 @@ NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are
 
 def is_plain(problem: Problem) -> bool:
     """Whether a problem asks for no more than the kernel does: (17) between given states, h given, no inequalities."""
-    return _is_given(problem) and not has_inequalities(problem)
-
-
-def has_inequalities(problem: Problem) -> bool:
-    """Whether a problem has more than equalities."""
-    return (
-        bool(problem.obstacles or problem.self_clearances or problem.ground)
-        or problem.limits.orientation_rate is not None
-        or any(np.isfinite(values).any() for values in _limits(problem))
-    )
+    return _is_given(problem) and not problem.has_inequalities
 
 
 def _is_given(problem: Problem) -> bool:
@@ -95,11 +86,7 @@ def is_together(family: Family) -> bool:
 
 def _finite(of: Problem) -> list[list[bool]]:
     """Which limits there are; of many, of the first."""
-    return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in _limits(of)]
-
-
-def _limits(of: Problem) -> tuple[Array, ...]:
-    return *of.joint_limits.values(), of.torque_limits, of.motor_torque_limits, of.motor_stall
+    return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in of.limited]
 
 
 def _is_plain(path: str, robot: Robot) -> bool:
@@ -146,7 +133,7 @@ class Numbers:
         for name in given:
             values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
         sound = np.ones(len(problems), dtype=np.bool_)
-        if not has_inequalities(like):
+        if not like.has_inequalities:
             return cls(like, values, sound)
         values["position"] = np.array([problem.takeoff.place_in_plane for problem in problems], dtype=np.float64)
         values["height"] = np.array([problem.landing_height for problem in problems], dtype=np.float64)
@@ -277,7 +264,7 @@ def key(problem: Problem) -> tuple[Any, ...]:
     """What problems must share to be planned in one batch."""
     given = not isinstance(problem.flight.angular_momentum, str)
     of_motion = problem.robot, problem.position_limits.tobytes(), problem.degrees, given
-    if not has_inequalities(problem):
+    if not problem.has_inequalities:
         return of_motion
     limits = str(_finite(problem)), problem.limits.orientation_rate
     kinds = tuple((type(each), len(each.pieces)) for each in problem.obstacles)

@@ -206,6 +206,20 @@ class Problem(Checked):
         return self.joint_limits["velocity"]
 
     @property
+    def limited(self) -> tuple[Array, ...]:
+        """All limits on joints and motors but for their ranges, infinite where there is none."""
+        return *self.joint_limits.values(), self.torque_limits, self.motor_torque_limits, self.motor_stall
+
+    @cached_property
+    def has_inequalities(self) -> bool:
+        """Whether more is asked than what holds at both ends."""
+        return (
+            bool(self.obstacles or self.self_clearances or self.ground)
+            or self.limits.orientation_rate is not None
+            or bool(np.isfinite(np.concatenate(self.limited)).any())
+        )
+
+    @property
     def takeoff_frame(self) -> Frame:
         """The takeoff frame, resolved."""
         return self.robot.frames[self.takeoff.frame]
