@@ -158,6 +158,16 @@ class Page:
         self.wait(lambda: self._labelled(label, "[role=slider]"))
         return self._labelled(label, "[role=slider]")
 
+    def click_until(self, name: str, done: Callable[[], Any]) -> None:
+        """Click a button until something is true: a page that is drawn anew may miss a click."""
+
+        def is_done() -> bool:
+            self.click(name)
+            time.sleep(1.0)
+            return bool(done())
+
+        self.wait(is_done)
+
     def drag_grip(self, end: str, part: int, turn: float) -> None:
         """Drag the grip of a part of a posture around its joint, by an angle, rad.
 

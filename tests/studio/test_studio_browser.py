@@ -62,8 +62,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
 
         page.tab("Save")
         for button, file in (("Save problem", "problem.toml"), ("Save plan", "plan.json")):
-            page.click(button)
-            page.wait(lambda file=file: file in page.text("floatplan-saved"))
+            page.click_until(button, lambda file=file: file in page.text("floatplan-saved"))
         assert page.complaints() == []
         assert errors == []
     assert floatplan("plan", folder / "problem.toml", "-o", "again", "--no-figures", "--quiet").code == 0
