@@ -121,8 +121,8 @@ class NumberedStarts {
 };
 
 // Starts followed one after the other, until one holds, or work has been done that the search is to know of; none where
-// it is asked first whether any motion may hold, and the answer is no. What the
-// most work ends is left out where it is not the first: how far it came hangs on what was done before.
+// it is asked first whether any motion may hold, and the answer is no. What the most work ends is left out where it is
+// not the first: how far it came hangs on what was done before.
 static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &plain,
                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
                                   const Powers *powers, Attempt &attempt, Draws &draws) {

@@ -22,7 +22,7 @@ from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
-PEAK_NODES = (33, 65, 129, 257)  # each of which lie among the next
+PEAK_NODES = (33, 65, 129, 257)  # the nodes of each lie among those of the next
 NO_LEAK = 1e-12  # [-] is rounding
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
