@@ -41,7 +41,7 @@ class KernelProgram:
         compiled, size = self._ready.compiled, len(x)
         assert compiled, "the flight is in a plane"
         x = np.ascontiguousarray(x)
-        given, attempt, kept = compiled.prepared(self.of, x.copy(), True, np.inf)
+        given, attempt, kept = compiled.prepared(self.of, x.copy(), True)
         count = self._ready.model.flight.node_counts[self.level] + len(self.others)
         rows, stride = attempt.structure.rows, -(-count // 8) * 8
         shapes = {"gradient": (size,), "row": (size,), "hessian": (size, size), "step": (size,)}

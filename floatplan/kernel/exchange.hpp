@@ -231,7 +231,7 @@ class Follower {
                   (violation == attempt.violation && (dearer < 0 || (status == optimal && dearer <= same)));
         if (!is_best) return;
         copy(best, now.x, program.size);
-        attempt.violation = violation, attempt.missed = std::fabs(now.equality);
+        attempt.violation = violation, attempt.missed = now.equality;
         attempt.judged_level = level;
         objective = now.objective;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;

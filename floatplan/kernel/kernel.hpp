@@ -220,7 +220,7 @@ struct Attempt {
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): start number 0, then the best end
-    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; that of (14)
+    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; (14) with its sign
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
 };

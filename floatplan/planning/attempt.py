@@ -6,7 +6,7 @@ and the answer is the same for the same seed.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
@@ -25,7 +25,7 @@ from floatplan.planning.transcription.compiled_attempt import (
     PROMISING,
     SAME,
     CompiledAttempts,
-    Ended,
+    Ready,
     compiled_attempts,
 )
 from floatplan.planning.transcription.constraints import Constraint, applies, constraints
@@ -126,7 +126,7 @@ class Outcome:
     ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
     constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
     took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
-    ``coefficients`` are b (n, k+1), where the kernel has written them; ``missed`` is by how much (14) is, rad.
+    ``coefficients`` are b (n, k+1), where the kernel has written them; by so much (14) is ``missed`` (e,), rad.
     """
 
     variables: DecisionVariables
@@ -140,7 +140,7 @@ class Outcome:
     starts: int = 1
     solved: int = 1
     coefficients: Array | None = None
-    missed: float = np.nan
+    missed: Array = field(default_factory=lambda: np.array([np.nan]))
 
     @property
     def holds(self) -> bool:
@@ -167,6 +167,11 @@ class Outcome:
         motions = variables.motion_class(variables.angular_momentum(x))
         return motions.powers_of_seconds(variables.free_coefficients(x))
 
+    @property
+    def residual(self) -> float:
+        """By how much (14) is missed, rad; infinite where the way there is wrong."""
+        return abs(self.missed.item()) if self.missed.size == 1 else self.motion.flown.missed
+
     @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
@@ -191,23 +196,49 @@ def best(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 class Attempts:
-    """A problem made ready for attempts; ``momentum`` left out, those of the problem.
+    """A problem made ready for attempts, as far as they need it; ``momentum`` left out, those of the problem.
 
-    Where the first of them, from the plain motion, ended, is known where it was followed with those of other problems.
+    One of problems that go together is ``ready`` with them, and its plain motion has been followed.
     """
 
     def __init__(
-        self, problem: Problem, seed: int, momentum: MomentumSet | None = None, first: Ended | None = None
+        self,
+        problem: Problem,
+        seed: int,
+        momentum: MomentumSet | None = None,
+        ready: tuple[Start, Ready] | None = None,
     ) -> None:
-        self.problem = problem
-        self.model: FlightModel = flight_model(problem)
-        self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
+        self.problem, self.seed = problem, seed
         self.momentum = momentum or momentum_set(problem)
-        self.seed, self._first = seed, first
-        self._ends_hold = False
-        self.plain_start = plain_start(problem, problem.degrees, self.momentum)
-        self.compiled = compiled_attempts(problem, self.model, self.constraints, self.plain_start.variables)
-        self._level = self.compiled.level if self.compiled else CONSTRAINED_LEVEL if self.constraints else 0
+        self._ends_hold, self._ready, self._first = False, None, None
+        if ready:
+            self.plain_start, self._ready = ready
+            self._first = self._ready.ended
+
+    @cached_property
+    def model(self) -> FlightModel:
+        """What the problem fixes of every motion, and the work done with it."""
+        return flight_model(self.problem)
+
+    @cached_property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """All that need watching."""
+        return constraints(self.problem, self.model)
+
+    @cached_property
+    def plain_start(self) -> Start:
+        """The plain motion of the problem's own degrees."""
+        return plain_start(self.problem, self.problem.degrees, self.momentum)
+
+    @cached_property
+    def compiled(self) -> CompiledAttempts | None:
+        """The same for the kernel; None in space."""
+        return compiled_attempts(self.problem, self.model, self.constraints, self.plain_start.variables)
+
+    @cached_property
+    def _level(self) -> int:
+        """Of grids, at least."""
+        return self.compiled.level if self.compiled else CONSTRAINED_LEVEL if self.constraints else 0
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -223,7 +254,7 @@ class Attempts:
     def impossible(self) -> list[str]:
         """Sentences about why no motion whatever meets the problem, as far as that is known."""
         ends = () if self._ends_hold else self._impossible_ends()
-        reasons = [*ends, *impossibilities(self.problem)] if self.constraints else []
+        reasons = [*ends, *impossibilities(self.problem)] if self.problem.has_inequalities else []
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         return reasons
@@ -254,8 +285,8 @@ class Attempts:
         before = self.model.work
         if is_plain(self.problem):
             outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif self.compiled:
-            outcome = self._follow_compiled(self.compiled, start, -1.0 if stop() else most_work, range(1))
+        elif self._in_kernel(start):
+            outcome = self._follow_compiled(start, -1.0 if stop() else most_work, range(1))
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
         outcome.work = self.model.work - before
@@ -278,18 +309,20 @@ class Attempts:
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
         numbers = range(numbers.start - len(given), numbers.stop - len(given))
-        plain, number, before = plain_start(self.problem, degrees, self.momentum), numbers.start, self.model.work
+        number, before = numbers.start, self.model.work
+        own = degrees == self.problem.degrees
+        plain = self.plain_start if own else plain_start(self.problem, degrees, self.momentum)
         if number and not plain.variables.size:
             return None
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif self.compiled:
+        elif self._in_kernel(plain):
             left = -1.0 if stop() else most_work
-            outcome = self._follow_compiled(self.compiled, plain, left, numbers, asks)
+            outcome = self._follow_compiled(plain, left, numbers, asks)
             self._ends_hold = asks and outcome.starts > 0
             if not outcome.starts and not self.impossible:
-                outcome = self._follow_compiled(self.compiled, plain, left, numbers)
+                outcome = self._follow_compiled(plain, left, numbers)
         else:
             return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
@@ -302,20 +335,26 @@ class Attempts:
         outcome.work = self.model.work - before
         return outcome
 
-    def _follow_compiled(
-        self, compiled: CompiledAttempts, start: Start, most_work: float, numbers: range, asks: bool = False
-    ) -> Outcome:
+    def _in_kernel(self, start: Start) -> bool:
+        """Whether the kernel follows a start."""
+        return (self._ready is not None and start is self.plain_start) or self.compiled is not None
+
+    def _follow_compiled(self, start: Start, most_work: float, numbers: range, asks: bool = False) -> Outcome:
         """Follow starts in the kernel, of which this one is number 0."""
         ended, self._first = self._first, None
         if ended is None:
-            ended = compiled.follow(start.variables, start.x, start.at_once, most_work, numbers, self.seed, asks)
+            ready = self._ready if start is self.plain_start else None
+            if not ready and self.compiled:
+                ready = self.compiled.ready(start.variables, start.x, start.at_once)
+            assert ready, "it is followed in the kernel"
+            ended = ready.follow(numbers, most_work, self.seed, asks)
         self.model.work += ended.work
         variables = on_branch(self.problem, start.variables, ended.branch)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
         named = self.problem.motion.objective
-        outcome = Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts, missed=ended.missed)
-        outcome.coefficients = ended.coefficients
+        outcome = Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts)
+        outcome.coefficients, outcome.missed = ended.coefficients, np.array([ended.missed])
         return outcome
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
@@ -398,6 +437,6 @@ class Attempts:
         if violation <= 0 and reached.status == "infeasible":
             reached = reached._replace(status="feasible")  # kept, though not as well inside as the search aims
         named = self.problem.motion.objective
-        outcome = Outcome(variables, reached, self.model, level, violation, worst, named, missed=motion.flown.missed)
+        outcome = Outcome(variables, reached, self.model, level, violation, worst, named, missed=motion.residual)
         outcome.__dict__["motion"] = motion
         return outcome

@@ -3,40 +3,45 @@
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import replace
-from itertools import chain
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 
 from floatplan.arguments import flag, many
-from floatplan.arrays import IntArray
+from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, OPTIMAL, STATUS, Answers, Search, solver
+from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, STATUS, Answers, Search, solver
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import answered, planned
+from floatplan.planning.planned import answered, planned, searched
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import Allowance, SearchOptions
-from floatplan.planning.together import Together, followed_together
-from floatplan.planning.transcription.compiled_attempt import Ended
-from floatplan.plans.plans import ALL_HOLDS, COUNTS, SOLVED, Answer, Plans
+from floatplan.planning.together import followed_together
+from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 
 CHUNK, WITH_ROWS = 2048, 256  # problems of a batch, plain or with inequalities
-AT_ONCE = 8  # problems that a process is given at a time
+AT_ONCE = 8  # problems that go alone, which a process is given at a time
+SHARES = 4  # [-] of a batch with inequalities, that each process has, so that all end at about the same time
 LONGER = "search=True searches longer"
-# Problems that go together: their indices (M,) among all, one of them, the numbers of some.
-_Batch: TypeAlias = tuple[IntArray, Problem, Callable[[IntArray], Numbers]]
-# What is to be answered alone: its index, and a plan to prove, or where the first attempt ended, where that is known.
-_Task: TypeAlias = tuple[int, Answer | Ended | None]
 PATIENCE = 1 / 20  # [-] of the usual work, before a start is solved: about 0.05 s in a plane
 UNSOLVED = 16  # [-] starts at a degree: no row of the studies pole and weak_motors that is solved takes more
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Problems to answer by their indices: together, ``like`` one of them, or one by one, ``known`` ones to prove."""
+
+    indices: list[int]
+    like: int | None = None
+    known: Sequence[Answer] = ()
 
 
 @one_thread
@@ -100,17 +105,23 @@ def planned_together(
     """Plan many flights as :func:`plan_many` does, where a search of one has its own ``seed``, by its index."""
     plans = Plans.of(problems, *_shape(problems), options.seed)
     brief, whole = _efforts(options, search)
-    batches, indices = _sorted_out(problems)
-    alone: list[_Task] = [(index, None) for index in indices]
-    for batch in batches:
-        alone += _plan_batch(plans, batch, options, brief)
-    _finish(plans, sorted(alone, key=lambda task: task[0]), brief, options.jobs, seed)
+    batches, alone = _sorted_out(problems)
+    tasks: list[_Task] = []
+    for indices in batches:
+        first = int(indices[0])
+        if is_plain(_like(problems, first)):
+            alone += _plan_plain(plans, indices, options)
+        else:
+            size = WITH_ROWS if options.jobs == 1 else min(WITH_ROWS, -(-len(indices) // (SHARES * options.jobs)))
+            tasks += [_Task(part.tolist(), first) for part in _parts(indices, size)]
+    _finish(plans, [*tasks, *_alone(alone)], brief, options.jobs, seed)
     if search:
-        missed = set(np.flatnonzero(plans.status == "not_found").tolist()) - {index for index, _ in alone}
-        _finish(plans, [(index, None) for index in sorted(missed)], whole, options.jobs, seed)
+        missed = set(np.flatnonzero(plans.status == "not_found").tolist())
+        searched = {index for task in tasks for index in task.indices}.union(alone)
+        _finish(plans, _alone(missed - searched), whole, options.jobs, seed)
     if prove:
         solved = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
-        _finish(plans, [(index, plans.answer(index)) for index in solved], whole, options.jobs, seed)
+        _finish(plans, _alone(solved, plans), whole, options.jobs, seed)
     return plans
 
 
@@ -127,13 +138,11 @@ def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
     return max(map(len, degrees), default=0), max((max(each, default=0) for each in degrees), default=0) + 1
 
 
-def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], list[int]]:
-    """Batches of problems that go together, and the indices of the others."""
+def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[IntArray], list[int]]:
+    """Indices of problems that go together, batch by batch, and those of the others."""
     if isinstance(problems, Family):
         indices = np.arange(len(problems))
-        if not (is_together(problems) and len(problems)):
-            return [], indices.tolist()
-        return [(indices, problems.base, lambda some: Numbers.of_family(problems, some))], []
+        return ([indices], []) if is_together(problems) and len(problems) else ([], indices.tolist())
     groups: dict[object, list[int]] = {}
     others = []
     for index, problem in enumerate(problems):
@@ -141,64 +150,55 @@ def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], lis
             groups.setdefault(key(problem), []).append(index)
         else:
             others.append(index)
+    return [np.array(group) for group in groups.values()], others
+
+
+def _like(problems: Sequence[Problem] | Family, index: int) -> Problem:
+    """One of those that a problem goes together with."""
+    return problems.base if isinstance(problems, Family) else problems[index]
+
+
+def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[Numbers, BoolArray]:
+    """What problems that go together differ in, and which (N,) of them have good numbers; of the good ones alone."""
 
     def numbers(some: IntArray) -> Numbers:
+        if isinstance(problems, Family):
+            return Numbers.of_family(problems, some)
         return Numbers.of_problems([problems[index] for index in some.tolist()])
 
-    return [(np.array(group), problems[group[0]], numbers) for group in groups.values()], others
+    all_numbers = numbers(indices)
+    good = ~all_numbers.doubtful()
+    return numbers(indices[good]) if good.any() and not good.all() else all_numbers, good
 
 
-def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions, brief: SearchOptions) -> list[_Task]:
-    """Plan a batch in chunks; what is to be searched for is returned: doubtful numbers too, which a Problem checks."""
-    all_indices, like, numbers_of = batch
-    plain, follow = is_plain(like), _following(like, options, brief)
+def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions) -> list[int]:
+    """Plan plain problems in chunks; those with doubtful numbers, which a Problem checks, are returned."""
+    like, problems = _like(plans.problems, int(indices[0])), plans.problems
+    compiled, most = solver(like, like.degrees), MOST_STARTS + options.starts - 1
+    search = Search(starts=options.starts, most_starts=most, seed=options.seed)
 
-    def answered(chunk: IntArray) -> tuple[IntArray, Numbers, Answers | Together | None, list[_Task]]:
-        numbers = numbers_of(chunk)
-        bad = numbers.doubtful()
-        doubtful: list[_Task] = [(index, None) for index in chunk[bad].tolist()]
-        if doubtful:
-            chunk = chunk[~bad]
-            numbers = numbers_of(chunk) if len(chunk) else numbers
-        return chunk, numbers, follow(numbers) if len(chunk) else None, doubtful
+    def answered(chunk: IntArray) -> tuple[BoolArray, Numbers, Answers | None]:
+        numbers, good = _numbers(problems, chunk)
+        return good, numbers, compiled.plan(numbers.rows(), search) if good.any() else None
 
-    size = CHUNK if plain else WITH_ROWS
-    chunks = [all_indices[first : first + size] for first in range(0, len(all_indices), size)]
-    left: list[_Task] = []
+    chunks, doubtful = _parts(indices, CHUNK), []
     with ThreadPoolExecutor(options.jobs) as pool:
-        for indices, numbers, answers, doubtful in (map if options.jobs == 1 else pool.map)(answered, chunks):
-            left += doubtful
-            if isinstance(answers, Answers):
-                _keep(plans, indices, numbers, answers)
-            elif answers:
-                left += _keep_solved(plans, indices, numbers, answers, options.starts)
-    return left
+        each = (map if options.jobs == 1 else pool.map)(answered, chunks)
+        for chunk, (good, numbers, answers) in zip(chunks, each, strict=True):
+            doubtful += chunk[~good].tolist()
+            if answers:
+                _keep(plans, chunk[good], numbers, answers)
+    return doubtful
 
 
-def _following(like: Problem, options: SearchOptions, brief: SearchOptions) -> Callable[[Numbers], Answers | Together]:
-    """Return what follows starts of problems like one: all that they need of plain ones, of others the plain motion."""
-    if is_plain(like):
-        compiled, most = solver(like, like.degrees), MOST_STARTS + options.starts - 1
-        search = Search(starts=options.starts, most_starts=most, seed=options.seed)
-        return lambda numbers: compiled.plan(numbers.rows(), search)
-    prepared, work = Attempts(like, options.seed), Allowance.of(brief).left
-    return lambda numbers: followed_together(prepared, numbers, work)
+def _parts(indices: IntArray, size: int) -> list[IntArray]:
+    return [indices[first : first + size] for first in range(0, len(indices), size)]
 
 
-def _keep_solved(plans: Plans, indices: IntArray, numbers: Numbers, found: Together, starts: int) -> list[_Task]:
-    """Take those answers of a chunk that need no more starts; return the others."""
-    solved = found.solved if starts == 1 else np.empty(0, np.int64)
-    kept, of_kernel, (_, n, columns) = indices[solved], found.attempts.numbers[solved], found.coefficients.shape
-    plans.status[kept], plans.residual[kept] = STATUS[OPTIMAL], of_kernel["missed"]
-    plans.objective[kept] = [np.linalg.norm(b) for b in found.coefficients[solved]]
-    plans.angular_momentum[kept] = numbers.angular_momentum()[solved]
-    plans.coefficients[kept, :n, :columns] = found.coefficients[solved]
-    plans.starts[kept] = plans.solved[kept] = 1
-    for name in ("evaluations", "iterations"):
-        getattr(plans, name)[kept] = of_kernel[name]
-    plans.messages.update(dict.fromkeys(kept.tolist(), ALL_HOLDS))
-    left = np.setdiff1d(np.arange(len(indices)), solved)
-    return [(int(indices[row]), found.ended(row)) for row in left.tolist()]
+def _alone(indices: Iterable[int], plans: Plans | None = None) -> list[_Task]:
+    """Tasks of problems that go alone, with the answers to prove."""
+    parts = _parts(np.array(sorted(indices), np.int64), AT_ONCE)
+    return [_Task(each.tolist(), known=[plans.answer(i) for i in each.tolist()] if plans else ()) for each in parts]
 
 
 def _keep(plans: Plans, indices: IntArray, numbers: Numbers, answers: Answers) -> None:
@@ -220,34 +220,74 @@ def _keep(plans: Plans, indices: IntArray, numbers: Numbers, answers: Answers) -
 def _finish(
     plans: Plans, tasks: Sequence[_Task], options: SearchOptions, jobs: int, seed: Callable[[int], int]
 ) -> None:
-    """Answer problems one by one, in this process or several; see :func:`_answering`."""
-    seeded = [(index, known, seed(index)) for index, known in tasks]
-    groups = [(seeded[first : first + AT_ONCE],) for first in range(0, len(tasks), AT_ONCE)]
-    several = jobs > 1 and len(tasks) > 1
+    """Answer problems in this process or several; see :func:`_answering`."""
+    seeded = [(task, [seed(index) for index in task.indices]) for task in tasks]
     ready = (plans.problems, options)
+    several = jobs > 1 and len(tasks) > 1
     with processes(jobs, (__name__,), _answering, *ready) if several else nullcontext() as pool:
-        answers = in_order(pool, groups, _answering(*ready))
-        for (index, _), answer in zip(tasks, chain.from_iterable(answers), strict=True):
-            plans.keep(index, answer)
+        for task, answers in zip(tasks, in_order(pool, seeded, _answering(*ready)), strict=True):
+            for index, answer in zip(task.indices, answers, strict=True):
+                plans.keep(index, answer)
 
 
 def _answering(
-    problems: Sequence[Problem], options: SearchOptions
-) -> Callable[[Sequence[tuple[int, Answer | Ended | None, int]]], list[Answer]]:
-    """Return what answers problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
+    problems: Sequence[Problem] | Family, options: SearchOptions
+) -> Callable[[_Task, Sequence[int]], list[Answer]]:
+    """Return what answers a task, its problems with a seed each; one that is wrong has an answer too."""
 
-    def answered(index: int, known: Answer | Ended | None, seed: int) -> Answer:
-        try:
-            problem, how = problems[index], replace(options, seed=seed)
-            return _proved(problem, known, how) if isinstance(known, Answer) else _searched(problem, how, known)
-        except InputError as error:
-            return Answer("error", message=str(error))
+    @cache
+    def prepared(index: int) -> Attempts:
+        return Attempts(_like(problems, index), options.seed)
 
-    return one_thread(lambda tasks: [answered(*task) for task in tasks])
+    def made(task: _Task, seeds: Sequence[int]) -> list[Answer]:
+        how = [replace(options, seed=seed) for seed in seeds]
+        if task.like is not None:
+            return _made_together(prepared(task.like), problems, task.indices, how)
+        known: Sequence[Answer | None] = task.known or [None] * len(how)
+        return [_made(_made_alone, problems, *each) for each in zip(task.indices, how, known, strict=True)]
+
+    return one_thread(made)
 
 
-def _searched(problem: Problem, options: SearchOptions, first: Ended | None = None) -> Answer:
-    answer, gave_up = answered(problem, options, first)
+def _made(make: Callable[..., Answer], *given: Any) -> Answer:
+    """Return an answer, to what is wrong too."""
+    try:
+        return make(*given)
+    except InputError as error:
+        return Answer("error", message=str(error))
+
+
+def _made_alone(
+    problems: Sequence[Problem] | Family, index: int, options: SearchOptions, known: Answer | None = None
+) -> Answer:
+    problem = problems[index]
+    return _proved(problem, known, options) if known else _told(*answered(problem, options))
+
+
+def _made_together(
+    like: Attempts, problems: Sequence[Problem] | Family, indices: Sequence[int], options: Sequence[SearchOptions]
+) -> list[Answer]:
+    """Answer problems that go together: by their plain motions where those are enough, else each by a search."""
+    numbers, good = _numbers(problems, np.array(indices))
+    if not good.any():
+        return [_made(_made_alone, problems, *each) for each in zip(indices, options, strict=True)]
+    found = followed_together(like, numbers, Allowance.of(options[0]).left)
+    enough = set(found.solved.tolist()) if options[0].starts == 1 else set()
+
+    def go_on(row: int, index: int, how: SearchOptions) -> Answer:
+        return _told(*searched(found.at(row, problems[index], how.seed), how))
+
+    answers, row = [], 0
+    for index, is_good, how in zip(indices, good.tolist(), options, strict=True):
+        if not is_good:
+            answers.append(_made(_made_alone, problems, index, how))
+            continue
+        answers.append(found.answer(row) if row in enough else _made(go_on, row, index, how))
+        row += 1
+    return answers
+
+
+def _told(answer: Answer, gave_up: bool) -> Answer:
     if not gave_up or answer.status != "not_found":
         return answer
     return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")

@@ -21,7 +21,6 @@ from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together
 from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import Ended
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
@@ -81,7 +80,7 @@ class Searched:
             status=best.solution.status if best.holds else nothing,
             objective=best.objective_value if best.holds else np.nan,
             angular_momentum=float(best.variables.angular_momentum(best.solution.x)[0]),
-            residual=best.missed,
+            residual=best.residual,
             coefficients=best.written,
             **counts,
             message=explain(self.prepared, self.result, self.reasons),
@@ -120,20 +119,21 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     return found if isinstance(found, SearchedPlan) else found.plan
 
 
-def answered(problem: Problem, options: SearchOptions, first: Ended | None = None) -> tuple[Answer, bool]:
-    """Plan a flight of which the numbers are enough, and say whether the search's patience ended; errors as above.
-
-    Where the first attempt ended may be known.
-    """
-    found = _found(problem, options, None, first)
+def answered(problem: Problem, options: SearchOptions) -> tuple[Answer, bool]:
+    """Plan a flight of which the numbers are enough, and say whether the search's patience ended; errors as above."""
+    found = _found(problem, options, None)
     if isinstance(found, SearchedPlan):
         return Answer.of_plan(found.plan, found.plan.status), found.gave_up
     return found.answer, found.result.ran_out_of_patience
 
 
-def _found(
-    problem: Problem, options: SearchOptions, near: Plan | None, first: Ended | None = None
-) -> SearchedPlan | Searched:
+def searched(prepared: Attempts, options: SearchOptions) -> tuple[Answer, bool]:
+    """The same of a problem that is ready for attempts."""
+    found = Searched(prepared, search(prepared, options), time.perf_counter())
+    return found.answer, found.result.ran_out_of_patience
+
+
+def _found(problem: Problem, options: SearchOptions, near: Plan | None) -> SearchedPlan | Searched:
     began = time.perf_counter()
     most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
     together = is_plain(problem) and not problem.raises_degree
@@ -144,23 +144,22 @@ def _found(
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
         LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
         return SearchedPlan(plan, followed, work=followed.work)
-    return _searched(problem, options, near, first or followed, began)
+    return _searched(problem, options, near, followed, began)
 
 
 @one_thread
 def _searched(
-    problem: Problem, options: SearchOptions, near: Plan | None, known: Ended | Followed | None, began: float
+    problem: Problem, options: SearchOptions, near: Plan | None, followed: Followed | None, began: float
 ) -> Searched:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
-    followed, first = (known, None) if isinstance(known, Followed) else (None, known)
-    prepared = Attempts(problem, options.seed, first=first)
+    prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
     if problem.robot.in_plane is None:
         from floatplan.planning.in_space import search_in_space  # here, since most problems do without
 
         return Searched(prepared, search_in_space(prepared, options), began)
-    result = _followed_from(near, prepared, options.budget) if near and prepared.constraints else None
+    result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
     if result is None:
         if near and options.budget is not None:
             left = options.budget - (time.perf_counter() - began)
@@ -244,7 +243,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
 
 def _missed_turn(found: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    missed = found.best.motion.residual
+    missed = found.best.missed
     return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
 
 

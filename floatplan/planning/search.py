@@ -233,9 +233,9 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         return True
     if len(solved) < max(wanted, 1):
         return False
-    constrained = bool(prepared.constraints)
+    constrained = prepared.problem.has_inequalities
     easy = [outcome.is_optimal and outcome.solution.iterations <= EASY_ITERATIONS for outcome in outcomes]
-    if constrained and prepared.plain_start.variables.momentum.free:
+    if constrained and prepared.momentum.free:
         values = np.sort([outcomes[index].objective_value for index in solved])
         agreeing = int((values - values[0] <= AGREEMENT * values).sum())
         enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST

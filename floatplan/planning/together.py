@@ -1,38 +1,53 @@
 """Problems with inequalities that go together: the plain motion of each is followed, by the kernel in one call.
 
-They differ from one that is made ready for attempts in numbers alone. What holds is an answer; of the others the search
-knows how the first attempt ended.
+They differ from one that is made ready for attempts in numbers alone. What holds is an answer; the others are ready for
+more starts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.attempts import WATCHED_AT_MOST, watching_levels
-from floatplan.compiled.batch import OPTIMAL, powers_of_basis
+from floatplan.compiled.batch import OPTIMAL, Rows, powers_of_basis
 from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.layout import FilledRows
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import central_reach
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription.compiled_attempt import CLOSER, CompiledAttempts, Ended, draws_of
+from floatplan.planning.starts import Start
+from floatplan.planning.transcription.compiled_attempt import (
+    CLOSER,
+    MOST_WORK,
+    CompiledAttempts,
+    Ready,
+    draws_of,
+)
 from floatplan.planning.transcription.constraints import Limit
-from floatplan.planning.transcription.variables import whitened
-from floatplan.problem.problem import shares_of_limits
+from floatplan.planning.transcription.variables import DecisionVariables, whitened
+from floatplan.plans.plans import ALL_HOLDS, Answer
+from floatplan.problem.problem import Problem, shares_of_limits
 
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Where N problems' plain motions led: ``x`` (N, m), b (N, n, k+1) of (12), and what the kernel says of each."""
+    """Where N problems' plain motions led, b (N, n, k+1) of (12), and what further starts of each are followed with.
 
-    compiled: CompiledAttempts
+    ``like`` is what they differ from, by ``rows`` and their ``whitened`` variables. ``given`` is what the kernel takes
+    of all, or of each its own; ``found`` where they ended, from ``plain`` (N, m): x (N, m), branch and minima.
+    """
+
+    like: Attempts
+    rows: Rows
+    whitened: tuple[Array, Array, Array]
+    given: tuple[Any, ...]
     attempts: FilledRows
-    x: Array
-    branch: IntArray
+    draws: FilledRows
+    plain: Array
+    found: tuple[Array | IntArray, ...]
     coefficients: Array
-    found: list[Any]
 
     @property
     def solved(self) -> IntArray:
@@ -40,10 +55,38 @@ class Together:
         numbers = self.attempts.numbers
         return np.flatnonzero((numbers["violation"] <= 0) & (numbers["status"] == OPTIMAL))
 
-    def ended(self, row: int) -> Ended:
-        """Where one ended."""
-        of = [each[row].copy() for each in (self.x, self.branch, *self.found)]
-        return Ended.of(self.attempts.structures[row], self.compiled.rows, of, self.coefficients[row].copy())
+    def answer(self, row: int) -> Answer:
+        """Where the plain motion of one that is solved led."""
+        numbers, coefficients = self.attempts.structures[row], self.coefficients[row]
+        return Answer(
+            "optimal",
+            objective=float(np.linalg.norm(coefficients)),
+            angular_momentum=float(self.rows.momentum[row]),
+            residual=abs(numbers.missed),
+            coefficients=coefficients,
+            evaluations=numbers.evaluations,
+            iterations=numbers.iterations,
+            starts=1,
+            solved=1,
+            message=ALL_HOLDS,
+        )
+
+    def at(self, row: int, problem: Problem, seed: int) -> Attempts:
+        """One of the problems, ready for attempts: the first, from the plain motion, is done."""
+        given = tuple(each.structures[row] if isinstance(each, FilledRows) else each for each in self.given)
+        found, compiled = tuple(each[row] for each in self.found), self.like.compiled
+        assert compiled, "flights in space go alone"
+        of_starts = self.attempts.structures[row], self.draws.structures[row]
+        ready = Ready(compiled, self.plain[row], given, *of_starts, found, self.coefficients[row], self)
+        momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
+        polynomials = replace(
+            self.like.plain_start.variables.polynomials,
+            duration=float(self.rows.duration[row]),
+            boundary=self.rows.boundary[row],
+        )
+        offset, scaling, offset_map = (each[row] for each in self.whitened)
+        variables = DecisionVariables(polynomials, offset, scaling, momentum, offset_map=offset_map)
+        return Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), ready))
 
 
 def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Together:
@@ -53,32 +96,43 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     rows, polynomials, given = numbers.rows(), variables.polynomials, numbers.values["orientation"][:, 0]
     count, n = rows.boundary.shape[:2]
     durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
-    offset, scaling, _ = whitened(polynomials.form, polynomials.free, durations, rows.boundary)
-    x = np.asarray(np.linalg.solve(scaling, -offset[..., None])[..., 0], np.float64)
-    branch = np.zeros((count, n), np.int64)
+    offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, durations, rows.boundary)
+    plain = np.asarray(np.linalg.solve(scaling, -offset[..., None])[..., 0], np.float64)
+    x, branch = plain.copy(), np.zeros((count, n), np.int64)
     coefficients = np.empty((count, n, CONDITIONS + polynomials.width))
     thickness = [min((each.thickness for each in own), default=np.inf) for own in numbers.obstacles or [()] * count]
     paths = numbers.paths()
     level = watching_levels(compiled.watch.flight, polynomials, rows, (given, paths, np.array(thickness)))
-    start, attempt, motions = compiled.prepared(variables, x[0], True, most_work)
+    start, attempt, motions = compiled.prepared(variables, x[0], True)
     minima, found = compiled.room(count)
     own_minima = FilledRows(minima, count, **dict(zip(("row", "s", "least"), found, strict=True)))
     ends = {"minima": own_minima, "x": x, "coefficients": coefficients, "first": 0, "count": 1}
-    ends["reach"] = central_reach(like.problem.robot)  # it is asked first whether there is a chance
+    ends["most_work"] = min(most_work, MOST_WORK)
+    ends["reach"] = compiled.reach  # it is asked first whether there is a chance
     levels = {"level": level, "closer_level": np.minimum(level + CLOSER, WATCHED_AT_MOST)}
     of_motions = {"boundary": rows.boundary, "offset": offset, "scaling": scaling, "orientation": given}
     of_flights = {name: getattr(rows, name) for name in ("duration", "momentum", "change")}
     every_attempt = FilledRows(attempt, count, **ends, **levels)
     every_motion = FilledRows(motions, count, **of_motions, **of_flights)
-    draws = FilledRows(draws_of(variables, 0, True, branch[0]), count, branch=branch)
+    draws = FilledRows(draws_of(variables, True, branch[0]), count, branch=branch, offset_map=offset_map)
     constraints = FilledRows(compiled.watch.filled, count, path=paths, **_of_constraints(compiled, numbers, count))
     robot, _, _, *others = start
-    powers, kernel = powers_of_basis(polynomials.width), compiled.watch.kernel
-    batch = (constraints, every_motion, every_attempt, draws)
-    of = [each.structures for each in batch]
-    if kernel.attempt(robot, *of[:2], *others, powers.structure, *of[2:], count, kernel.instructions):
+    together = (robot, constraints, every_motion, *others, powers_of_basis(polynomials.width).structure)
+    of = [each.structures if isinstance(each, FilledRows) else each for each in (*together, every_attempt, draws)]
+    kernel = compiled.watch.kernel
+    if kernel.attempt(*of, count, kernel.instructions):
         raise MemoryError("no memory to follow starts")
-    return Together(compiled, every_attempt, x, branch, coefficients, found)
+    return Together(
+        like,
+        rows,
+        (offset, scaling, offset_map),
+        together,
+        every_attempt,
+        draws,
+        plain,
+        (x, branch, *found),
+        coefficients,
+    )
 
 
 def _of_constraints(compiled: CompiledAttempts, numbers: Numbers, count: int) -> dict[str, Array]:

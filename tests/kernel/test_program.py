@@ -209,7 +209,7 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
     _, x = program_and_point(problem, seed)
     ready = Attempts(problem, 0)
     variables = ready.plain_start.variables
-    ended = ready.compiled.follow(variables, x, True, -1.0, range(1), 0)
+    ended = ready.compiled.ready(variables, x, True).follow(range(1), -1.0, 0, asks=False)
     here = ended.worst
     take_general_path(monkeypatch)
     model = Attempts(problem, 0).model

@@ -5,7 +5,6 @@ What crosses: the nodes of all levels, the class of motions of the start's varia
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, distinct
 from floatplan.compiled.attempts import WATCHED_AT_MOST, knots, nodes_of_levels, orientations, watching_levels
 from floatplan.compiled.batch import FINE, SPREADS, STATUS, Rows, constrained_settings, is_planar, powers_of_basis
-from floatplan.compiled.constraints import CompiledConstraints, Look
+from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -45,6 +44,7 @@ ELASTIC_STALLED = 0.95  # of the violation STALL_ITERATIONS elastic steps before
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
+MOST_WORK = 1e300  # [instants of one body] of a start that may do any
 ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer find worse plans of many joints
@@ -56,9 +56,9 @@ class Ended:
     """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
-    one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much. ``starts`` were followed, in
-    as many iterations and evaluations, and so much ``work``, instants of one body. Its ``coefficients`` (n, k+1) are b
-    of (12), powers of t in seconds; None where accelerations at an end are free.
+    one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much, with its sign. ``starts``
+    were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
+    ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free.
     """
 
     x: Array
@@ -74,16 +74,62 @@ class Ended:
     work: float
     coefficients: Array | None
 
-    @classmethod
-    def of(
-        cls, ended: Any, rows: tuple[IntArray, IntArray, Look], found: Sequence[Any], coefficients: Array | None
-    ) -> Ended:
-        """As the kernel says it: a structure, and its x, branch, and the minima's row, s and least value."""
-        x, branch, *minima = found
-        row, s, least = (each[: ended.minima.found].copy() for each in minima)
-        worst, counts = Worst(rows[0][row], rows[1][row], s, least), (ended.judged_level, ended.iterations)
-        of_end = STATUS[ended.status], ended.violation, ended.missed, worst, *counts
-        return cls(x, branch, *of_end, ended.evaluations, ended.started, ended.work, coefficients)
+
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """Starts of a problem, by number, ready to be followed: number 0 is ``plain``, others are drawn.
+
+    ``given`` is what the kernel takes before it is told of the starts, the structures ``attempt`` and ``draws``. Those
+    point to ``found``: x, the branch and the minima's row, s and least value; and to ``coefficients``, where b is
+    wanted. ``kept`` is what else they point to.
+    """
+
+    compiled: CompiledAttempts
+    plain: Array
+    given: tuple[Any, ...]
+    attempt: Any
+    draws: Any
+    found: tuple[Any, ...]
+    coefficients: Array | None
+    kept: Any
+
+    def follow(self, numbers: range, most_work: float, seed: int, asks: bool) -> Ended:
+        """Follow starts by number to their ends, one after the other, until one holds or has done much work.
+
+        The first ends when it has done the most work, of others those are left out that would do more. Where it
+        ``asks`` first whether start and goal, or the path of the centre of mass, leave a chance, and they do not, none
+        is followed.
+        """
+        attempt, kernel = self.attempt, self.compiled.watch.kernel
+        self.found[0][:] = self.plain
+        attempt.first, attempt.count, attempt.most_work = numbers.start, len(numbers), min(most_work, MOST_WORK)
+        attempt.reach = self.compiled.reach if asks else 0.0
+        self.draws.seed = seed
+        if kernel.attempt(*self.given, attempt, self.draws, 1, kernel.instructions):
+            raise MemoryError("no memory to follow a start")
+        return self.ended
+
+    @property
+    def ended(self) -> Ended:
+        """Where the starts ended that were followed last."""
+        attempt, rows = self.attempt, self.compiled.rows
+        x, branch, *minima = self.found
+        row, s, least = (each[: attempt.minima.found].copy() for each in minima)
+        worst = Worst(rows[0][row], rows[1][row], s, least)
+        return Ended(
+            x.copy(),
+            branch.copy(),
+            STATUS[attempt.status],
+            attempt.violation,
+            attempt.missed,
+            worst,
+            attempt.judged_level,
+            attempt.iterations,
+            attempt.evaluations,
+            attempt.started,
+            attempt.work,
+            None if self.coefficients is None else self.coefficients.copy(),
+        )
 
 
 class CompiledAttempts:
@@ -110,52 +156,39 @@ class CompiledAttempts:
         arrays = dict(zip(("row", "s", "least"), found, strict=True))
         return Filled("Minima", look, instants=len(look.grid), near=look.near, span=look.span, **arrays), found
 
-    def follow(
-        self,
-        variables: DecisionVariables,
-        x: Array,
-        at_once: bool,
-        most_work: float,
-        numbers: range,
-        seed: int,
-        asks: bool = False,
-    ) -> Ended:
-        """Follow starts by number to their ends, one after the other, until one holds or has done much work.
-
-        Number 0 is x, followed ``at_once`` straight to the objective or not, others are drawn; the first ends when it
-        has done the most work, of others those are left out that would do more. Where it ``asks`` first whether start
-        and goal, or the path of the centre of mass, leave a chance, and they do not, none is followed.
-        """
-        watch, ended_at, branch = self.watch, x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
-        given, attempt, _ = self.prepared(variables, ended_at, at_once, most_work)
-        draws, ended = draws_of(variables, seed, bool(self._constraints), branch), attempt.structure
-        ended.first, ended.count = numbers.start, len(numbers)
-        ended.reach = central_reach(self._problem.robot) if asks else 0.0
-        powers, coefficients = powers_of_basis(variables.polynomials.form.bubbles), None
+    def ready(self, variables: DecisionVariables, x: Array, at_once: bool) -> Ready:
+        """Make starts ready, of which x is number 0, followed ``at_once`` straight to the objective or not."""
+        ended_at, branch = x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
+        given, attempt, motions = self.prepared(variables, ended_at, at_once)
+        powers = powers_of_basis(variables.polynomials.form.bubbles)
+        draws, coefficients = draws_of(variables, bool(self._constraints), branch), None
         if not variables.polynomials.free_ends:
             coefficients = np.empty((len(branch), CONDITIONS + variables.polynomials.width))
             attempt.point_to(coefficients=coefficients)
-        if watch.kernel.attempt(*given, powers.structure, ended, draws.structure, 1, watch.kernel.instructions):
-            raise MemoryError("no memory to follow a start")
-        return Ended.of(ended, self.rows, [ended_at, branch, *(each[0] for each in self._found)], coefficients)
+        found = ended_at, branch, *(each[0] for each in self._found)
+        given, kept = (*given, powers.structure), (attempt, motions, powers, draws)
+        return Ready(self, x, given, attempt.structure, draws.structure, found, coefficients, kept)
 
-    def prepared(
-        self, variables: DecisionVariables, x: Array, at_once: bool, most_work: float
-    ) -> tuple[tuple[Any, ...], Filled, Filled]:
-        """Return what the kernel is given to follow a start, the start, which ends at x (size,), and its class."""
+    def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
+        """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
         watch = self.watch
         instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
         at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self.rows[0]]
         levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
-        work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
+        bodies = {"bodies": self._model.flight.bodies}
         counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
         arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance, "coefficients": None}
-        numbers = {**self._aim(variables), **levels, **work, **counts}
+        numbers = {**self._aim(variables), **levels, **bodies, **counts}
         attempt = Filled("Attempt", self._look, minima=self.minima, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
         settings = constrained_settings(), _rules(self._model.flight.bodies)
         return (*watch.references, motions.structure, grids, *settings), attempt, motions
+
+    @cached_property
+    def reach(self) -> float:
+        """How far the point of the robot that stays nearest to the centre of mass is from it at most, m."""
+        return central_reach(self._problem.robot)
 
     @cached_property
     def _window_ends(self) -> tuple[float, ...]:
@@ -190,11 +223,11 @@ def compiled_attempts(
     return CompiledAttempts(problem, model, constraints, watch, level)
 
 
-def draws_of(variables: DecisionVariables, seed: int, constrained: bool, branch: IntArray) -> Filled:
+def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
     """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
     numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
     fraction = np.array(MOMENTUM_FRACTIONS if constrained else ())
-    return Filled("Draws", variables, seed=seed, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
+    return Filled("Draws", variables, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
 
 
 @lru_cache(maxsize=8)
