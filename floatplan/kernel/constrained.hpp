@@ -330,10 +330,13 @@ class Constrained {
         for (Index pass = 0; pass < rules.passes; ++pass) {
             bool more = false;
             follow(direction, slope);
-            for (Index e = 0; e < near(); ++e) {
-                if (taken[e] || !(gathered[e] + slope[e] < 0)) continue;
-                taken[e] = more = true;
-                add_normal(normal_of(e), 1, gathered[e]);
+            for (Index first = 0; first < near(); first += LANES) {
+                if (!any(load(gathered + first) + load(slope + first) < all(0))) continue;
+                for (Index e = first; e < first + LANES; ++e) {
+                    if (taken[e] || !(gathered[e] + slope[e] < 0)) continue;
+                    taken[e] = more = true;
+                    add_normal(normal_of(e), 1, gathered[e]);
+                }
             }
             if (moved && !more) return;
             copy(direction, right, size);

@@ -100,7 +100,7 @@ class Follower {
             for (Index each : {attempt.level, level}) {
                 begin(each, each == attempt.level ? start : search.now->x);
                 left = search.reduce_violations();
-                if (!(left < rules.nearly_promising)) break;
+                if (!(left < rules.nearly_promising) || attempt.level == level) break;
             }
             status = infeasible;
             if (left < rules.promising) {
