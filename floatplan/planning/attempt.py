@@ -7,7 +7,7 @@ and the answer is the same for the same seed.
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -121,7 +121,7 @@ class Reached(NamedTuple):
 
 @dataclass(eq=False)
 class Outcome:
-    """Where an attempt ended.
+    """Where an attempt ended: of motions as it was ``begun`` with, or of another branch, on which it ``landed``.
 
     ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
     constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
@@ -129,7 +129,7 @@ class Outcome:
     ``coefficients`` are b (n, k+1), where the kernel has written them; by so much (14) is ``missed`` (e,), rad.
     """
 
-    variables: DecisionVariables
+    begun: DecisionVariables
     solution: Reached
     model: FlightModel
     level: int
@@ -141,6 +141,7 @@ class Outcome:
     solved: int = 1
     coefficients: Array | None = None
     missed: Array = field(default_factory=lambda: np.array([np.nan]))
+    landed: Callable[[], DecisionVariables] | None = None
 
     @property
     def holds(self) -> bool:
@@ -151,6 +152,11 @@ class Outcome:
     def is_optimal(self) -> bool:
         """Whether it holds, and no motion beside it costs less."""
         return self.holds and self.solution.status == "optimal"
+
+    @cached_property
+    def variables(self) -> DecisionVariables:
+        """How the solution's x makes its motion."""
+        return self.landed() if self.landed else self.begun
 
     @cached_property
     def motion(self) -> Trajectory:
@@ -214,6 +220,7 @@ class Attempts:
         if ready:
             self.plain_start, self._ready = ready
             self._first = self._ready.ended
+            self._ends_hold = self._first.starts > 0  # it has been asked
 
     @cached_property
     def model(self) -> FlightModel:
@@ -349,12 +356,13 @@ class Attempts:
             assert ready, "it is followed in the kernel"
             ended = ready.follow(numbers, most_work, self.seed, asks)
         self.model.work += ended.work
-        variables = on_branch(self.problem, start.variables, ended.branch)
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
         named = self.problem.motion.objective
-        outcome = Outcome(variables, reached, self.model, *of_end, named, starts=ended.starts)
+        outcome = Outcome(start.variables, reached, self.model, *of_end, named, starts=ended.starts)
         outcome.coefficients, outcome.missed = ended.coefficients, np.array([ended.missed])
+        if ended.branch.any():
+            outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
         return outcome
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, STATUS, Answers, S
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import answered, planned, searched
+from floatplan.planning.planned import Searched, SearchedPlan, found_for, planned, searched
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import Allowance, SearchOptions
 from floatplan.planning.together import followed_together
@@ -31,6 +31,7 @@ CHUNK, WITH_ROWS = 2048, 256  # problems of a batch, plain or with inequalities
 AT_ONCE = 8  # problems that go alone, which a process is given at a time
 SHARES = 4  # [-] of a batch with inequalities, that each process has, so that all end at about the same time
 LONGER = "search=True searches longer"
+_T = TypeVar("_T")
 PATIENCE = 1 / 20  # [-] of the usual work, before a start is solved: about 0.05 s in a plane
 UNSOLVED = 16  # [-] starts at a degree: no row of the studies pole and weak_motors that is solved takes more
 
@@ -240,17 +241,17 @@ def _answering(
         return Attempts(_like(problems, index), options.seed)
 
     def made(task: _Task, seeds: Sequence[int]) -> list[Answer]:
-        how = [replace(options, seed=seed) for seed in seeds]
         if task.like is not None:
-            return _made_together(prepared(task.like), problems, task.indices, how)
-        known: Sequence[Answer | None] = task.known or [None] * len(how)
+            return _made_together(prepared(task.like), problems, options, task.indices, seeds)
+        known: Sequence[Answer | None] = task.known or [None] * len(seeds)
+        how = [replace(options, seed=seed) for seed in seeds]
         return [_made(_made_alone, problems, *each) for each in zip(task.indices, how, known, strict=True)]
 
     return one_thread(made)
 
 
-def _made(make: Callable[..., Answer], *given: Any) -> Answer:
-    """Return an answer, to what is wrong too."""
+def _made(make: Callable[..., _T], *given: Any) -> _T | Answer:
+    """Return what is made, or the answer to what is wrong."""
     try:
         return make(*given)
     except InputError as error:
@@ -261,34 +262,40 @@ def _made_alone(
     problems: Sequence[Problem] | Family, index: int, options: SearchOptions, known: Answer | None = None
 ) -> Answer:
     problem = problems[index]
-    return _proved(problem, known, options) if known else _told(*answered(problem, options))
+    return _proved(problem, known, options) if known else _told(found_for(problem, options))
 
 
 def _made_together(
-    like: Attempts, problems: Sequence[Problem] | Family, indices: Sequence[int], options: Sequence[SearchOptions]
+    like: Attempts,
+    problems: Sequence[Problem] | Family,
+    options: SearchOptions,
+    indices: Sequence[int],
+    seeds: Sequence[int],
 ) -> list[Answer]:
     """Answer problems that go together: by their plain motions where those are enough, else each by a search."""
     numbers, good = _numbers(problems, np.array(indices))
-    if not good.any():
-        return [_made(_made_alone, problems, *each) for each in zip(indices, options, strict=True)]
-    found = followed_together(like, numbers, Allowance.of(options[0]).left)
-    enough = set(found.solved.tolist()) if options[0].starts == 1 else set()
+    found = followed_together(like, numbers, Allowance.of(options).left) if good.any() else None
+    enough = set(found.solved.tolist()) if found and options.starts == 1 else set()
+    places = iter(range(len(indices)))
 
-    def go_on(row: int, index: int, how: SearchOptions) -> Answer:
-        return _told(*searched(found.at(row, problems[index], how.seed), how))
+    def begin(index: int, seed: int, is_good: bool) -> Answer | Attempts:
+        if not (is_good and found):
+            return _made_alone(problems, index, replace(options, seed=seed))
+        place = next(places)
+        return found.answer(place) if place in enough else found.at(place, problems[index], seed)
 
-    answers, row = [], 0
-    for index, is_good, how in zip(indices, good.tolist(), options, strict=True):
-        if not is_good:
-            answers.append(_made(_made_alone, problems, index, how))
-            continue
-        answers.append(found.answer(row) if row in enough else _made(go_on, row, index, how))
-        row += 1
-    return answers
+    def go_on(prepared: Attempts) -> Searched:
+        return searched(prepared, replace(options, seed=prepared.seed))
+
+    made: list[Any] = [_made(begin, *each) for each in zip(indices, seeds, good.tolist(), strict=True)]
+    for step in (go_on, _told):  # each for all, which is quicker than one after the other
+        made = [each if isinstance(each, Answer) else _made(step, each) for each in made]
+    return made
 
 
-def _told(answer: Answer, gave_up: bool) -> Answer:
-    if not gave_up or answer.status != "not_found":
+def _told(found: Searched | SearchedPlan) -> Answer:
+    answer = found.answer
+    if not found.gave_up or answer.status != "not_found":
         return answer
     return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
 

@@ -49,6 +49,11 @@ class SearchedPlan:
     gave_up: bool = False
     work: float = 0.0
 
+    @property
+    def answer(self) -> Answer:
+        """In numbers."""
+        return Answer.of_plan(self.plan, self.plan.status)
+
     @cached_property
     def best(self) -> Outcome:
         """The outcome that the plan was made of."""
@@ -71,6 +76,11 @@ class Searched:
         return [] if self.result.best.holds else self.prepared.impossible
 
     @property
+    def gave_up(self) -> bool:
+        """Whether the search's patience ended."""
+        return self.result.ran_out_of_patience
+
+    @property
     def answer(self) -> Answer:
         """In numbers."""
         best = self.result.best
@@ -79,7 +89,7 @@ class Searched:
         return Answer(
             status=best.solution.status if best.holds else nothing,
             objective=best.objective_value if best.holds else np.nan,
-            angular_momentum=float(best.variables.angular_momentum(best.solution.x)[0]),
+            angular_momentum=float(best.begun.angular_momentum(best.solution.x)[0]),
             residual=best.residual,
             coefficients=best.written,
             **counts,
@@ -115,25 +125,18 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     InputError
         What stands on the ground moves down at takeoff, or up at landing.
     """
-    found = _found(problem, options, near)
+    found = found_for(problem, options, near)
     return found if isinstance(found, SearchedPlan) else found.plan
 
 
-def answered(problem: Problem, options: SearchOptions) -> tuple[Answer, bool]:
-    """Plan a flight of which the numbers are enough, and say whether the search's patience ended; errors as above."""
-    found = _found(problem, options, None)
-    if isinstance(found, SearchedPlan):
-        return Answer.of_plan(found.plan, found.plan.status), found.gave_up
-    return found.answer, found.result.ran_out_of_patience
+def searched(prepared: Attempts, options: SearchOptions) -> Searched:
+    """Search for a plan of a problem that is ready for attempts; errors as above."""
+    began = time.perf_counter()
+    return Searched(prepared, search(prepared, options), began)
 
 
-def searched(prepared: Attempts, options: SearchOptions) -> tuple[Answer, bool]:
-    """The same of a problem that is ready for attempts."""
-    found = Searched(prepared, search(prepared, options), time.perf_counter())
-    return found.answer, found.result.ran_out_of_patience
-
-
-def _found(problem: Problem, options: SearchOptions, near: Plan | None) -> SearchedPlan | Searched:
+def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | Searched:
+    """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
     began = time.perf_counter()
     most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
     together = is_plain(problem) and not problem.raises_degree
@@ -206,7 +209,7 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     problem = prepared.problem
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
     sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]
-    momentum = found.best.variables.angular_momentum(found.best.solution.x)
+    momentum = found.best.begun.angular_momentum(found.best.solution.x)
     sentences += [
         f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)
     ]
@@ -217,7 +220,7 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     if found.momentum_found is not None:
         h = _numbers(found.momentum_found, ".6g")
         sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
-    elif not reasons and found.best.variables.coefficients:
+    elif not reasons and found.best.begun.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
     return " ".join(sentences)
 
@@ -265,7 +268,8 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     tried = found.counts["starts"]
     if not tried:
         return []
-    wrong = best.motion.flown.wrong_way if np.isfinite(missed).all() else ""
+    in_space = prepared.problem.robot.in_plane is None
+    wrong = best.motion.flown.wrong_way if in_space and np.isfinite(missed).all() else ""
     if missed.any():
         off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
         sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")
@@ -277,7 +281,7 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         amount = f"{-value * block.scale[row]:.4g} {block.unit}"
         violated = f"{block.labels[row]} is violated by {amount}"
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
-    if not best.variables.coefficients:
+    if not best.begun.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
     counted = "1 start was" if tried == 1 else f"{tried} starts were"
-    return [*sentences, f"{counted} tried, up to degree {max(best.variables.degrees)}."]
+    return [*sentences, f"{counted} tried, up to degree {max(best.begun.degrees)}."]

@@ -349,6 +349,6 @@ def _attempting(
     @one_thread
     def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
         outcome = prepared.attempts(degrees, given, numbers, expired, most_work)
-        return replace(outcome) if outcome else None  # without what it caches
+        return outcome and replace(outcome, begun=outcome.variables, landed=None)  # without what it caches
 
     return attempt

@@ -26,8 +26,6 @@ class Start:
 
 def on_branch(problem: Problem, variables: DecisionVariables, at_landing: IntArray) -> DecisionVariables:
     """Return variables of motions that land on branches (n,) of the arcsine; those given are of the plain ones."""
-    if not at_landing.any():
-        return variables
     branches = np.stack((0 * at_landing, at_landing))
     return decision_variables(problem, variables.degrees, branches, variables.momentum)
 

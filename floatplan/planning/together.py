@@ -86,7 +86,10 @@ class Together:
         )
         offset, scaling, offset_map = (each[row] for each in self.whitened)
         variables = DecisionVariables(polynomials, offset, scaling, momentum, offset_map=offset_map)
-        return Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), ready))
+        prepared = Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), ready))
+        if not self.attempts.structures[row].violation <= 0:
+            _ = prepared.impossible  # the search asks for it: for all is quicker than one after the other
+        return prepared
 
 
 def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Together:

@@ -28,7 +28,7 @@ from floatplan.tables import ORIENTATION, RELATIVE
 RELATIVE_GAP = 1e-9  # of the sum of amplitudes: where an enclosure counts as exact
 MOST_WORK = 50_000  # cosines per extreme, after which the enclosure reached is taken; it is safe at any time
 BOXES_AT_ONCE = 256
-PATH_INSTANTS = 2001  # [-] of the flight
+PATH_INSTANTS, FEW_INSTANTS = 2001, 51  # [-] of the flight
 POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
 
 
@@ -186,14 +186,26 @@ def momentum_intervals(problem: Problem, changes: Array, durations: Array) -> tu
 def impossibilities(problem: Problem) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
     sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
-    if problem.obstacles:
-        point, times = central_point(problem), np.linspace(0, problem.flight.duration, PATH_INSTANTS)
-        fall = ballistics(problem)
-        com = complex(*fall.position0) + complex(*fall.velocity0) * times - fall.gravity / 2 * 1j * times**2
-        for index, obstacle in enumerate(problem.obstacles):
-            path = com - complex(*obstacle.velocity) * times  # as seen from it
+    for index, obstacle in enumerate(problem.obstacles):
+        if isinstance(obstacle, Bar) or not _stays_out(problem, obstacle):
+            point, (times, path, _) = central_point(problem), _path_from(problem, obstacle, PATH_INSTANTS)
             sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
     return sentences
+
+
+def _path_from(problem: Problem, obstacle: Obstacle, instants: int) -> tuple[Array, ComplexArray, ComplexArray]:
+    """Instants (K,) s, and the path of the centre of mass, m, and its velocity, m/s, as seen from an obstacle."""
+    times, fall = np.linspace(0, problem.flight.duration, instants), ballistics(problem)
+    com = complex(*fall.position0) + complex(*fall.velocity0) * times - fall.gravity / 2 * 1j * times**2
+    velocity = complex(*fall.velocity0) - fall.gravity * 1j * times - complex(*obstacle.velocity)
+    return times, np.asarray(com - complex(*obstacle.velocity) * times), np.asarray(velocity, np.complex128)
+
+
+def _stays_out(problem: Problem, obstacle: Obstacle) -> bool:
+    """Whether a few instants tell that the centre of mass is never so deep in an obstacle: its speed is convex."""
+    times, path, velocity = _path_from(problem, obstacle, FEW_INSTANTS)
+    between = np.abs(velocity).max() * times[1] / 2
+    return bool(obstacle.margin - point_distances(obstacle, path).min() + between < central_reach(problem.robot))
 
 
 def difficulties(problem: Problem) -> list[str]:
