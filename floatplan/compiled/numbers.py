@@ -227,7 +227,7 @@ def _obstacles_of_family(
     found = [base.obstacles] * (len(sound) if base.obstacles else 0)
     for row in range(len(sound) if of_obstacles else 0):
         try:
-            found[row] = obstacles_with(base, {path: values[row] for path, values in of_obstacles.items()})
+            found[row] = obstacles_with(base, tuple((path, values[row]) for path, values in of_obstacles.items()))
         except InputError:
             sound[row] = False
     return found

@@ -45,7 +45,7 @@ from floatplan.planning.transcription.trajectory import (
     Sampling,
     Trajectory,
     flight_model,
-    sample_also,
+    sample_ends,
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
@@ -272,7 +272,7 @@ class Attempts:
         What the search can still change there, with a free h or free accelerations, does not count.
         """
         start = self.plain_start
-        ends = sample_also(self.model.nodes(0, start.variables.polynomials.form), np.array([0.0, 1.0]))
+        ends = sample_ends(self.model.nodes(0, start.variables.polynomials.form))
         motion = trajectory(self.model, start.variables, ends, start.x).at_goal()
         for block in self.constraints:
             if changes_at_ends(start.variables, block):

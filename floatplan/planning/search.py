@@ -43,6 +43,8 @@ STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free
 AGREEING = 2  # [-] easy solutions that are the same motion, where h is free: with no other it is taken for the best
 AGREEING_BEST = 3  # [-] of the best among others
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
+FEW = 5  # [-] starts at a degree, of which one comes near wherever one of at most 16 holds
+FAR = 1.0  # [-] of a row's scale, or [rad]: a larger violation is not near
 ANNOUNCED_EVERY = 1.0  # [s] words about the progress
 STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
 
@@ -287,7 +289,8 @@ def _outcomes(
         while number < numbers.stop:
             alone = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 1
             matters = len(tried) < alone or any(each.holds for each in tried)
-            count = 1 if matters or prepared.problem.raises_degree else (options.attempts or ATTEMPTS) - _starts(tried)
+            most = min(options.attempts, FEW if _starts(tried) < FEW else ATTEMPTS) if options.attempts else ATTEMPTS
+            count = 1 if matters or prepared.problem.raises_degree else most - _starts(tried)
             outcome = here(degrees, given, range(number, min(number + count, numbers.stop)))
             yield outcome
             number += outcome.starts if outcome else 1
@@ -311,9 +314,15 @@ def _outcomes(
                 most -= outcome.starts
                 yield outcome
                 tried.append(outcome)
-                allowance.gave_up = _starts(tried) == options.attempts and not any(each.holds for each in tried)
+                allowance.gave_up = options.attempts is not None and _are_hopeless(tried, options.attempts)
                 if allowance.gave_up:
                     break
+
+
+def _are_hopeless(tried: list[Outcome], most: int) -> bool:
+    """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
+    nearest, starts = min(each.violation for each in tried), _starts(tried)
+    return nearest > 0 and (starts == most or (starts >= FEW and nearest > FAR))
 
 
 def _starts(outcomes: Sequence[Outcome]) -> int:

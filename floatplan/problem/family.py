@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar, overload
 
 import numpy as np
@@ -92,9 +93,13 @@ class Family(Checked, Outlined, Sequence[Problem]):
         return replace(self.base, **_with_values(self.base, values))
 
 
-def obstacles_with(base: Problem, values: Mapping[str, float]) -> tuple[Obstacle, ...]:
-    """Return a problem's obstacles with numbers set by their paths; InputError where one is wrong."""
-    obstacles: tuple[Obstacle, ...] = _with_values(base, values)["obstacles"]
+@lru_cache(maxsize=4096)
+def obstacles_with(base: Problem, values: tuple[tuple[str, float], ...]) -> tuple[Obstacle, ...]:
+    """Return a problem's obstacles with numbers set by their paths; InputError where one is wrong.
+
+    Rows that were planned are measured next.
+    """
+    obstacles: tuple[Obstacle, ...] = _with_values(base, dict(values))["obstacles"]
     for obstacle in obstacles:
         obstacle.check("obstacles")
     return obstacles

@@ -55,6 +55,12 @@ def sample_also(sampling: Sampling, extra: Array) -> Sampling:
     return Sampling(sampling.grid.also(extra), sampling.form, (value, rate, curvature))
 
 
+@lru_cache(maxsize=64)
+def sample_ends(sampling: Sampling) -> Sampling:
+    """Add takeoff and landing to a sampling."""
+    return sample_also(sampling, np.array([0.0, 1.0]))
+
+
 @dataclass(eq=False)
 class FlightModel:
     """What a problem fixes of every motion, and the ``work`` done with it: evaluations of one body at one instant."""
