@@ -73,7 +73,7 @@ class Follower {
     Attempt &attempt;
     Index most_nodes, extra_count = 0;
     Status status = infeasible;
-    bool has_rows, is_best = false;
+    bool has_rows, is_best = false, is_bare = true;  // the last: no instants have joined those watched
     double objective = 0;  // of the best
     double *extra, *watched, *start, *ended, *best;
 
@@ -118,6 +118,7 @@ class Follower {
         Index count = 0;
         for (const double *from : {attempt.instants, (const double *)extra})
             for (Index k = 0; k < (from == extra ? extra_count : attempt.fixed); ++k) watched[count++] = from[k];
+        is_bare = !extra_count;
         std::sort(watched, watched + count);
         count = std::unique(watched, watched + count) - watched;
         program.watch(level, watched, count < rules.most_instants ? count : rules.most_instants);
@@ -206,9 +207,13 @@ class Follower {
     }
 
     void judge_at(Index level, const double *x) {
-        program.watches = has_rows && worth < HUGE_VAL;
+        const bool watches = has_rows && worth < HUGE_VAL, is_there = program.level == level && x == search.now->x;
+        if (!(is_there && (!watches || (program.watches && is_bare)))) {  // else nothing there is not known
+            program.watches = watches;
+            extra_count = 0;
+            begin(level, x);
+        }
         extra_count = 0;
-        begin(level, x);
         while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) begin(++level, search.now->x);
         const Evaluated &now = *search.now;
         program.watches = has_rows;
