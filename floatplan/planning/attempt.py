@@ -173,11 +173,6 @@ class Outcome:
         motions = variables.motion_class(variables.angular_momentum(x))
         return motions.powers_of_seconds(variables.free_coefficients(x))
 
-    @property
-    def residual(self) -> float:
-        """By how much (14) is missed, rad; infinite where the way there is wrong."""
-        return abs(self.missed.item()) if self.missed.size == 1 else self.motion.flown.missed
-
     @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
@@ -208,11 +203,7 @@ class Attempts:
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        seed: int,
-        momentum: MomentumSet | None = None,
-        ready: tuple[Start, Ready] | None = None,
+        self, problem: Problem, seed: int, momentum: MomentumSet | None = None, ready: tuple[Start, Ready] | None = None
     ) -> None:
         self.problem, self.seed = problem, seed
         self.momentum = momentum or momentum_set(problem)
@@ -244,7 +235,6 @@ class Attempts:
 
     @cached_property
     def _level(self) -> int:
-        """Of grids, at least."""
         return self.compiled.level if self.compiled else CONSTRAINED_LEVEL if self.constraints else 0
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
@@ -292,8 +282,8 @@ class Attempts:
         before = self.model.work
         if is_plain(self.problem):
             outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif self._in_kernel(start):
-            outcome = self._follow_compiled(start, -1.0 if stop() else most_work, range(1))
+        elif ready := self._ready_for(start):
+            outcome = self._follow_compiled(ready, start, -1.0 if stop() else most_work, range(1))
         else:
             outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
         outcome.work = self.model.work - before
@@ -324,12 +314,12 @@ class Attempts:
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif self._in_kernel(plain):
+        elif ready := self._ready_for(plain):
             left = -1.0 if stop() else most_work
-            outcome = self._follow_compiled(plain, left, numbers, asks)
+            outcome = self._follow_compiled(ready, plain, left, numbers, asks)
             self._ends_hold = asks and outcome.starts > 0
             if not outcome.starts and not self.impossible:
-                outcome = self._follow_compiled(plain, left, numbers)
+                outcome = self._follow_compiled(ready, plain, left, numbers)
         else:
             return self.attempt(plain, stop, most_work)
         outcome.work = self.model.work - before
@@ -342,19 +332,18 @@ class Attempts:
         outcome.work = self.model.work - before
         return outcome
 
-    def _in_kernel(self, start: Start) -> bool:
-        """Whether the kernel follows a start."""
-        return (self._ready is not None and start is self.plain_start) or self.compiled is not None
+    def _ready_for(self, start: Start) -> Ready | None:
+        """What follows a start in the kernel; None where that knows no such flight."""
+        if self._ready and start is self.plain_start:
+            return self._ready
+        return self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
 
-    def _follow_compiled(self, start: Start, most_work: float, numbers: range, asks: bool = False) -> Outcome:
+    def _follow_compiled(
+        self, ready: Ready, start: Start, most_work: float, numbers: range, asks: bool = False
+    ) -> Outcome:
         """Follow starts in the kernel, of which this one is number 0."""
-        ended, self._first = self._first, None
-        if ended is None:
-            ready = self._ready if start is self.plain_start else None
-            if not ready and self.compiled:
-                ready = self.compiled.ready(start.variables, start.x, start.at_once)
-            assert ready, "it is followed in the kernel"
-            ended = ready.follow(numbers, most_work, self.seed, asks)
+        known, self._first = self._first, None
+        ended = known or ready.follow(numbers, most_work, self.seed, asks)
         self.model.work += ended.work
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst

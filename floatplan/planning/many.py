@@ -82,7 +82,8 @@ def plan_many(
     seed : int
         Of the random starts.
     attempts : int
-        Unsolved starts at a degree, after which a search tries no more there, at most 300; with ``search`` it does.
+        Unsolved starts at a degree, after which a search tries no more there, at most 300, or five where none comes
+        near a plan; with ``search`` it does.
 
     Returns
     -------

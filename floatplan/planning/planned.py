@@ -90,7 +90,7 @@ class Searched:
             status=best.solution.status if best.holds else nothing,
             objective=best.objective_value if best.holds else np.nan,
             angular_momentum=float(best.begun.angular_momentum(best.solution.x)[0]),
-            residual=best.residual,
+            residual=abs(best.missed.item()) if best.missed.size == 1 else best.motion.flown.missed,
             coefficients=best.written,
             **counts,
             message=explain(self.prepared, self.result, self.reasons),

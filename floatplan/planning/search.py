@@ -98,7 +98,8 @@ class SearchOptions(Checked):
     progress : told in a few words what the search is doing
     patience : instants of one body, how much of the usual work may be done before a start is solved; None: all of it
         Only with one process. A search that ends sooner is otherwise the same.
-    attempts : unsolved starts at a degree, after which no more are tried there; None: as many as the work allows
+    attempts : unsolved starts at a degree, after which no more are tried there, or five where none comes near a plan;
+        None: as many as the work allows
         With one process too.
     near_miss : whether a motion is searched that nearly meets a problem which is proved impossible
 

@@ -18,13 +18,7 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import (
-    CLOSER,
-    MOST_WORK,
-    CompiledAttempts,
-    Ready,
-    draws_of,
-)
+from floatplan.planning.transcription.compiled_attempt import CLOSER, CompiledAttempts, Ready, draws_of
 from floatplan.planning.transcription.constraints import Limit
 from floatplan.planning.transcription.variables import DecisionVariables, whitened
 from floatplan.plans.plans import ALL_HOLDS, Answer
@@ -57,19 +51,9 @@ class Together:
 
     def answer(self, row: int) -> Answer:
         """Where the plain motion of one that is solved led."""
-        numbers, coefficients = self.attempts.structures[row], self.coefficients[row]
-        return Answer(
-            "optimal",
-            objective=float(np.linalg.norm(coefficients)),
-            angular_momentum=float(self.rows.momentum[row]),
-            residual=abs(numbers.missed),
-            coefficients=coefficients,
-            evaluations=numbers.evaluations,
-            iterations=numbers.iterations,
-            starts=1,
-            solved=1,
-            message=ALL_HOLDS,
-        )
+        b, it, h = self.coefficients[row], self.attempts.structures[row], float(self.rows.momentum[row])
+        of_end = float(np.linalg.norm(b)), h, abs(it.missed), b, it.evaluations, it.iterations
+        return Answer("optimal", *of_end, starts=1, solved=1, message=ALL_HOLDS)
 
     def at(self, row: int, problem: Problem, seed: int) -> Attempts:
         """One of the problems, ready for attempts: the first, from the plain motion, is done."""
@@ -79,13 +63,10 @@ class Together:
         of_starts = self.attempts.structures[row], self.draws.structures[row]
         ready = Ready(compiled, self.plain[row], given, *of_starts, found, self.coefficients[row], self)
         momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
-        polynomials = replace(
-            self.like.plain_start.variables.polynomials,
-            duration=float(self.rows.duration[row]),
-            boundary=self.rows.boundary[row],
-        )
+        polynomials, numbers = self.like.plain_start.variables.polynomials, self.rows
+        own = replace(polynomials, duration=float(numbers.duration[row]), boundary=numbers.boundary[row])
         offset, scaling, offset_map = (each[row] for each in self.whitened)
-        variables = DecisionVariables(polynomials, offset, scaling, momentum, offset_map=offset_map)
+        variables = DecisionVariables(own, offset, scaling, momentum, offset_map=offset_map)
         prepared = Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), ready))
         if not self.attempts.structures[row].violation <= 0:
             _ = prepared.impossible  # the search asks for it: for all is quicker than one after the other
@@ -110,8 +91,7 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     minima, found = compiled.room(count)
     own_minima = FilledRows(minima, count, **dict(zip(("row", "s", "least"), found, strict=True)))
     ends = {"minima": own_minima, "x": x, "coefficients": coefficients, "first": 0, "count": 1}
-    ends["most_work"] = min(most_work, MOST_WORK)
-    ends["reach"] = compiled.reach  # it is asked first whether there is a chance
+    ends |= {"most_work": most_work, "reach": compiled.reach}  # it is asked first whether there is a chance
     levels = {"level": level, "closer_level": np.minimum(level + CLOSER, WATCHED_AT_MOST)}
     of_motions = {"boundary": rows.boundary, "offset": offset, "scaling": scaling, "orientation": given}
     of_flights = {name: getattr(rows, name) for name in ("duration", "momentum", "change")}
@@ -125,17 +105,8 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     kernel = compiled.watch.kernel
     if kernel.attempt(*of, count, kernel.instructions):
         raise MemoryError("no memory to follow starts")
-    return Together(
-        like,
-        rows,
-        (offset, scaling, offset_map),
-        together,
-        every_attempt,
-        draws,
-        plain,
-        (x, branch, *found),
-        coefficients,
-    )
+    ended = plain, (x, branch, *found), coefficients
+    return Together(like, rows, (offset, scaling, offset_map), together, every_attempt, draws, *ended)
 
 
 def _of_constraints(compiled: CompiledAttempts, numbers: Numbers, count: int) -> dict[str, Array]:

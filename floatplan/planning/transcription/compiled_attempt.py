@@ -44,7 +44,6 @@ ELASTIC_STALLED = 0.95  # of the violation STALL_ITERATIONS elastic steps before
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
-MOST_WORK = 1e300  # [instants of one body] of a start that may do any
 ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer find worse plans of many joints
@@ -102,7 +101,7 @@ class Ready:
         """
         attempt, kernel = self.attempt, self.compiled.watch.kernel
         self.found[0][:] = self.plain
-        attempt.first, attempt.count, attempt.most_work = numbers.start, len(numbers), min(most_work, MOST_WORK)
+        attempt.first, attempt.count, attempt.most_work = numbers.start, len(numbers), most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
         if kernel.attempt(*self.given, attempt, self.draws, 1, kernel.instructions):
@@ -116,20 +115,10 @@ class Ready:
         x, branch, *minima = self.found
         row, s, least = (each[: attempt.minima.found].copy() for each in minima)
         worst = Worst(rows[0][row], rows[1][row], s, least)
-        return Ended(
-            x.copy(),
-            branch.copy(),
-            STATUS[attempt.status],
-            attempt.violation,
-            attempt.missed,
-            worst,
-            attempt.judged_level,
-            attempt.iterations,
-            attempt.evaluations,
-            attempt.started,
-            attempt.work,
-            None if self.coefficients is None else self.coefficients.copy(),
-        )
+        of_end = STATUS[attempt.status], attempt.violation, attempt.missed, worst, attempt.judged_level
+        counts = attempt.iterations, attempt.evaluations, attempt.started, attempt.work
+        b = None if self.coefficients is None else self.coefficients.copy()
+        return Ended(x.copy(), branch.copy(), *of_end, *counts, b)
 
 
 class CompiledAttempts:
@@ -175,10 +164,15 @@ class CompiledAttempts:
         instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
         at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self.rows[0]]
         levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
-        bodies = {"bodies": self._model.flight.bodies}
-        counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
+        counts = {
+            "bodies": self._model.flight.bodies,
+            "rows": watch.rows,
+            "at_once": at_once,
+            "fixed": len(instants),
+            "entries": sum(watch.differentiated),
+        }
         arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance, "coefficients": None}
-        numbers = {**self._aim(variables), **levels, **bodies, **counts}
+        numbers = {**self._aim(variables), **levels, **counts}
         attempt = Filled("Attempt", self._look, minima=self.minima, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
