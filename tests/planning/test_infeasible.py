@@ -18,6 +18,7 @@ from independent import Look, violations_seen
 from long_cases import cases
 
 import floatplan as fp
+from floatplan.motion.planar import bounds
 from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
 from floatplan.motion.planar.closed_form import Dynamics, ballistics
 from floatplan.planning.search import DEFAULT_WORK
@@ -63,6 +64,21 @@ def moved_to(place: tuple[float, float], velocity: tuple[float, float], time: fl
 def accelerated(name: str, end: str, acceleration: float) -> fp.Problem:
     problem = problem_of(name)
     return replace(problem, **{end: replace(getattr(problem, end), accelerations=acceleration)})
+
+
+def test_few_instants_tell_what_many_do(monkeypatch):
+    """Whether the centre of mass stays out of obstacles anywhere on its way, large and small, at rest or not."""
+    rng, problems = np.random.default_rng(0), []
+    for _ in range(300):
+        place, velocity = com("handstand", rng.uniform()) + rng.normal(0, 0.3, 2), rng.choice((0.0, 2.0), 2)
+        circle = fp.Circle(center=tuple(place), radius=rng.uniform(0.05, 0.6), velocity=tuple(velocity))
+        wall = fp.HalfPlane(point=tuple(place), normal=tuple(rng.normal(size=2)))
+        problems.append(with_obstacle("handstand", circle if rng.uniform() < 0.7 else wall))
+    found = [impossibilities(problem) for problem in problems]
+    out = [bounds._stays_out(problem, problem.obstacles[0]) for problem in problems]
+    monkeypatch.setattr(bounds, "_stays_out", lambda problem, obstacle: False)
+    assert found == [impossibilities(problem) for problem in problems]
+    assert 50 < sum(out) < sum(not each for each in found) < 300
 
 
 @dataclass(frozen=True)

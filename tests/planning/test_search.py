@@ -76,6 +76,23 @@ def test_it_ends_after_unsolved_attempts(hopeless):
     assert not found.ran_out_of_time
 
 
+@pytest.mark.parametrize(("attempts", "starts"), [(9, room.FEW), (3, 3)])
+def test_few_starts_are_enough_where_none_comes_near(attempts, starts, hopeless):
+    found = run(hopeless, attempts=attempts)
+    assert found.best.violation > room.FAR
+    assert found.counts["starts"] == starts
+    assert found.ran_out_of_patience
+
+
+def test_near_a_plan_all_starts_are_tried(problem):
+    """Seven tenths of the largest torque of a plan that has little."""
+    plan = fp.plan(replace(problem, motion=fp.Motion(objective="torque")))
+    torque = 0.7 * float(plan.peaks.motor_torque.max())
+    found = run(replace(problem, limits=fp.Limits(position="full", torque=torque)), attempts=9)
+    assert 0 < found.best.violation < room.FAR
+    assert found.counts["starts"] == 9
+
+
 def test_it_goes_on_after_an_attempt_that_is_solved(problem):
     found = run(problem, starts=4, attempts=1)
     assert found.counts["solved"] == 4
