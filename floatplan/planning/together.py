@@ -69,7 +69,7 @@ class Together:
         variables = DecisionVariables(own, offset, scaling, momentum, offset_map=offset_map)
         prepared = Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), ready))
         if not self.attempts.structures[row].violation <= 0:
-            _ = prepared.impossible  # the search asks for it: for all is quicker than one after the other
+            _ = prepared.model, prepared.impossible  # the search asks for them: for all is quicker than one by one
         return prepared
 
 
