@@ -28,6 +28,7 @@ RETURNED: dict[str, Any] = {"void": None, "Index": ctypes.c_int64, "const char *
 
 
 _begins = ctypes.c_void_p.from_address
+_UNKNOWN: Any = object()
 INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 
 
@@ -141,16 +142,20 @@ class Filled:
     """
 
     def __init__(self, name: str, *sources: object, **values: Any) -> None:
-        kind = STRUCTURES[name]
-        for source in sources:
-            values = {field: getattr(source, field) for field in kind.arrays if hasattr(source, field)} | values
-        if missing := kind.arrays.keys() - values.keys():
-            raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
+        kind, missing = STRUCTURES[name], []
         arrays: dict[str, Array | IntArray] = {}
         for field, (dtype, is_read) in kind.arrays.items():
-            value = values.pop(field)
-            if value is not None:
+            value = values.pop(field, _UNKNOWN)
+            for source in sources if value is _UNKNOWN else ():
+                value = getattr(source, field, _UNKNOWN)
+                if value is not _UNKNOWN:
+                    break
+            if value is _UNKNOWN:
+                missing.append(field)
+            elif value is not None:
                 arrays[field] = np.ascontiguousarray(value, dtype) if is_read else value
+        if missing:
+            raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
         parts = {name: value for name, value in values.items() if isinstance(value, Filled)}
         self.structure: Any = kind(**values | {name: part.structure for name, part in parts.items()})
         self.structure.point_to(**arrays)

@@ -29,7 +29,6 @@ from floatplan.planning.transcription.exchange import Worst, cheap_level, where_
 from floatplan.planning.transcription.program import (
     IntegralOfSquares,
     changes_at_ends,
-    instants_beside_nodes,
     objective,
 )
 from floatplan.planning.transcription.trajectory import FlightModel
@@ -144,14 +143,14 @@ class CompiledAttempts:
     ) -> tuple[tuple[Any, ...], Filled, Filled]:
         """Return what the kernel is given to follow a start, the start, which ends at x (size,), and its class."""
         watch = self.watch
-        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
-        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self.rows[0]]
+        changes = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)
+        instants = distinct(np.array([*((0.0, 1.0) if changes.any() else ()), *self._window_ends]))
         levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
         work = {"most_work": min(most_work, 1e300), "bodies": self._model.flight.bodies}
         counts = {"rows": watch.rows, "at_once": at_once, "fixed": len(instants), "entries": sum(watch.differentiated)}
-        arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance, "coefficients": None}
+        arrays = {"at_ends": changes[self.rows[0]], "instants": instants, "x": x, "tolerance": self._tolerance}
         numbers = {**self._aim(variables), **levels, **work, **counts}
-        attempt = Filled("Attempt", self._look, minima=self.minima, **numbers, **arrays)
+        attempt = Filled("Attempt", self._look, minima=self.minima, coefficients=None, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
         settings = constrained_settings(), _rules(self._model.flight.bodies)

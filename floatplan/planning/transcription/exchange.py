@@ -105,9 +105,15 @@ def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ..
     lengths = [length for length, _ in blocks]
     block = np.repeat(np.arange(len(lengths)), lengths)
     low, high = np.array([window for _, window in blocks]).reshape(-1, 2)[block].T
-    grid = distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
     row = np.array([row for length in lengths for row in range(length)], np.int64)
-    return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
+    sides = np.ascontiguousarray(low), np.ascontiguousarray(high)
+    return block, row, Look(_first_look(ends), *sides, NEAR, 1 / (FIRST_LOOK - 1))
+
+
+@lru_cache(maxsize=16)
+def _first_look(ends: tuple[float, ...]) -> Array:
+    """Instants of the first look, the ends of windows among them."""
+    return distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
 
 
 def _rise(value: Array) -> Array:
