@@ -178,9 +178,11 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
     """Of each row (r,) an earlier one whose derivatives are the opposite; -1 where there is none."""
     rows, known, found = (kind == SUM).nonzero()[0], {}, np.full(len(kind), -1)  # type: ignore[var-annotated]
     weights = sums[first[rows], 1:]
-    for row, own, opposite in zip(rows.tolist(), weights + 0.0, 0.0 - weights, strict=True):
-        found[row] = known.get(opposite.tobytes(), -1)
-        known.setdefault(own.tobytes(), row)
+    own, opposite, size = (weights + 0.0).tobytes(), (0.0 - weights).tobytes(), weights.itemsize * weights.shape[1]
+    for number, row in enumerate(rows.tolist()):
+        bits = slice(number * size, (number + 1) * size)
+        found[row] = known.get(opposite[bits], -1)
+        known.setdefault(own[bits], row)
     return found
 
 

@@ -240,3 +240,8 @@ EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motio
 EXPORT Index floatplan_turn(const Turning *turning, Index asked, Index instructions) {
     return CHOSEN(turn_in_space(*turning, static_cast<Asked>(asked)));
 }
+
+// Lower bounds of a sum of cosines on boxes.
+EXPORT Index floatplan_bound(const Cosines *cosines, Index instructions) {
+    return CHOSEN(bound_boxes(*cosines));
+}

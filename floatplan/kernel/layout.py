@@ -62,7 +62,7 @@ class Structure(ctypes.Structure):
         for name, array in arrays.items():
             if array.dtype != known[name][0] or not array.flags.c_contiguous:
                 raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {known[name][0]}")
-            setattr(self, name, _begins(id(array) + HEAD).value)  # address() without the time of a call
+            setattr(self, name, _begins(id(array) + HEAD).value)
 
 
 def address(values: np.ndarray[Any, Any]) -> int:
@@ -142,8 +142,9 @@ class Filled:
     """
 
     def __init__(self, name: str, *sources: object, **values: Any) -> None:
-        kind, missing = STRUCTURES[name], []
-        arrays: dict[str, Array | IntArray] = {}
+        kind, missing, written = STRUCTURES[name], [], {}
+        self._kept: dict[str, Array | IntArray] = {}
+        self._parts = [value for value in values.values() if isinstance(value, Filled)]
         for field, (dtype, is_read) in kind.arrays.items():
             value = values.pop(field, _UNKNOWN)
             for source in sources if value is _UNKNOWN else ():
@@ -152,14 +153,17 @@ class Filled:
                     break
             if value is _UNKNOWN:
                 missing.append(field)
+            elif value is not None and is_read:
+                self._kept[field] = value = np.ascontiguousarray(value, dtype)
+                values[field] = _begins(id(value) + HEAD).value  # address() without the time of a call
             elif value is not None:
-                arrays[field] = np.ascontiguousarray(value, dtype) if is_read else value
+                written[field] = value
         if missing:
             raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
-        parts = {name: value for name, value in values.items() if isinstance(value, Filled)}
-        self.structure: Any = kind(**values | {name: part.structure for name, part in parts.items()})
-        self.structure.point_to(**arrays)
-        self._kept, self._parts = arrays, parts
+        if self._parts:
+            values = {name: getattr(value, "structure", value) for name, value in values.items()}
+        self.structure: Any = kind(**values)
+        self.point_to(**written)
 
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to other arrays, as they are."""
