@@ -209,13 +209,14 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
-    condition = [form.given.index(each) if each in form.given else -1 for each in range(CONDITIONS)]
+    given = form.given
+    condition = [given.index(each) if each in given else -1 for each in range(CONDITIONS)]
     written = of_coefficients and following is not None
     map_ = None
     if written:
         units = whitened_units(form, polynomials.free, (polynomials.duration,))
         map_ = powers_map(form, polynomials.duration) / units
-    ends = [_end(following, end, momentum.centre) for end in (0, 1)]
+    ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
     return Filled(
         "Motions",
         variables,
@@ -223,7 +224,7 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
         size=variables.size,
         axes=momentum.free,
         columns=series.shape[2],
-        given=len(form.given),
+        given=len(given),
         terms=series.shape[1],
         duration=polynomials.duration,
         **orientations(flight),
@@ -239,11 +240,14 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     )
 
 
-def _end(following: Boundary | None, end: int, middle: Array) -> Filled:
+_GIVEN = Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
+
+
+def _end(following: Boundary, end: int, middle: Array) -> Filled:
     """How the conditions (13) at one end follow h."""
-    momenta = knots(following.rates, end) if following else np.empty(0)
-    if following is None or not len(momenta):
-        return Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
+    momenta = knots(following.rates, end)
+    if not len(momenta):
+        return _GIVEN
     p, _, curvature = following(middle)[:, 3 * end : 3 * end + 3].T
     rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in momenta.tolist()])
     at_middle = following(middle)[:, 3 * end + 1]
