@@ -23,6 +23,4 @@ def read_only(values: npt.ArrayLike) -> Array:
 def distinct(values: npt.NDArray[N]) -> npt.NDArray[N]:
     """Return the values (N,) that differ, rising: as numpy.unique, which loads numpy.ma for it."""
     rising = np.sort(values)
-    differs = np.ones(len(rising), np.bool_)
-    np.not_equal(rising[1:], rising[:-1], out=differs[1:])
-    return rising[differs]
+    return rising[np.append(True, rising[1:] != rising[:-1])] if len(rising) else rising

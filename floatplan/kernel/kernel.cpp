@@ -10,6 +10,7 @@
 #include <initializer_list>
 #include <cstdlib>
 #include <cstring>
+#include <new>
 #include <utility>
 
 #define INLINED __attribute__((always_inline)) static inline
@@ -59,30 +60,26 @@ inline Arena aligned(double *memory) {
 // Memory for one call, most of it never touched. The last block is kept for the next one: fresh pages cost 0.2 ms a
 // search.
 struct Room {
-    static constexpr std::size_t HEAD = 64, MOST_KEPT = 1 << 26;  // bytes; a block begins with its size
-    inline static std::atomic<char *> spare{nullptr};
-    char *block = nullptr;
-
-    static std::size_t &size(char *block) { return *reinterpret_cast<std::size_t *>(block); }
+    static constexpr std::size_t HEAD = 64, MOST_KEPT = 1 << 26;  // bytes
+    inline static std::atomic<std::size_t *> spare{nullptr};
+    std::size_t *block = nullptr;  // it begins with its size
 
     // Room for what a function takes of an arena.
     template <typename LayOut> bool make(LayOut lay_out) {
-        Arena measure;
-        measure.used = HEAD;
+        Arena measure{nullptr, HEAD};
         lay_out(measure);
         block = spare.exchange(nullptr);
-        if (block && size(block) < measure.used) std::free(std::exchange(block, nullptr));
-        if (!block) {
+        if (!block || *block < measure.used) {
+            std::free(std::exchange(block, nullptr));
             void *memory;
-            if (posix_memalign(&memory, 64, measure.used) != 0) return false;
-            block = static_cast<char *>(memory);
-            size(block) = measure.used;
+            if (posix_memalign(&memory, HEAD, measure.used) != 0) return false;
+            block = new (memory) std::size_t(measure.used);
         }
-        Arena arena{block, HEAD};
+        Arena arena{reinterpret_cast<char *>(block), HEAD};
         lay_out(arena);
         return true;
     }
-    ~Room() { std::free(block && size(block) <= MOST_KEPT ? spare.exchange(block) : block); }
+    ~Room() { std::free(block && *block <= MOST_KEPT ? spare.exchange(block) : block); }
 };
 
 // ---- the planner for each set of instructions

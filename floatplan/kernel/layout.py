@@ -28,7 +28,6 @@ RETURNED: dict[str, Any] = {"void": None, "Index": ctypes.c_int64, "const char *
 
 
 _begins = ctypes.c_void_p.from_address
-_UNKNOWN: Any = object()
 INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 
 
@@ -62,7 +61,7 @@ class Structure(ctypes.Structure):
         for name, array in arrays.items():
             if array.dtype != known[name][0] or not array.flags.c_contiguous:
                 raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {known[name][0]}")
-            setattr(self, name, _begins(id(array) + HEAD).value)
+            setattr(self, name, _begins(id(array) + HEAD).value)  # address() without the time of a call
 
 
 def address(values: np.ndarray[Any, Any]) -> int:
@@ -142,28 +141,20 @@ class Filled:
     """
 
     def __init__(self, name: str, *sources: object, **values: Any) -> None:
-        kind, missing, written = STRUCTURES[name], [], {}
-        self._kept: dict[str, Array | IntArray] = {}
-        self._parts = [value for value in values.values() if isinstance(value, Filled)]
-        for field, (dtype, is_read) in kind.arrays.items():
-            value = values.pop(field, _UNKNOWN)
-            for source in sources if value is _UNKNOWN else ():
-                value = getattr(source, field, _UNKNOWN)
-                if value is not _UNKNOWN:
-                    break
-            if value is _UNKNOWN:
-                missing.append(field)
-            elif value is not None and is_read:
-                self._kept[field] = value = np.ascontiguousarray(value, dtype)
-                values[field] = _begins(id(value) + HEAD).value  # address() without the time of a call
-            elif value is not None:
-                written[field] = value
-        if missing:
+        kind = STRUCTURES[name]
+        for source in sources:
+            values = {field: getattr(source, field) for field in kind.arrays if hasattr(source, field)} | values
+        if missing := kind.arrays.keys() - values.keys():
             raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
-        if self._parts:
-            values = {name: getattr(value, "structure", value) for name, value in values.items()}
-        self.structure: Any = kind(**values)
-        self.point_to(**written)
+        arrays: dict[str, Array | IntArray] = {}
+        for field, (dtype, is_read) in kind.arrays.items():
+            value = values.pop(field)
+            if value is not None:
+                arrays[field] = np.ascontiguousarray(value, dtype) if is_read else value
+        parts = {name: value for name, value in values.items() if isinstance(value, Filled)}
+        self.structure: Any = kind(**values | {name: part.structure for name, part in parts.items()})
+        self.structure.point_to(**arrays)
+        self._kept, self._parts = arrays, parts
 
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to other arrays, as they are."""

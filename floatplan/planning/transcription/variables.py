@@ -160,10 +160,9 @@ class DecisionVariables:
         if not self.momentum.free:
             return np.asarray(x)
         beside = np.atleast_1d(angular_momentum) - self.momentum.centre
-        steps = (
-            np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0] if beside.any() else np.zeros(self.momentum.free)
-        )
-        return np.concatenate((x, steps))
+        if not beside.any():
+            return np.concatenate((x, np.zeros(self.momentum.free)))
+        return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0]))
 
     def angular_momentum(self, x: Array) -> Array:
         """Angular momentum h (e,), kg m^2/s."""
