@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -50,30 +50,34 @@ class TrigonometricPolynomial:
         return TrigonometricPolynomial(-self.constant, self.amplitude, self.frequency, self.phase + np.pi)
 
     @cached_property
-    def _compiled(self) -> dict[str, Any]:
-        """As the kernel takes it, with so many zeros that instructions on eight numbers have no rest."""
+    def _compiled(self) -> tuple[Filled, Array, Array, Array]:
+        """As the kernel takes it, eight terms at once, those beyond the last one zeros; boxes, their parts, values."""
         terms, n = self.frequency.shape
         padded = np.zeros((n + 3, -(-terms // 8) * 8))
         padded[:2, :terms], padded[2:-1, :terms] = (self.amplitude, self.phase), self.frequency.T
+        boxes, parts = np.empty((BOXES_AT_ONCE, 2 * n + 1)), np.empty((2 * BOXES_AT_ONCE, 2 * n + 1))
+        value = np.empty(len(parts))
         arrays = {"amplitude": padded[0], "phase": padded[1], "frequency": padded[2:-1], "pulls": padded[-1]}
-        influence = self.amplitude @ np.abs(self.frequency)
-        return {"joints": n, "terms": padded.shape[1], "constant": self.constant, "influence": influence, **arrays}
+        arrays |= {"influence": self.amplitude @ np.abs(self.frequency), "boxes": boxes, "parts": parts, "value": value}
+        return Filled("Cosines", joints=n, terms=padded.shape[1], constant=self.constant, **arrays), boxes, parts, value
 
     def bounded(self, boxes: Array, cuts: bool = False) -> tuple[Array, Array]:
         """Boxes with lower bounds, and values (N,) at their centres; or of both halves of each, the lower ones first.
 
         The bound is the better one of the sum of the cosines' own and the second-order Taylor bound about the centre,
-        or the one that is known. Halves are cut across the joint that moves the polynomial most.
+        or the one that is known. Halves are cut across the joint that moves the polynomial most. The next call writes
+        over what is returned.
 
         Parameters
         ----------
         boxes : (N, 2 n + 1) centres and half-widths, rad, and a lower bound that is known, or -inf
+            At most ``BOXES_AT_ONCE``.
         """
-        parts, compiled = np.empty(((1 + cuts) * len(boxes), boxes.shape[1])), kernel()
-        found = {"parts": parts, "value": np.empty(len(parts))}
-        cosines = Filled("Cosines", count=len(boxes), cuts=cuts, boxes=boxes, **found, **self._compiled)
+        (cosines, room, parts, value), compiled, count = self._compiled, kernel(), len(boxes)
+        room[:count] = boxes
+        cosines.structure.count, cosines.structure.cuts = count, cuts
         compiled.bound(cosines.structure, compiled.instructions)
-        return parts, found["value"]
+        return parts[: count << cuts], value[: count << cuts]
 
     def minimum(self, ranges: Array) -> float:
         """Return a lower bound of the minimum over the box ``ranges`` (n, 2).
