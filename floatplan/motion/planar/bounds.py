@@ -117,13 +117,10 @@ def _polynomial(constant: float, frequencies: Array, phasors: ComplexArray) -> T
     """``constant + Re(sum_l phasor_l exp(i frequency_l . q))``, with one term for each +-frequency."""
     terms: dict[tuple[float, ...], complex] = {}
     for frequency, phasor in zip(map(tuple, (frequencies + 0.0).tolist()), phasors.tolist(), strict=True):
-        leading = next(filter(None, frequency), 0.0)
-        if not leading:
-            constant += phasor.real
-            continue
-        if leading < 0:
+        if next(filter(None, frequency), 0.0) < 0:
             frequency, phasor = tuple(0.0 - part for part in frequency), phasor.conjugate()
         terms[frequency] = terms.get(frequency, 0j) + phasor
+    constant += terms.pop((0.0,) * frequencies.shape[1], 0j).real
     kept = {frequency: phasor for frequency, phasor in terms.items() if phasor}
     values = np.array(list(kept.values()), dtype=np.complex128)
     return TrigonometricPolynomial(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,7 @@ from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
 from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
-from floatplan.planning.transcription.program import (
-    IntegralOfSquares,
-    changes_at_ends,
-    objective,
-)
+from floatplan.planning.transcription.program import IntegralOfSquares, changes_at_ends, objective
 from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_units
 from floatplan.problem.problem import Problem
@@ -97,7 +93,7 @@ class CompiledAttempts:
         level: int,
     ) -> None:
         self._problem, self._model, self._constraints, self.watch = problem, model, constraints, watch
-        self.rows, self.level = where_to_look(constraints), level
+        self.rows, self.level, self._window_ends = where_to_look(constraints), level, window_ends(constraints)
         self._look = self.rows[2]
         self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
@@ -155,10 +151,6 @@ class CompiledAttempts:
         grids = nodes_of_levels(variables.polynomials.form)
         settings = constrained_settings(), _rules(self._model.flight.bodies)
         return (*watch.references, motions.structure, grids, *settings), attempt, motions
-
-    @cached_property
-    def _window_ends(self) -> tuple[float, ...]:
-        return window_ends(self._constraints)
 
     def _aim(self, variables: DecisionVariables) -> dict[str, Any]:
         """Which of the kernel's sums the objective is of, and its scale."""
