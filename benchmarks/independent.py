@@ -60,13 +60,14 @@ class Look:
 
     @cached_property
     def derivatives(self) -> list[np.ndarray]:
-        """Coefficients of p(t) of (12) and of its first two derivatives."""
-        return [polynomial.polyder(self.plan.coefficients.T, order) for order in range(3)]
+        """Coefficients of p(t) of (12) and of its first two derivatives; terms of 1e5 rad may cancel in their sums."""
+        return [polynomial.polyder(self.plan.coefficients.T.astype(np.longdouble), order) for order in range(3)]
 
     def joints_at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, velocities, accelerations (K, n) by (12)."""
         plan = self.plan
-        p, rate, curvature = (polynomial.polyval(times, coefficients).T for coefficients in self.derivatives)
+        exact = times.astype(np.longdouble)
+        p, rate, curvature = (np.float64(polynomial.polyval(exact, each)).T for each in self.derivatives)
         sine, cosine = np.sin(p), np.cos(p)
         return (
             plan.centre + plan.amplitude * sine,

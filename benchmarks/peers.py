@@ -84,13 +84,13 @@ class Slsqp:
         at, variables = self._evaluation, self._variables
         options: Any = {"maxiter": self._iterations, "ftol": 1e-9}
         rules: list[Any] = [{"type": "eq", "fun": lambda x: at(x).equality, "jac": lambda x: at(x).equality_jacobian}]
-        if len(at(variables.plain_motion()).inequality):
+        if len(at(variables.plain_motion).inequality):
             rules.append(
                 {"type": "ineq", "fun": lambda x: at(x).inequality, "jac": lambda x: at(x).inequality_jacobian}
             )
         found = minimize(  # type: ignore[call-overload]  # its stubs know no Jacobian of a constraint
             lambda x: at(x).objective,
-            variables.plain_motion(),
+            variables.plain_motion,
             jac=lambda x: at(x).gradient,
             method="SLSQP",
             constraints=rules,

@@ -26,11 +26,17 @@ def nodes_of_levels(form: Form) -> Any:
     filled = []
     for count in NODE_COUNTS:
         grid = gauss_grid(count)
-        value, first, second = (values.T for values in basis(form).values(grid.s))
+        value, first, second = _basis_at_nodes(form, count)
         integrals = {"antiderivative": grid.quadrature.antiderivative, "tail": grid.quadrature.transform[-3:]}
         integrals |= {"integrals": grid.integrals[:count].T}
         filled.append(Filled("Nodes", grid, nodes=count, value=value, first=first, second=second, **integrals))
     return structure_array("Nodes", filled)
+
+
+@lru_cache(maxsize=32)
+def _basis_at_nodes(form: Form, count: int) -> tuple[Array, ...]:
+    """Columns of the basis and their first two derivatives by s, (columns, count) each."""
+    return tuple(values.T for values in basis(form).values(gauss_grid(count).s))
 
 
 def watching_levels(
@@ -47,7 +53,7 @@ def watching_levels(
     if not np.isfinite(thickness).any():
         return np.full(len(thickness), CONSTRAINED_LEVEL)
     grid, duration = gauss_grid(NODE_COUNTS[COMPILED_LEVEL]), rows.duration[:, None]
-    value, slope, _ = (each[:, : rows.boundary.shape[2]].T for each in basis(motions.form).values(grid.s))
+    value, slope, _ = (each[: rows.boundary.shape[2]] for each in _basis_at_nodes(motions.form, len(grid.s)))
     p, n, amplitude = rows.boundary @ value, rows.boundary.shape[1], motions.amplitude[:, None]
     positions = (motions.centre[:, None] + amplitude * np.sin(p)).swapaxes(1, 2).reshape(-1, n)
     rates = amplitude * np.cos(p) * (rows.boundary @ slope) / rows.duration[:, None, None]

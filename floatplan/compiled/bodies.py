@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.layout import Filled
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
@@ -48,12 +48,10 @@ class Bodies:
     def __init__(self, tree: PlanarTree, centre: Array, amplitude: Array) -> None:
         constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
         turns, self.group = tree.distinct_turns
-        parent, terms = _built_up(turns)
-        entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
-        self.parent = np.array(parent, dtype=np.int64)
-        self.first = np.cumsum([0, *map(len, terms)]).astype(np.int64)
-        self.joint = np.array([joint for joint, _ in entries], dtype=np.int64)
-        self.ratio = np.array([ratio for _, ratio in entries], dtype=np.float64)
+        self.parent, terms = _built_up(turns)
+        body, self.joint = terms.nonzero()
+        self.first = np.searchsorted(body, np.arange(len(turns) + 1))
+        self.ratio = terms[body, self.joint] * amplitude[self.joint]
         self.rotations = np.eye(len(turns))[self.group].T * constant
         coupling = self.rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ self.rotations.T
         links = (constant.conj()[:, None] * tree.coupling) @ self.rotations.T
@@ -76,16 +74,14 @@ class Bodies:
         return np.asarray(points.conj() if self.is_mirrored else points)
 
 
-def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
-    """Each row as the one before it that needs fewest terms to become it, and those terms: joint, ratio."""
-    parent, terms = [0], [[]]  # type: tuple[list[int], list[list[tuple[int, float]]]]
-    for body in range(1, len(turns)):
-        differences = turns[body] - turns[:body]
-        nearest = int(np.argmin((differences != 0).sum(axis=1)))
-        joints = np.flatnonzero(differences[nearest])
-        parent.append(nearest)
-        terms.append(list(zip(joints.tolist(), differences[nearest, joints].tolist(), strict=True)))
-    return parent, terms
+def _built_up(turns: Array) -> tuple[IntArray, Array]:
+    """Of each row (m,) the one before it that needs fewest terms to become it, and these terms (m, n), by joint."""
+    rows = np.arange(len(turns))
+    differences = turns[:, None] - turns
+    terms = (differences != 0).sum(axis=2)
+    terms[rows[:, None] <= rows] = turns.shape[1] + 1  # those after it
+    parent = terms.argmin(axis=1)
+    return parent, differences[rows, parent]
 
 
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class CompiledConstraints:
         self.block_first = np.cumsum([0, *counts])
         columns = np.array(written).reshape(-1, 5).T
         kind, first, second = columns[:3].astype(np.int64)
-        of_sums = np.array(sums).reshape(-1, self.terms)
+        of_sums = np.concatenate((np.empty((0, self.terms)), *sums))
         accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
         self.also = self.sums(_each_of(flight, also)) if also else None
         self.needs_moments = "torque" in also or bool(moments.any())
@@ -86,8 +86,8 @@ class CompiledConstraints:
         shapes, path = flight.link_shapes, flight.ballistics
         ends = _ends(tree, shapes)
         opposite = _opposite(kind, first, of_sums)
-        is_differentiated = opposite < 0
-        self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
+        before = np.cumsum([0, *(opposite < 0)])
+        self.differentiated: list[int] = np.diff(before[self.block_first]).tolist()
         self.path, self.least = path_numbers(path), columns[3]
         needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
         rows = {"kind": kind, "first": first, "second": second, "per_scale": columns[4]}
@@ -104,9 +104,9 @@ class CompiledConstraints:
             kind = SUM if isinstance(block, SumRows) else SHARE
             shares = [] if isinstance(block, SumRows) else filter(None, (block.used, block.also))
             parts = [self.sums(block)] if isinstance(block, SumRows) else list(map(self._sum, shares))
-            begin, count = len(sums), len(parts[0])
+            begin, count = sum(map(len, sums)), len(parts[0])
             rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
-            sums.extend(np.concatenate(parts))
+            sums += parts
         elif isinstance(block.between, tuple):
             rows += [(PAIR, i, j, block.least, 1 / block.scale) for i, j in product(*block.between)]
         else:
@@ -176,12 +176,13 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
 
 def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
     """Of each row (r,) an earlier one whose derivatives are the opposite; -1 where there is none."""
-    known: dict[bytes, int] = {}
-    found = np.full(len(kind), -1)
-    for row in np.flatnonzero(kind == SUM).tolist():
-        weights = sums[first[row], 1:]
-        found[row] = known.get((0.0 - weights).tobytes(), -1)
-        known.setdefault((weights + 0.0).tobytes(), row)
+    rows, known, found = (kind == SUM).nonzero()[0], {}, np.full(len(kind), -1)  # type: ignore[var-annotated]
+    weights = sums[first[rows], 1:]
+    own, opposite, size = (weights + 0.0).tobytes(), (0.0 - weights).tobytes(), weights.itemsize * weights.shape[1]
+    for number, row in enumerate(rows.tolist()):
+        bits = slice(number * size, (number + 1) * size)
+        found[row] = known.get(opposite[bits], -1)
+        known.setdefault(own[bits], row)
     return found
 
 

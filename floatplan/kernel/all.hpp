@@ -23,3 +23,4 @@
 #include "vectors.hpp"
 #include "space.hpp"
 #include "turning.hpp"
+#include "cosines.hpp"

@@ -340,6 +340,18 @@ struct Turning {
     double *turns;                          // (instants, 3, columns)
 };
 
+// constant + sum_l amplitude_l cos(frequency_l . q + phase_l), and boxes of q, rad, to bound it on, cut in two or not.
+struct Cosines {
+    Index joints;
+    Eights terms;  // beyond the last one zeros
+    double constant;
+    const double *amplitude, *phase, *frequency, *influence;  // (terms), the last two (joints, terms) and (joints)
+    Index count, cuts;
+    const double *boxes;    // (count, 2 joints + 1): centres, half-widths, a lower bound that is known
+    double *parts, *value;  // the same of what is bounded, lower halves before upper ones; at its centres
+    double *pulls;          // (terms), to work in
+};
+
 enum class Asked : Index { attitudes, transitions, turns };
 
 enum Step : Index {

@@ -255,7 +255,7 @@ def whitening(form: Form, free: int, durations: tuple[float, ...]) -> tuple[Arra
     powers, given = powers_map(form, np.array(durations)), len(form.given)
     orthogonal, triangular = np.linalg.qr(powers[..., given : given + free])
     inverse = np.linalg.inv(triangular)
-    longest = np.linalg.norm(inverse, 2, axis=(1, 2)) if free else np.zeros(len(durations))
+    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if free else np.zeros(len(durations))
     return inverse, longest, -inverse @ (orthogonal.swapaxes(1, 2) @ powers[..., :given])
 
 

@@ -34,4 +34,4 @@ def on_branch(problem: Problem, variables: DecisionVariables, at_landing: IntArr
 def plain_start(problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet) -> Start:
     """Each search of a problem begins with it: with another seed, or for another best one."""
     variables = decision_variables(problem, degrees, np.zeros((2, len(problem.robot.joints)), np.int64), momentum)
-    return Start(variables, variables.plain_motion(), at_once=True)
+    return Start(variables, variables.plain_motion, at_once=True)

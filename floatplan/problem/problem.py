@@ -340,7 +340,7 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
         ("torque", "speed-dependent torque", problem.motor_stall, of_motors, problem.motor_slope),
     ]
     for key, what, limits, (subjects, rows), slope in kinds:
-        limited = np.flatnonzero(np.isfinite(limits.reshape(-1, limits.shape[-1])[0]))
+        (limited,) = np.isfinite(limits.reshape(-1, limits.shape[-1])[0]).nonzero()
         if limited.size:
             row, limit = LIMIT_TABLE[key], limits[..., limited]
             names = tuple(f"{what} of {subjects[i]}" for i in limited.tolist())

@@ -407,7 +407,7 @@ class TestObjectives:
         made = objective(asked, model, variables, sampling)
         assert type(made) is type(OBJECTIVES[name])
         if name != "coefficients":
-            plain = variables.plain_motion()
+            plain = variables.plain_motion
             value = made.value(trajectory(model, variables, sampling, plain), plain)
             assert value == pytest.approx(1.0, rel=1e-12)
 
@@ -421,7 +421,7 @@ class TestVariables:
 
     def test_plain_motion_is_the_hermite_one_at_the_middle_h(self, flight):
         _, variables, _ = flight
-        plain = variables.plain_motion()
+        plain = variables.plain_motion
         assert np.abs(variables.free_coefficients(plain)).max() < 1e-9
         assert variables.angular_momentum(plain) == variables.momentum.centre
 

@@ -50,7 +50,7 @@ def test_a_free_momentum_spans_the_interval(problem):
     problem = replace(problem, goal=replace(problem.goal, orientation=problem.goal.orientation - 4 * np.pi))
     bounds = angular_momentum_interval(problem)
     variables = variables_of(with_free_momentum(problem))
-    x = variables.plain_motion()
+    x = variables.plain_motion
     assert variables.size == variables.coefficients + 1
     assert variables.angular_momentum(x) == pytest.approx([sum(bounds) / 2])
     for side, bound in zip((-1.0, 1.0), bounds, strict=True):
@@ -59,7 +59,7 @@ def test_a_free_momentum_spans_the_interval(problem):
 
 def test_the_plain_motion_has_no_free_part(problem):
     variables = variables_of(problem)
-    z = variables.free_coefficients(variables.plain_motion())
+    z = variables.free_coefficients(variables.plain_motion)
     assert z == pytest.approx(variables.polynomials.no_free_part, abs=1e-12)
 
 
@@ -97,5 +97,5 @@ def test_the_metric_measures_how_far_joints_move(problem):
     unit[-1] = 1.0
     assert np.linalg.norm(metric @ unit) == pytest.approx(1.0)
     step = np.append(np.random.default_rng(5).normal(size=variables.coefficients), 0.0)
-    moved = variables.free_coefficients(variables.plain_motion() + step) - variables.polynomials.no_free_part
+    moved = variables.free_coefficients(variables.plain_motion + step) - variables.polynomials.no_free_part
     assert np.linalg.norm(metric @ step) == pytest.approx(np.linalg.norm(moved) / np.sqrt(2))

@@ -46,7 +46,7 @@ def obstructed(root) -> fp.Problem:
 
 def test_the_first_is_the_plain_motion(obstructed):
     first = next(starts_of(obstructed))
-    assert first.solution.x == pytest.approx(first.variables.plain_motion())
+    assert first.solution.x == pytest.approx(first.variables.plain_motion)
 
 
 def test_random_ones_turn_just_enough(problem):

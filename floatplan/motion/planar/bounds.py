@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple, get_args
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.kernel.layout import Filled, kernel
 from floatplan.motion.planar.clearance import point_distances
 from floatplan.motion.planar.closed_form import TurningBodies, ballistics
 from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rates_at
@@ -48,54 +49,55 @@ class TrigonometricPolynomial:
         """Minus the polynomial."""
         return TrigonometricPolynomial(-self.constant, self.amplitude, self.frequency, self.phase + np.pi)
 
-    def lower_bounds(self, centres: Array, half_widths: Array) -> tuple[Array, Array]:
-        """Lower bounds (N,) on boxes, and values at their centres (N,).
+    @cached_property
+    def _compiled(self) -> tuple[Filled, Array, Array, Array]:
+        """As the kernel takes it, eight terms at once, those beyond the last one zeros; boxes, their parts, values."""
+        terms, n = self.frequency.shape
+        padded = np.zeros((n + 3, -(-terms // 8) * 8))
+        padded[:2, :terms], padded[2:-1, :terms] = (self.amplitude, self.phase), self.frequency.T
+        boxes, parts = np.empty((BOXES_AT_ONCE, 2 * n + 1)), np.empty((2 * BOXES_AT_ONCE, 2 * n + 1))
+        value = np.empty(len(parts))
+        arrays = {"amplitude": padded[0], "phase": padded[1], "frequency": padded[2:-1], "pulls": padded[-1]}
+        arrays |= {"influence": self.amplitude @ np.abs(self.frequency), "boxes": boxes, "parts": parts, "value": value}
+        return Filled("Cosines", joints=n, terms=padded.shape[1], constant=self.constant, **arrays), boxes, parts, value
 
-        The better of the sum of the cosines' own bounds and the second-order Taylor bound about the centre.
+    def bounded(self, boxes: Array, cuts: bool = False) -> tuple[Array, Array]:
+        """Boxes with lower bounds, and values (N,) at their centres; or of both halves of each, the lower ones first.
+
+        The bound is the better one of the sum of the cosines' own and the second-order Taylor bound about the centre,
+        or the one that is known. Halves are cut across the joint that moves the polynomial most. The next call writes
+        over what is returned.
+
+        Parameters
+        ----------
+        boxes : (N, 2 n + 1) centres and half-widths, rad, and a lower bound that is known, or -inf
+            At most ``BOXES_AT_ONCE``.
         """
-        argument = centres @ self.frequency.T + self.phase
-        reach = half_widths @ np.abs(self.frequency).T
-        value = self.constant + np.cos(argument) @ self.amplitude
-        to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
-        termwise = self.constant - np.cos(np.maximum(to_pi - reach, 0)) @ self.amplitude  # each cosine's own minimum
-        gradient = (np.sin(argument) * self.amplitude) @ self.frequency
-        taylor = value - (np.abs(gradient) * half_widths).sum(axis=1) - reach**2 @ (self.amplitude / 2)
-        return np.maximum(termwise, taylor), value
+        (cosines, room, parts, value), compiled, count = self._compiled, kernel(), len(boxes)
+        room[:count] = boxes
+        cosines.structure.count, cosines.structure.cuts = count, cuts
+        compiled.bound(cosines.structure, compiled.instructions)
+        return parts[: count << cuts], value[: count << cuts]
 
     def minimum(self, ranges: Array) -> float:
         """Return a lower bound of the minimum over the box ``ranges`` (n, 2).
 
         Tight to ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
         """
-        n, gap = len(ranges), RELATIVE_GAP * float(self.amplitude.sum())
-        centre, half_width = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
-        boxes = np.concatenate((centre, half_width, [-np.inf]))[None, :]  # rows: centre, half-widths, lower bound
-        untried, tried, best, work = boxes, boxes[:0], np.inf, 0
+        gap = RELATIVE_GAP * float(self.amplitude.sum())
+        root = np.concatenate((ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2, [-np.inf]))[None, :]
+        (untried, value), tried, best, work = self.bounded(root), root[:0], np.inf, 0
         while True:
-            lower, value = self.lower_bounds(untried[:, :n], untried[:, n:-1])
-            np.maximum(lower, untried[:, -1], out=untried[:, -1])
             best = min(best, float(value.min()))
             boxes = np.concatenate((tried, untried))
             least = float(boxes[:, -1].min())
-            work += lower.size * self.amplitude.size
+            work += len(untried) * self.amplitude.size
             if work >= MOST_WORK or least >= best - gap:
                 return min(least, best)
             boxes = boxes[boxes[:, -1] < best - gap]
             if len(boxes) > BOXES_AT_ONCE:
                 boxes = boxes[np.argpartition(boxes[:, -1], BOXES_AT_ONCE)]
-            untried, tried = self._halved(boxes[:BOXES_AT_ONCE]), boxes[BOXES_AT_ONCE:]
-
-    def _halved(self, boxes: Array) -> Array:
-        """Both halves of every box, cut across the joint that moves the polynomial most."""
-        count, n = len(boxes), self.frequency.shape[1]
-        influence = boxes[:, n : 2 * n] * (self.amplitude @ np.abs(self.frequency))
-        rows, axis = np.arange(count), np.argmax(influence, axis=1)
-        half_width = boxes[rows, n + axis] / 2
-        halves = np.concatenate((boxes, boxes))
-        halves[rows, axis] -= half_width
-        halves[count + rows, axis] += half_width
-        halves[rows, n + axis] = halves[count + rows, n + axis] = half_width
-        return halves
+            (untried, value), tried = self.bounded(boxes[:BOXES_AT_ONCE], cuts=True), boxes[BOXES_AT_ONCE:]
 
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
@@ -115,13 +117,10 @@ def _polynomial(constant: float, frequencies: Array, phasors: ComplexArray) -> T
     """``constant + Re(sum_l phasor_l exp(i frequency_l . q))``, with one term for each +-frequency."""
     terms: dict[tuple[float, ...], complex] = {}
     for frequency, phasor in zip(map(tuple, (frequencies + 0.0).tolist()), phasors.tolist(), strict=True):
-        leading = next(filter(None, frequency), 0.0)
-        if not leading:
-            constant += phasor.real
-            continue
-        if leading < 0:
+        if next(filter(None, frequency), 0.0) < 0:
             frequency, phasor = tuple(0.0 - part for part in frequency), phasor.conjugate()
         terms[frequency] = terms.get(frequency, 0j) + phasor
+    constant += terms.pop((0.0,) * frequencies.shape[1], 0j).real
     kept = {frequency: phasor for frequency, phasor in terms.items() if phasor}
     values = np.array(list(kept.values()), dtype=np.complex128)
     return TrigonometricPolynomial(

@@ -25,12 +25,7 @@ from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
 from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
-from floatplan.planning.transcription.program import (
-    IntegralOfSquares,
-    changes_at_ends,
-    instants_beside_nodes,
-    objective,
-)
+from floatplan.planning.transcription.program import IntegralOfSquares, changes_at_ends, objective
 from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_units
 from floatplan.problem.problem import Problem
@@ -133,7 +128,7 @@ class CompiledAttempts:
         level: int,
     ) -> None:
         self._problem, self._model, self._constraints, self.watch = problem, model, constraints, watch
-        self.rows, self.level = where_to_look(constraints), level
+        self.rows, self.level, self._window_ends = where_to_look(constraints), level, window_ends(constraints)
         self._look = self.rows[2]
         self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
@@ -161,19 +156,14 @@ class CompiledAttempts:
     def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
         """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
         watch = self.watch
-        instants = distinct(np.array([*instants_beside_nodes(variables, self._constraints), *self._window_ends]))
-        at_ends = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)[self.rows[0]]
+        changes = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)
+        instants = distinct(np.array([*((0.0, 1.0) if changes.any() else ()), *self._window_ends]))
         levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
-        counts = {
-            "bodies": self._model.flight.bodies,
-            "rows": watch.rows,
-            "at_once": at_once,
-            "fixed": len(instants),
-            "entries": sum(watch.differentiated),
-        }
-        arrays = {"at_ends": at_ends, "instants": instants, "x": x, "tolerance": self._tolerance, "coefficients": None}
+        counts = {"bodies": self._model.flight.bodies, "rows": watch.rows, "at_once": at_once}
+        counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
+        arrays = {"at_ends": changes[self.rows[0]], "instants": instants, "x": x, "tolerance": self._tolerance}
         numbers = {**self._aim(variables), **levels, **counts}
-        attempt = Filled("Attempt", self._look, minima=self.minima, **numbers, **arrays)
+        attempt = Filled("Attempt", self._look, minima=self.minima, coefficients=None, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
         settings = constrained_settings(), _rules(self._model.flight.bodies)
@@ -183,10 +173,6 @@ class CompiledAttempts:
     def reach(self) -> float:
         """How far the point of the robot that stays nearest to the centre of mass is from it at most, m."""
         return central_reach(self._problem.robot)
-
-    @cached_property
-    def _window_ends(self) -> tuple[float, ...]:
-        return window_ends(self._constraints)
 
     def _aim(self, variables: DecisionVariables) -> dict[str, Any]:
         """Which of the kernel's sums the objective is of, and its scale."""
@@ -237,13 +223,14 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
-    condition = [form.given.index(each) if each in form.given else -1 for each in range(CONDITIONS)]
+    given = form.given
+    condition = [given.index(each) if each in given else -1 for each in range(CONDITIONS)]
     written = of_coefficients and following is not None
     map_ = None
     if written:
         units = whitened_units(form, polynomials.free, (polynomials.duration,))
         map_ = powers_map(form, polynomials.duration) / units
-    ends = [_end(following, end, momentum.centre) for end in (0, 1)]
+    ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
     return Filled(
         "Motions",
         variables,
@@ -251,7 +238,7 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
         size=variables.size,
         axes=momentum.free,
         columns=series.shape[2],
-        given=len(form.given),
+        given=len(given),
         terms=series.shape[1],
         duration=polynomials.duration,
         **orientations(flight),
@@ -267,11 +254,14 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     )
 
 
-def _end(following: Boundary | None, end: int, middle: Array) -> Filled:
+_GIVEN = Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
+
+
+def _end(following: Boundary, end: int, middle: Array) -> Filled:
     """How the conditions (13) at one end follow h."""
-    momenta = knots(following.rates, end) if following else np.empty(0)
-    if following is None or not len(momenta):
-        return Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
+    momenta = knots(following.rates, end)
+    if not len(momenta):
+        return _GIVEN
     p, _, curvature = following(middle)[:, 3 * end : 3 * end + 3].T
     rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in momenta.tolist()])
     at_middle = following(middle)[:, 3 * end + 1]

@@ -16,7 +16,7 @@ from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
 from floatplan.optimization.sqp import Solution, minimise, reduce_violations
-from floatplan.planning.transcription.constraints import Constraint, Window, applies, window_ends
+from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.program import (
     BACK_OFF,
     FlightProgram,
@@ -97,17 +97,17 @@ def local_minima(
 
 def where_to_look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
     """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
-    return _where_to_look(tuple((len(block.labels), block.window) for block in constraints), window_ends(constraints))
+    lengths = [len(block.labels) for block in constraints]
+    block = np.array([number for number, length in enumerate(lengths) for _ in range(length)], np.int64)
+    row = np.array([row for length in lengths for row in range(length)], np.int64)
+    low, high = (np.array([each.window[end] for each in constraints])[block] for end in (0, 1))
+    return block, row, Look(_first_look(window_ends(constraints)), low, high, NEAR, 1 / (FIRST_LOOK - 1))
 
 
 @lru_cache(maxsize=16)
-def _where_to_look(blocks: tuple[tuple[int, Window], ...], ends: tuple[float, ...]) -> tuple[IntArray, IntArray, Look]:
-    lengths = [length for length, _ in blocks]
-    block = np.repeat(np.arange(len(lengths)), lengths)
-    low, high = np.array([window for _, window in blocks]).reshape(-1, 2)[block].T
-    grid = distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
-    row = np.array([row for length in lengths for row in range(length)], np.int64)
-    return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high), NEAR, 1 / (FIRST_LOOK - 1))
+def _first_look(ends: tuple[float, ...]) -> Array:
+    """Instants of the first look, the ends of windows among them."""
+    return distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
 
 
 def _rise(value: Array) -> Array:

@@ -125,7 +125,7 @@ def objective(problem: Problem, model: FlightModel, variables: DecisionVariables
     name = problem.motion.objective
     if name == "coefficients":
         return objective_term(name, variables)
-    x = variables.plain_motion()
+    x = variables.plain_motion
     value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
     return objective_term(name, variables, max(value, 1e-6))
 
@@ -236,4 +236,4 @@ def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Const
 
 def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
     """Whether the values of a block at takeoff or landing depend on what the search chooses."""
-    return bool(variables.chosen_at_ends & block.depends_at_ends_on)
+    return bool(variables.chosen_at_ends and variables.chosen_at_ends & block.depends_at_ends_on)

@@ -160,6 +160,8 @@ class DecisionVariables:
         if not self.momentum.free:
             return np.asarray(x)
         beside = np.atleast_1d(angular_momentum) - self.momentum.centre
+        if not beside.any():
+            return np.concatenate((x, np.zeros(self.momentum.free)))
         return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0]))
 
     def angular_momentum(self, x: Array) -> Array:
@@ -168,8 +170,9 @@ class DecisionVariables:
             return self.momentum.centre
         return np.asarray(self.momentum.centre + self.momentum.axes @ x[self.coefficients :])
 
+    @cached_property
     def plain_motion(self) -> Array:
-        """Return the x of the Hermite motion with no free part, and the h in the middle."""
+        """The x of the Hermite motion with no free part, and the h in the middle."""
         return self.variables(self.polynomials.no_free_part, self.momentum.centre)
 
     def gradient(self, by_z: Array, by_momentum: Array | None) -> Array:

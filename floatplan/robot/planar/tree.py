@@ -88,9 +88,13 @@ class PlanarTree:
         local : (points,) complex
             Its place in that body's frame, m.
         """
-        from_base = self._weights_from_base(body, local)
+        return np.asarray(self._weights_from_base(body, local) - self._com, dtype=np.complex128)
+
+    @cached_property
+    def _com(self) -> ComplexArray:
+        """Weights (m,) that give the centre of mass from the base's origin."""
         centers = self._weights_from_base(np.arange(len(self.mass)), self.center)
-        return np.asarray(from_base - self.mass @ centers / self.mass.sum(), dtype=np.complex128)
+        return np.asarray(self.mass @ centers / self.mass.sum())
 
     @cached_property
     def coupling(self) -> ComplexArray:
@@ -131,14 +135,19 @@ class PlanarTree:
         apart = abs(where[:, :, None] - where[:, None, :]).max(axis=(0, 3))
         return np.asarray(np.argmax(apart <= SAME, axis=1))
 
-    def _weights_from_base(self, body: IntArray, local: ComplexArray) -> ComplexArray:
+    @cached_property
+    def _origins(self) -> ComplexArray:
+        """Weights (m, m) that give the bodies' origins from the base's."""
         origins = np.zeros((len(self.mass), len(self.mass)), dtype=np.complex128)
-        for b in range(1, len(self.mass)):
-            origins[b] = origins[self.parent[b]]
-            origins[b, self.parent[b]] += self.anchor[b]
-        weights = origins[body]
+        for b, parent in enumerate(self.parent.tolist()[1:], 1):
+            origins[b] = origins[parent]
+            origins[b, parent] += self.anchor[b]
+        return origins
+
+    def _weights_from_base(self, body: IntArray, local: ComplexArray) -> ComplexArray:
+        weights: ComplexArray = self._origins[body]
         weights[np.arange(len(body)), body] += local
-        return np.asarray(weights, dtype=np.complex128)
+        return weights
 
 
 @dataclass(frozen=True)
