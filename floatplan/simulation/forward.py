@@ -100,9 +100,8 @@ def first_gains(jump: JumpMotion, given: Gains = (None, None)) -> Array:
     takeoff, landing = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
     postures = jump.at(np.linspace(takeoff, landing, INSTANTS)).positions
     lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
-    stiffness = max(STIFFEST**2 * lightest, standing)
-    usual = [float(f"{gain:.2g}") for gain in (stiffness, LEAD * stiffness)]
-    rows = zip(given, ("kp", "kd"), usual, strict=True)
+    usual = float(f"{max(STIFFEST**2 * lightest, standing):.2g}")
+    rows = zip(given, ("kp", "kd"), (usual, LEAD * usual), strict=True)
     return np.array([given_gains(joints, each, name, np.full(len(joints), gain)) for each, name, gain in rows])
 
 

@@ -137,7 +137,7 @@ def test_corrections_leave_half_of_the_torques_to_feedback() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "gains"), [("a1", (44.0, 0.77)), ("go1", (56.1, 0.935))])
+@pytest.mark.parametrize(("name", "gains"), [("a1", (44.0, 0.748)), ("go1", (56.1, 0.935))])
 def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[float, float]) -> None:
     """Also where rotors that the plan does not know make them land early."""
     found = made_once(f"{name}.toml", lambda: fp.jump(root / "problems" / "jumps" / f"{name}.toml", starts=1))

@@ -31,6 +31,8 @@ PATIENCE = 60.0  # s for what takes a fraction of one
 SLOWLY = "floatplan.player.speed = 0.01"  # on a busy machine too a flight is paused before it ends
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
+CONTROLS = "input, button, [role=slider]"  # of a scene
+
 
 @pytest.fixture(scope="module")
 def handstand() -> fp.Plan:
@@ -375,6 +377,7 @@ def test_names_from_files_stay_text(browser: Browser, handstand: fp.Plan, tmp_pa
 
 
 def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
+    """Its clock and speed have names for screen readers, as all that can be operated."""
     if importlib.util.find_spec("viser") is None:
         skip_or_fail("viser is not installed: the extra view")
     scene = write_scene(handstand, tmp_path / "scene.html")
@@ -382,6 +385,11 @@ def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan,
     browser.open(scene)
     wait_for(browser, "document.querySelector('canvas') !== null")
     assert browser.requests() == [scene.as_uri()]
+    wait_for(browser, "document.querySelectorAll('input[aria-label]').length > 1")
+    found = browser.driver.find_elements("css selector", CONTROLS)
+    told = [(each.aria_role, each.accessible_name) for each in found if each.is_displayed()]
+    assert {("textbox", "time, s"), ("combobox", "speed"), ("button", "player pause filled")} <= set(told)
+    assert [each for each in told if not each[1].strip()] == []
     assert browser.complaints("SEVERE") == []
     browser.driver.get("about:blank")
     browser.driver.set_window_size(1000, 640)

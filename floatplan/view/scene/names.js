@@ -27,7 +27,7 @@ function nameAll() {
   for (const icon of document.querySelectorAll("svg:not([role], [aria-hidden])")) icon.setAttribute("aria-hidden", "true");
   for (const button of document.querySelectorAll("button, [role=button]")) {
     const icon = button.querySelector("svg[class*=tabler-icon-]")?.getAttribute("class");
-    if (!words(button)) named(button, icon ? icon.match(/tabler-icon-([a-z-]+)/)[1].replaceAll("-", " ") : "close");
+    if (!words(button)) named(button, icon ? icon.match(/tabler-icon-([a-z-]*[a-z])/)[1].replaceAll("-", " ") : "close");
   }
 }
 let asked = false;
