@@ -38,8 +38,9 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
     Low gains lag behind heavy rotors and let the robot fall, high ones ring with light rotors; what lands every robot
     that was tried may be next to either. So each of some multiples of :func:`first_gains` is flown with the extremes:
     no rotors and the heaviest, all bodies lighter and heavier, with corrections in flight and without. The answer is
-    the middle of the two neighbours with which together most of these land on their feet alone, and of equals those
-    whose trunks stay nearest to their path from the landing on (mean square).
+    the middle of the neighbours of which each two together land most of these on their feet alone; of several such
+    ranges that of most neighbours, of equals the one whose trunks stay nearest to their path from the landing on (mean
+    square).
     """
     first = first_gains(jump)
     control = JumpControl(jump, first, CORRECTED)
@@ -54,9 +55,13 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
             end = control.fly(late, friction, (SEARCH, 0), correct, **chosen)
             ends.append((end.stands and not end.touched, -(min(end.tilt, FALLEN) ** 2)))
         found.append(np.sum(ends, axis=0))
-    scores = [tuple(one + two) for one, two in itertools.pairwise(found)]
-    best = scores.index(max(scores))
-    return (MULTIPLES[best] + MULTIPLES[best + 1]) / 2 * first, len(MULTIPLES)
+    pairs = np.array(found[:-1]) + found[1:]  # landings, and what the trunks leave their paths by
+    best, ranges = pairs[:, 0].max(), []
+    for is_best, group in itertools.groupby(range(len(pairs)), lambda pair: pairs[pair, 0] == best):
+        if is_best:
+            same = list(group)
+            ranges.append((len(same), pairs[same, 1].max(), MULTIPLES[same[0]] + MULTIPLES[same[-1] + 1]))
+    return max(ranges)[2] / 2 * first, len(MULTIPLES)
 
 
 @one_thread
