@@ -55,13 +55,21 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
             end = control.fly(late, friction, (SEARCH, 0), correct, **chosen)
             ends.append((end.stands and not end.touched, -(min(end.tilt, FALLEN) ** 2)))
         found.append(np.sum(ends, axis=0))
-    pairs = np.array(found[:-1]) + found[1:]  # landings, and what the trunks leave their paths by
+    return middle_of_the_widest(np.array(found)) * first, len(MULTIPLES)
+
+
+def middle_of_the_widest(found: Array) -> float:
+    """Return the middle of those multiples that land most flights, of which ``found`` (M, 2) says so; see above.
+
+    The second column is minus the sum of squared tilts, rad^2.
+    """
+    pairs = found[:-1] + found[1:]
     best, ranges = pairs[:, 0].max(), []
     for is_best, group in itertools.groupby(range(len(pairs)), lambda pair: pairs[pair, 0] == best):
         if is_best:
             same = list(group)
             ranges.append((len(same), pairs[same, 1].max(), MULTIPLES[same[0]] + MULTIPLES[same[-1] + 1]))
-    return max(ranges)[2] / 2 * first, len(MULTIPLES)
+    return float(max(ranges)[2] / 2)
 
 
 @one_thread
