@@ -34,6 +34,8 @@ class Constrained {
     Evaluated *now, *trial;
     double *hessian;
 
+    bool is_stuck = false;  // the last time that violations were reduced
+
     bool is_exhausted() const { return program.work > attempt.most_work; }
 
     void swap() { std::swap(now, trial); }
@@ -111,13 +113,15 @@ class Constrained {
         }
     }
 
-    // Minimises the squared violations from `now`, with steps damped in the metric and in x itself; what is left.
+    // Minimises the squared violations from `now`, with steps damped in the metric and in x itself; what is left. It is
+    // `stuck` where a step that is hardly damped changes next to nothing of them, nor would if all were linear.
     double reduce_violations() {
         program.metric_matrix(metric);
         for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
         double damping = rules.initial_damping, squared = squares(*now);
         Progress progress;
-        for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
+        is_stuck = false;
+        for (Index iteration = 0; iteration < rules.iterations && !is_stuck; ++iteration) {
             const bool stalled = progress.stalls(squared, rules.stall_iterations, rules.stalled);
             if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
             if (damping > rules.largest_damping) break;
@@ -128,6 +132,9 @@ class Constrained {
                 program.evaluate(*trial);
                 if (program.watches && reach(1)) continue;
                 if (squares(*trial) < squared) {
+                    const double flat = (squared > rules.far ? rules.flat_far : rules.flat) * squared;
+                    is_stuck = damping <= rules.slight_damping && squared > rules.close && squares(*trial) > flat &&
+                               squares_after_step() > flat;
                     swap();
                     squared = squares(*now);
                     damping = larger(damping / 5, rules.smallest_damping);
@@ -169,6 +176,18 @@ class Constrained {
     double squares(const Evaluated &at) const {
         const double total = at.equality * at.equality + at.squares;
         return std::isfinite(total) ? total : HUGE_VAL;
+    }
+
+    // The same after a step, were all linear.
+    double squares_after_step() {
+        follow(direction, slope);
+        const double equality = now->equality + dot(now->row, direction, size);
+        Vector sum_of_squares = all(0);
+        for (Index e = 0; e < near(); e += LANES) {
+            const Vector value = smaller(load(gathered + e) + load(slope + e), all(0));
+            sum_of_squares += value * value;
+        }
+        return equality * equality + sum(sum_of_squares);
     }
 
     Index near() const { return 8 * now->packs; }

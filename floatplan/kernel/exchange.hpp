@@ -100,10 +100,10 @@ class Follower {
             for (Index each : {attempt.level, level}) {
                 begin(each, each == attempt.level ? start : search.now->x);
                 left = search.reduce_violations();
-                if (!(left < rules.nearly_promising) || attempt.level == level) break;
+                if (search.is_stuck || !(left < rules.nearly_promising) || attempt.level == level) break;
             }
             status = infeasible;
-            if (left < rules.promising) {
+            if (left < rules.promising && !search.is_stuck) {
                 copy(ended, search.now->x, program.size);
                 solve(ended, level);
             }

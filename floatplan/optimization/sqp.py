@@ -50,6 +50,11 @@ ITERATIONS = 60
 FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
 STALL_ITERATIONS = 6  # within which the squared violation must fall below STALLED
 STALLED = 0.8  # [-] of the squared violation before
+SLIGHT_DAMPING = 1e-3  # [-] of a step that could gain something
+FLAT = 0.999  # [-] of the squared violation: where such a step leaves more, and would if all were linear, none gains
+FLAT_FAR = 0.95  # [-] the same above FAR
+FAR = 0.1  # of squared violation
+CLOSE = 1e-6  # of squared violation, below which the search goes on
 INITIAL_DAMPING = 1e-2  # [-] weight of the squared step
 SMALLEST_DAMPING = 1e-8  # [-]
 LARGEST_DAMPING = 1e8  # [-] beyond it the iteration ends
@@ -265,12 +270,16 @@ def _damped_bfgs(
 
 @dataclass(frozen=True, eq=False)
 class LeastViolation(Generic[Detail]):
-    """Result of :func:`reduce_violations`: a point x, the program there, its violation, and the evaluations used."""
+    """Result of :func:`reduce_violations`: a point x, the program there, its violation, and the evaluations used.
+
+    It is ``stuck`` where a step that is hardly damped changed next to nothing, nor would have if all were linear.
+    """
 
     x: Array
     evaluation: Evaluation[Detail]
     squared_violation: float
     evaluations: int
+    stuck: bool
 
 
 def reduce_violations(
@@ -281,28 +290,41 @@ def reduce_violations(
     damping = INITIAL_DAMPING
     evaluation = program.evaluate(x)
     squared = _squares(evaluation)
-    evaluations, history = 1, [squared]
+    evaluations, history, stuck = 1, [squared], False
     for _ in range(iterations):
         stalled = len(history) > STALL_ITERATIONS and history[-1] > STALLED * history[-1 - STALL_ITERATIONS]
-        if squared < FEASIBLE**2 or damping > LARGEST_DAMPING or stalled or stop():
+        if squared < FEASIBLE**2 or damping > LARGEST_DAMPING or stalled or stuck or stop():
             break
         while damping <= LARGEST_DAMPING:
             step = _damped_step(evaluation, damping * metric)
             trial = program.evaluate(x + step)
             evaluations += 1
             if _squares(trial) < squared:
+                if damping <= SLIGHT_DAMPING and squared > CLOSE:
+                    flat = (FLAT_FAR if squared > FAR else FLAT) * squared
+                    stuck = min(_squares(trial), _squares_after(step, evaluation)) > flat
                 x, damping = x + step, max(damping / 5, SMALLEST_DAMPING)
                 evaluation, squared = trial, _squares(trial)
                 break
             damping *= 4
         history.append(squared)
-    return LeastViolation(x, evaluation, squared, evaluations)
+    return LeastViolation(x, evaluation, squared, evaluations, stuck)
 
 
 def _squares(evaluation: AnyEvaluation) -> float:
     """Sum of squared violations."""
-    violated = np.minimum(evaluation.inequality, 0)
-    return float(evaluation.equality @ evaluation.equality + violated @ violated)
+    return _sum_of_squares(evaluation.equality, evaluation.inequality)
+
+
+def _squares_after(step: Array, evaluation: AnyEvaluation) -> float:
+    """The same after a step, were all linear."""
+    equality = evaluation.equality + evaluation.equality_jacobian @ step
+    return _sum_of_squares(equality, evaluation.inequality + evaluation.inequality_jacobian @ step)
+
+
+def _sum_of_squares(equality: Array, inequality: Array) -> float:
+    violated = np.minimum(inequality, 0)
+    return float(equality @ equality + violated @ violated)
 
 
 def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:

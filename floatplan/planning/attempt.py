@@ -383,7 +383,8 @@ class Attempts:
         for x in begins():
             nearest = reduce_violations(program, x, stop)
             unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-            other = follow(nearest.x) if nearest.squared_violation < PROMISING else judge(unsolved)
+            promises = nearest.squared_violation < PROMISING and not nearest.stuck
+            other = follow(nearest.x) if promises else judge(unsolved)
             outcome = best([outcome, other])
             if outcome.holds or stop():
                 break

@@ -42,6 +42,7 @@ CIRCLE_AND_LINE = Program(
 def test_ends_at_what_violates_nothing():
     found = reduce_violations(CIRCLE_AND_LINE, np.array([-1.0, -3.0]))
     assert found.squared_violation < 1e-20
+    assert not found.stuck
     assert np.linalg.norm(found.x) == pytest.approx(2.0)
     assert found.x.sum() >= 1 - 1e-9
     assert found.evaluation.worst_violation == CIRCLE_AND_LINE.evaluate(found.x).worst_violation
@@ -55,6 +56,15 @@ def test_ends_near_what_cannot_be_met():
     found = reduce_violations(contradictory, np.array([-1.0, -3.0]), iterations=200)
     assert found.squared_violation > 1e-2
     assert found.x[0] == pytest.approx(found.x[1], abs=0.05)
+
+
+def test_tells_that_it_is_stuck():
+    """Between the line a + b = 4 and the half-plane a + b <= 0 no step gains anything, wherever it began."""
+    parallel = Program(lambda a, b: a + b - 4, lambda a, b: (1, 1), lambda a, b: -a - b, lambda a, b: (-1, -1))
+    found = reduce_violations(parallel, np.array([-1.0, -3.0]))
+    assert found.stuck
+    assert found.squared_violation == pytest.approx(8.0)
+    assert found.evaluations < 6
 
 
 def test_damping_never_vanishes(monkeypatch):
