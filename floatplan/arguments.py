@@ -69,7 +69,10 @@ class Checked:
 
     def changed(self, **values: Any) -> Self:
         """Return one with other values, not checked."""
-        return self.unchecked(**{**vars(self), **values})
+        own, made = vars(self), object.__new__(type(self))
+        kept = {each.name: own[each.name] for each in fields(self)}  # type: ignore[arg-type]
+        vars(made).update(kept, **values, _is_checked=False)
+        return made
 
     @classmethod
     def unchecked(cls, **values: Any) -> Self:

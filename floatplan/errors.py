@@ -24,6 +24,8 @@ LONGEST = 1700  # characters of all that is wrong with a problem
 
 def escaped(text: str) -> str:
     """Text on one line, without control characters and with nothing that UTF-8 cannot say."""
+    if text.isprintable():
+        return text
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 

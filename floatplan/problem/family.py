@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, overload
 
@@ -90,7 +90,7 @@ class Family(Checked, Outlined, Sequence[Problem]):
         if isinstance(index, slice):
             return Family(self.base, {path: array[index] for path, array in self.arrays.items()})
         values = {path: array[index].item() for path, array in self.arrays.items()}
-        return replace(self.base, **_with_values(self.base, values))
+        return self.base.with_parts(**_with_values(self.base, values))
 
 
 @lru_cache(maxsize=4096)
@@ -148,7 +148,8 @@ def _set(current: Any, parts: Sequence[str], value: float, base: Problem, path: 
             raise InputError(f"the base problem gives {key!r} nothing that could be varied", element=path)
         return {**current, key: _set(current.get(key), rest, value, base, path)}
     if isinstance(current, Checked):
-        field = next((name for name in current.checks if in_files(name) == key), None)
+        named = (name for name in current.checks if in_files(name) == key)
+        field = key if key in current.checks else next(named, None)
         if field is None:
             raise InputError(f"there is no {key!r}", element=path)
         inner = _spelt_out(base, path, key, getattr(current, field))

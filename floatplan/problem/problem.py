@@ -7,10 +7,10 @@ order of ``robot.joints``, SI units, radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -104,14 +104,30 @@ class Problem(Checked):
         "file_text": optional(text),
     }
 
-    @one_thread
     def __post_init__(self, written: str | None) -> None:
         """Resolve and check everything; report all that is wrong, not only the first."""
         object.__setattr__(self, "file_text", written)
+        self._settle(self.checks)
+
+    def with_parts(self, **parts: Any) -> Problem:
+        """Return the problem with other parts, of the same robot; what none of them touches is not resolved again.
+
+        Raises
+        ------
+        InputError
+            As where a problem is made.
+        """
+        made = self.changed(file_text=None, **parts)
+        made._settle(parts)
+        return made
+
+    @one_thread
+    def _settle(self, changed: Container[str]) -> None:
+        """Check, and resolve what depends on parts that have changed."""
         errors = self.faults()
         fields = {error.element for error in errors}
         try:
-            found = faults((*self._resolutions(), partial(check_name, self.name, "name")))
+            found = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
             found += resolution.flight_errors(self.robot, self.flight)
             found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
             errors += [
@@ -182,23 +198,34 @@ class Problem(Checked):
             rows.append(("ground", "no link below the line on which it took off"))
         return rows + [("obstacle", obstacle.description) for obstacle in self.obstacles]
 
-    def _resolutions(self) -> Iterator[Callable[[], None]]:
-        robot, limits = self.robot, self.limits
-        resolvers: dict[str, Callable[[], object]] = {
-            "initial": lambda: resolution.joint_state(robot, self.start, "start"),
-            "final": lambda: resolution.joint_state(robot, self.goal, "goal"),
-            "position_limits": lambda: resolution.position_limits(robot, limits),
-            "joint_limits": lambda: resolution.joint_limits(robot, limits),
-            "torque_limits": lambda: resolution.torque_limits(robot, limits.torque),
-            "motor_torque_limits": lambda: resolution.motor_limits(robot, resolution.TORQUE, limits.torque),
-            "motor_stall": lambda: resolution.motor_values(robot, limits, "stall", math.inf),
-            "motor_slope": lambda: resolution.motor_values(robot, limits, "slope", 0.0),
-            "degrees": lambda: resolution.degrees_of(robot, self.motion),
-            "takeoff": lambda: resolution.takeoff_of(robot, self.flight),
-            "landing": lambda: resolution.landing_of(robot, self.flight, self.start, self.goal, self.ground),
+    def _resolutions(self, changed: Container[str]) -> Iterator[Callable[[], None]]:
+        """What resolves the values that depend on parts that have changed."""
+        robot, flight, limits = self.robot, self.flight, self.limits
+        resolvers: dict[str, tuple[str, Callable[[], object]]] = {
+            "initial": ("start", lambda: resolution.joint_state(robot, self.start, "start")),
+            "final": ("goal", lambda: resolution.joint_state(robot, self.goal, "goal")),
+            "position_limits": ("limits", lambda: resolution.position_limits(robot, limits)),
+            "joint_limits": ("limits", lambda: resolution.joint_limits(robot, limits)),
+            "torque_limits": ("limits", lambda: resolution.torque_limits(robot, limits.torque)),
+            "motor_torque_limits": (
+                "limits",
+                lambda: resolution.motor_limits(robot, resolution.TORQUE, limits.torque),
+            ),
+            "motor_stall": ("limits", lambda: resolution.motor_values(robot, limits, "stall", math.inf)),
+            "motor_slope": ("limits", lambda: resolution.motor_values(robot, limits, "slope", 0.0)),
+            "degrees": ("motion", lambda: resolution.degrees_of(robot, self.motion)),
+            "takeoff": ("flight", lambda: resolution.takeoff_of(robot, flight)),
+            "landing": (
+                "flight start goal ground",
+                lambda: resolution.landing_of(robot, flight, self.start, self.goal, self.ground),
+            ),
         }
-        for name, resolve in resolvers.items():
-            yield lambda name=name, resolve=resolve: object.__setattr__(self, name, resolve())  # type: ignore[misc]
+        for name, (needed, resolve) in resolvers.items():
+            if any(part in changed for part in needed.split()):
+                yield partial(self._resolve, name, resolve)
+
+    def _resolve(self, name: str, resolve: Callable[[], object]) -> None:
+        object.__setattr__(self, name, resolve())
 
     @property
     def velocity_limits(self) -> Array:

@@ -1,6 +1,6 @@
 """Problems with inequalities that are followed in one call have the answers that each has alone, bit for bit."""
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -54,6 +54,14 @@ def test_a_family(kind, weak, monkeypatch):
     family = fp.Family(base, {path: rng.uniform(*ends, 12) for path, ends in VARIED[kind].items()})
     assert is_together(family)
     assert assert_as_alone(family, monkeypatch).ok.any()
+    resolved = [each.name for each in fields(base) if not each.init]
+    for problem in family:  # of a family it is resolved again only what depends on the parts that differ
+        for name in resolved:
+            np.testing.assert_equal(*(_plain(getattr(each, name)) for each in (problem, replace(problem))), name)
+
+
+def _plain(value):
+    return vars(value) if is_dataclass(value) else value
 
 
 @pytest.mark.parametrize("degree", [5, (5, 8), (9, 6), "auto"])
