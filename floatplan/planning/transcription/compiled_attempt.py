@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray, distinct
+from floatplan.arrays import Array, IntArray
 from floatplan.compiled.attempts import WATCHED_AT_MOST, knots, nodes_of_levels, orientations, watching_levels
 from floatplan.compiled.batch import FINE, SPREADS, STATUS, Rows, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
@@ -20,14 +21,14 @@ from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
+from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
 from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
 from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
 from floatplan.planning.transcription.program import IntegralOfSquares, changes_at_ends, objective
 from floatplan.planning.transcription.trajectory import FlightModel
-from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_units
+from floatplan.planning.transcription.variables import Boundary, DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -156,12 +157,12 @@ class CompiledAttempts:
     def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
         """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
         watch = self.watch
-        changes = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)
-        instants = distinct(np.array([*((0.0, 1.0) if changes.any() else ()), *self._window_ends]))
+        changes = [changes_at_ends(variables, block) for block in self._constraints]
+        instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
         levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
         counts = {"bodies": self._model.flight.bodies, "rows": watch.rows, "at_once": at_once}
         counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
-        arrays = {"at_ends": changes[self.rows[0]], "instants": instants, "x": x, "tolerance": self._tolerance}
+        arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "x": x, "tolerance": self._tolerance}
         numbers = {**self._aim(variables), **levels, **counts}
         attempt = Filled("Attempt", self._look, minima=self.minima, coefficients=None, **numbers, **arrays)
         motions = _motions(self._model.flight, variables, watch.also is None)
@@ -206,7 +207,7 @@ def compiled_attempts(
 def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
     """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
     numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
-    fraction = np.array(MOMENTUM_FRACTIONS if constrained else ())
+    fraction = MOMENTUM_FRACTIONS if constrained else ()
     return Filled("Draws", variables, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
 
 
@@ -228,8 +229,7 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
     written = of_coefficients and following is not None
     map_ = None
     if written:
-        units = whitened_units(form, polynomials.free, (polynomials.duration,))
-        map_ = powers_map(form, polynomials.duration) / units
+        map_ = powers_map(form, polynomials.duration) / whitening(form, (polynomials.duration,))[3]
     ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
     return Filled(
         "Motions",
@@ -244,7 +244,7 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
         **orientations(flight),
         momentum=float(momentum.centre[0]),
         axis=momentum.axes.ravel(),
-        first=np.cumsum([0, *polynomials.free]),
+        first=list(accumulate(polynomials.free, initial=0)),
         condition=condition,
         boundary=polynomials.given_boundary,
         series=series,
