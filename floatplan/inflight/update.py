@@ -301,7 +301,7 @@ class Update:
         return {"s": grid.s, "integrals": grid.integrals[grid.nodes :], "basis": basis, **of_basis}
 
 
-def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
+def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Any]:
     windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
     return {
         "blocks": len(blocks),

@@ -143,7 +143,7 @@ class Filled:
     def __init__(self, name: str, *sources: object, **values: Any) -> None:
         kind = STRUCTURES[name]
         arrays: dict[str, Array | IntArray] = {}
-        missing = []
+        missing: list[str] = []
         for field, (dtype, is_read) in kind.arrays.items():
             value = values.pop(field, missing)
             for source in sources if value is missing else ():

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import WATCHED_AT_MOST, knots, nodes_of_levels, orientations, watching_levels
-from floatplan.compiled.batch import FINE, SPREADS, STATUS, Rows, constrained_settings, is_planar, powers_of_basis
+from floatplan.compiled import attempts
+from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
+from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
@@ -26,8 +27,7 @@ from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
 from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
-from floatplan.planning.transcription.program import IntegralOfSquares, changes_at_ends, objective
-from floatplan.planning.transcription.trajectory import FlightModel
+from floatplan.planning.transcription.program import changes_at_ends
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
@@ -118,18 +118,14 @@ class Ready:
 
 
 class CompiledAttempts:
-    """A problem with constraints made ready for the kernel; grids of a ``level`` at least watch them."""
+    """A problem with constraints made ready for the kernel."""
 
     def __init__(
-        self,
-        problem: Problem,
-        model: FlightModel,
-        constraints: tuple[Constraint, ...],
-        watch: CompiledConstraints,
-        level: int,
+        self, problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...], watch: CompiledConstraints
     ) -> None:
-        self._problem, self._model, self._constraints, self.watch = problem, model, constraints, watch
-        self.rows, self.level, self._window_ends = where_to_look(constraints), level, window_ends(constraints)
+        self._problem, self._flight, self._constraints, self.watch = problem, flight, constraints, watch
+        self.rows, self._window_ends = where_to_look(constraints), window_ends(constraints)
+        self._thickness = min((each.thickness for each in problem.obstacles), default=np.inf)
         self._look = self.rows[2]
         self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
@@ -159,15 +155,16 @@ class CompiledAttempts:
         watch = self.watch
         changes = [changes_at_ends(variables, block) for block in self._constraints]
         instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
-        levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
-        counts = {"bodies": self._model.flight.bodies, "rows": watch.rows, "at_once": at_once}
+        counts = {"bodies": self._flight.bodies, "rows": watch.rows, "at_once": at_once}
         counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
-        arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "x": x, "tolerance": self._tolerance}
-        numbers = {**self._aim(variables), **levels, **counts}
-        attempt = Filled("Attempt", self._look, minima=self.minima, coefficients=None, **numbers, **arrays)
-        motions = _motions(self._model.flight, variables, watch.also is None)
+        if watch.also is not None:
+            counts |= {"objective_sum": watch.first_also, "objective_sums": len(watch.also)}
+        arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "tolerance": self._tolerance}
+        arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None}
+        attempt = Filled("Attempt", self._look, minima=self.minima, thickness=self._thickness, **counts, **arrays)
+        motions = _motions(self._flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
-        settings = constrained_settings(), _rules(self._model.flight.bodies)
+        settings = constrained_settings(), _rules(self._flight.bodies)
         return (*watch.references, motions.structure, grids, *settings), attempt, motions
 
     @cached_property
@@ -175,33 +172,16 @@ class CompiledAttempts:
         """How far the point of the robot that stays nearest to the centre of mass is from it at most, m."""
         return central_reach(self._problem.robot)
 
-    def _aim(self, variables: DecisionVariables) -> dict[str, Any]:
-        """Which of the kernel's sums the objective is of, and its scale."""
-        if self.watch.also is None:
-            return {"objective_sum": 0, "objective_sums": 0, "objective_scale": 1.0}
-        nodes = self._model.nodes(self.level, variables.polynomials.form)
-        aim = objective(self._problem, self._model, variables, nodes)
-        assert isinstance(aim, IntegralOfSquares), "it has a quantity"
-        sums = {"objective_sum": self.watch.first_also, "objective_sums": len(self.watch.also)}
-        return {**sums, "objective_scale": aim.scale}
-
 
 def compiled_attempts(
-    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], plain: DecisionVariables
+    problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...]
 ) -> CompiledAttempts | None:
-    """Make a problem ready, whose plain motion is of these variables; None in space."""
-    if not is_planar(model.flight):
+    """Make a problem ready; None in space."""
+    if not is_planar(flight):
         return None
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    watch = CompiledConstraints(
-        model.flight, [constraint.compiled(model.flight) for constraint in constraints], quantity
-    )
-    polynomials, thickness = plain.polynomials, [each.thickness for each in problem.obstacles]
-    momentum, boundary, change = plain.momentum.centre, polynomials.given_boundary[None], np.zeros(1)
-    rows = Rows(np.array([polynomials.duration]), momentum, change, boundary)
-    places = np.array([problem.initial.orientation]), watch.path[None], np.array([min(thickness, default=np.inf)])
-    level = int(watching_levels(model.flight, polynomials, rows, places)[0]) if constraints else 0
-    return CompiledAttempts(problem, model, constraints, watch, level)
+    watch = CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], quantity)
+    return CompiledAttempts(problem, flight, constraints, watch)
 
 
 def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
@@ -214,7 +194,7 @@ def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) 
 @lru_cache(maxsize=8)
 def _rules(bodies: int) -> Structure:
     """Every number of the search with constraints: the constant of its name."""
-    modules = sqp, programs, trajectory, program, exchange
+    modules = attempts, sqp, programs, trajectory, program, exchange
     others = {"cheap_level": cheap_level(NODE_COUNTS, bodies), "longest_free_step": FINE.longest_step}
     return constants("Exchange", *map(vars, modules), globals(), **others)
 

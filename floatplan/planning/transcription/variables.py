@@ -156,10 +156,10 @@ class DecisionVariables:
 
     def variables(self, z: Array, angular_momentum: npt.ArrayLike) -> Array:
         """Return the x of a motion: the inverse of :meth:`free_coefficients` and :meth:`angular_momentum`."""
-        x = z.ravel()[self.polynomials.free_indices] - self.offset
-        x = x if self.offset_map is None else np.linalg.solve(self.scaling, x)
+        beyond = z.ravel()[self.polynomials.free_indices] - self.offset
+        x = np.asarray(beyond if self.offset_map is None else np.linalg.solve(self.scaling, beyond), np.float64)
         if not self.momentum.free:
-            return np.asarray(x)
+            return x
         beside = np.atleast_1d(angular_momentum) - self.momentum.centre
         if not beside.any():
             return np.concatenate((x, np.zeros(self.momentum.free)))
