@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebval
 
-from floatplan.arrays import Array, IntArray, read_only
+from floatplan.arrays import Array, read_only
 from floatplan.compiled.bodies import Bodies, filled_robot
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.inflight import estimate as filtering
