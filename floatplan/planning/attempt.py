@@ -350,7 +350,7 @@ class Attempts:
         named = self.problem.motion.objective
         outcome = Outcome(start.variables, reached, self.model, *of_end, named, starts=ended.starts)
         outcome.coefficients, outcome.missed = ended.coefficients, np.array([ended.missed])
-        if ended.branch.any():
+        if any(ended.branch.tolist()):
             outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
         return outcome
 
