@@ -1,5 +1,6 @@
 """Names for the array types that pass between the rooms, and the one place where arrays become read-only."""
 
+from functools import cache
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -20,7 +21,15 @@ def read_only(values: npt.ArrayLike) -> Array:
     return array
 
 
+@cache
+def identity(size: int) -> Array:
+    """Return the identity matrix, which refuses to be written to."""
+    return read_only(np.eye(size))
+
+
 def distinct(values: npt.NDArray[N]) -> npt.NDArray[N]:
     """Return the values (N,) that differ, rising: as numpy.unique, which loads numpy.ma for it."""
     rising = np.sort(values)
-    return rising[np.append(True, rising[1:] != rising[:-1])] if len(rising) else rising
+    is_new = np.ones(len(rising), np.bool_)
+    is_new[1:] = rising[1:] != rising[:-1]
+    return rising[is_new]

@@ -13,7 +13,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
 from floatplan.motion.dynamics import FlightDynamics
@@ -186,7 +186,7 @@ def _each_of(flight: PlanarFlight, quantity: str) -> SumRows:
     """Return the numbers of a quantity, each on its own."""
     joints, motors = (int(turns.shape[1]) for turns in (flight.tree.turns, flight.tree.motor_turns))
     width = {"motor_torques": motors, "orientation_rate": 1}.get(quantity, joints)
-    return SumRows(np.zeros(width), {quantity: np.eye(width)})
+    return SumRows(np.zeros(width), {quantity: identity(width)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
@@ -345,7 +345,7 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
         if limited:
             row, limit = LIMIT_TABLE[key], limits[..., limited]
             names = tuple(f"{what} of {subjects[i]}" for i in limited)
-            used = (np.eye(len(subjects)) if rows is None else rows)[limited] / limit[..., None]
+            used = (identity(len(subjects)) if rows is None else rows)[limited] / limit[..., None]
             also = {}
             if slope is not None:
                 also["velocities"] = (slope[..., limited] / limit)[..., None] * robot.motor_ratios[limited]

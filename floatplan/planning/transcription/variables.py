@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray, identity
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
@@ -205,7 +205,7 @@ def scaled_variables(
     """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
     size = sum(polynomials.free)
     whitened = problem.robot.in_plane and problem.motion.objective == "coefficients" and size
-    scaled = whitened_variables(polynomials) if whitened else (np.zeros(size), np.eye(size), None)
+    scaled = whitened_variables(polynomials) if whitened else (np.zeros(size), identity(size), None)
     offset, scaling, offset_map = scaled
     return DecisionVariables(polynomials, offset, scaling, momentum, following, offset_map)
 
