@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,8 +46,7 @@ MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 
 
-@dataclass(frozen=True, eq=False)
-class Ended:
+class Ended(NamedTuple):
     """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
