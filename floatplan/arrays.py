@@ -30,6 +30,4 @@ def identity(size: int) -> Array:
 def distinct(values: npt.NDArray[N]) -> npt.NDArray[N]:
     """Return the values (N,) that differ, rising: as numpy.unique, which loads numpy.ma for it."""
     rising = np.sort(values)
-    is_new = np.ones(len(rising), np.bool_)
-    is_new[1:] = rising[1:] != rising[:-1]
-    return rising[is_new]
+    return rising[np.append(True, rising[1:] != rising[:-1])] if len(rising) else rising

@@ -7,9 +7,9 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.layout import Filled, structure_array
-from floatplan.motion.dynamics import FlightDynamics, RatesAtEnds
+from floatplan.motion.dynamics import RatesAtEnds
 from floatplan.motion.planar.end_rates import EndRates
-from floatplan.motion.planar.flight import PlanarFlight, gauss_grid
+from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 
@@ -25,23 +25,11 @@ def nodes_of_levels(form: Form) -> Any:
     filled = []
     for count in NODE_COUNTS:
         grid = gauss_grid(count)
-        value, first, second = _basis_at_nodes(form, count)
+        value, first, second = (values.T for values in basis(form).values(grid.s))
         integrals = {"antiderivative": grid.quadrature.antiderivative, "tail": grid.quadrature.transform[-3:]}
         integrals |= {"integrals": grid.integrals[:count].T}
         filled.append(Filled("Nodes", grid, nodes=count, value=value, first=first, second=second, **integrals))
     return structure_array("Nodes", filled)
-
-
-@lru_cache(maxsize=32)
-def _basis_at_nodes(form: Form, count: int) -> tuple[Array, ...]:
-    """Columns of the basis and their first two derivatives by s, (columns, count) each."""
-    return tuple(values.T for values in basis(form).values(gauss_grid(count).s))
-
-
-def orientations(flight: FlightDynamics) -> dict[str, float]:
-    """Return the orientation at takeoff, and by how much it is to change, rad."""
-    assert isinstance(flight, PlanarFlight), "the kernel's flights are in a plane"
-    return {"orientation": flight.initial_orientation, "change": flight.change}
 
 
 def knots(rates: RatesAtEnds, end: int) -> Array:

@@ -42,8 +42,7 @@ class Bodies:
     links : (M, m) complex, kg m^2
         Of each link alone, the row of C by these bodies.
     rotors : (M, n) kg m^2 rad
-        Moments on the links that turn rotors, by the accelerations of sin p; zeros where there are none.
-    has_rotors : whether there are any
+        Moments on the links that turn rotors, by the accelerations of sin p; None where there are none.
     is_mirrored : whether angles count the other way
     """
 
@@ -63,8 +62,8 @@ class Bodies:
         if self.is_mirrored:
             coupling, links = coupling.conj(), links.conj()
         self.real, self.imaginary = np.ascontiguousarray(coupling.real), np.ascontiguousarray(coupling.imag)
-        self.links, self.has_rotors = links, tree.rotors is not None
-        self.rotors = np.zeros(tree.turns.shape) if tree.rotors is None else tree.rotors * amplitude
+        self.links = links
+        self.rotors = None if tree.rotors is None else tree.rotors * amplitude
 
     @property
     def is_real(self) -> bool:
@@ -91,7 +90,7 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""
     of_links = {"links": len(bodies.group), "link_real": bodies.links.real, "link_imaginary": bodies.links.imag}
     counts = {"joints": len(free), "bodies": len(bodies.real), "width": max(free)}
-    kinds = {"is_real": bodies.is_real, "has_rotors": bodies.has_rotors}
+    kinds = {"is_real": bodies.is_real, "has_rotors": bodies.rotors is not None}
     return Filled("Robot", bodies, free=free, **counts, **of_links, **kinds)
 
 

@@ -21,7 +21,7 @@ struct Robot {
     const Index *group;
     const double *link_real, *link_imaginary;  // (links, bodies): rows of C, moments of inertia with the own body
     Index has_rotors;
-    const double *rotors;  // (links, joints): moments on the links that turn the motors' rotors, by accelerations
+    const double *rotors;  // (links, joints), or null: moments that turn the motors' rotors, by accelerations
 };
 
 // A motion at some instants: arrays (.., stride), stride a multiple of 8 so that several instants are computed at once.

@@ -39,14 +39,12 @@ class Structure(ctypes.Structure):
     arrays : of each pointer, the type of the numbers it points to, and whether they are only read
     lengths : of members that are arrays themselves
     multiples : of counts, what they must be a multiple of
-    inner : members that are structures themselves
     """
 
     __slots__ = ()
     arrays: ClassVar[dict[str, tuple[np.dtype[Any], bool]]]
     lengths: ClassVar[dict[str, int]]
     multiples: ClassVar[dict[str, int]]
-    inner: ClassVar[frozenset[str]]
 
     def __init__(self, *members: Any, **values: Any) -> None:
         super().__init__(*members, **values)
@@ -96,8 +94,7 @@ def structures(text: str) -> dict[str, type[Structure]]:
                     lengths[name] = int(length)
                 number = ctypes.c_void_p if star else known[kind]
                 fields.append((name, number * int(length) if length else number))
-        inner = frozenset(name for name, kind in fields if kind in found.values())
-        members = {"_fields_": fields, "arrays": arrays, "lengths": lengths, "multiples": multiples, "inner": inner}
+        members = {"_fields_": fields, "arrays": arrays, "lengths": lengths, "multiples": multiples}
         found[structure] = type(structure, (Structure,), {"__slots__": (), **members})
     return found
 
@@ -162,8 +159,8 @@ class Filled:
                 written[field] = value
         if missing:
             raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
-        parts = {part: values[part] for part in kind.inner & values.keys() if isinstance(values[part], Filled)}
-        self.structure: Any = kind(**values | {part: filled.structure for part, filled in parts.items()})
+        parts = {name: value for name, value in values.items() if isinstance(value, Filled)}
+        self.structure: Any = kind(**values | {name: part.structure for name, part in parts.items()})
         self.structure.point_to(**written)
         self._kept, self._parts = arrays | written, parts
 

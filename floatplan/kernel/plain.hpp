@@ -18,7 +18,7 @@ static inline Index watching_level(Program &program, const Constraints &constrai
     }
     const double needed = most / larger(attempt.thickness, rules.smallest_step);
     for (Index level = 0; level < settings.levels; ++level)
-        if (levels[level].nodes >= needed) return level < rules.constrained_level ? rules.constrained_level : level;
+        if (levels[level].nodes >= needed) return std::max(level, rules.constrained_level);
     return rules.watched_at_most;
 }
 
@@ -30,8 +30,7 @@ static inline void learn_from_plain(Program &program, const Constraints &constra
     Evaluated &at = program.two[0];
     copy(at.x, attempt.plain, program.size);
     attempt.level = watching_level(program, constraints, levels, settings, rules, attempt);
-    const Index closer = attempt.level + rules.closer;
-    attempt.closer_level = closer < rules.watched_at_most ? closer : rules.watched_at_most;
+    attempt.closer_level = std::min(attempt.level + rules.closer, rules.watched_at_most);
     attempt.objective_scale = 1;
     if (attempt.objective_sums) {
         program.watches = false;

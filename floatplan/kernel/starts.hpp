@@ -142,8 +142,7 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     if (!room.make(lay_out)) return 1;
     starts.begin(attempt.x);
     attempt.started = 0;
-    std::fill(draws.branch, draws.branch + robot.joints, 0);
-    motions.land_on(draws.branch);
+    starts.place(0, x);
     learn_from_plain(follower.program, constraints, levels, settings, rules, attempt);
     const bool at_once = attempt.at_once;
     auto write = [&] {

@@ -14,13 +14,13 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled import attempts
-from floatplan.compiled.attempts import knots, nodes_of_levels, orientations
+from floatplan.compiled.attempts import knots, nodes_of_levels
 from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import central_reach
+from floatplan.motion.flight import PlanarFlight, central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
 from floatplan.optimization import programs, sqp
@@ -119,10 +119,8 @@ class Ready:
 class CompiledAttempts:
     """A problem with constraints made ready for the kernel."""
 
-    def __init__(
-        self, problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...], watch: CompiledConstraints
-    ) -> None:
-        self._problem, self._flight, self._constraints, self.watch = problem, flight, constraints, watch
+    def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints) -> None:
+        self._problem, self._constraints, self.watch = problem, constraints, watch
         self.rows, self._window_ends = where_to_look(constraints), window_ends(constraints)
         self._thickness = min((each.thickness for each in problem.obstacles), default=np.inf)
         self._look = self.rows[2]
@@ -154,16 +152,16 @@ class CompiledAttempts:
         watch = self.watch
         changes = [changes_at_ends(variables, block) for block in self._constraints]
         instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
-        counts = {"bodies": self._flight.bodies, "rows": watch.rows, "at_once": at_once}
+        counts = {"bodies": watch.flight.bodies, "rows": watch.rows, "at_once": at_once}
         counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
         if watch.also is not None:
             counts |= {"objective_sum": watch.first_also, "objective_sums": len(watch.also)}
         arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "tolerance": self._tolerance}
         arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None}
         attempt = Filled("Attempt", self._look, minima=self.minima, thickness=self._thickness, **counts, **arrays)
-        motions = _motions(self._flight, variables, watch.also is None)
+        motions = _motions(watch.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
-        settings = constrained_settings(), _rules(self._flight.bodies)
+        settings = constrained_settings(), _rules(watch.flight.bodies)
         return (*watch.references, motions.structure, grids, *settings), attempt, motions
 
     @cached_property
@@ -180,7 +178,7 @@ def compiled_attempts(
         return None
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
     watch = CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], quantity)
-    return CompiledAttempts(problem, flight, constraints, watch)
+    return CompiledAttempts(problem, constraints, watch)
 
 
 def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
@@ -199,15 +197,14 @@ def _rules(bodies: int) -> Structure:
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Filled:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
     given = form.given
     condition = [given.index(each) if each in given else -1 for each in range(CONDITIONS)]
-    written = of_coefficients and following is not None
     map_ = None
-    if written:
+    if of_coefficients and following is not None:
         map_ = powers_map(form, polynomials.duration) / whitening(form, (polynomials.duration,))[3]
     ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
     return Filled(
@@ -220,7 +217,8 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
         given=len(given),
         terms=series.shape[1],
         duration=polynomials.duration,
-        **orientations(flight),
+        orientation=flight.initial_orientation,
+        change=flight.change,
         momentum=float(momentum.centre[0]),
         axis=momentum.axes.ravel(),
         first=list(accumulate(polynomials.free, initial=0)),
