@@ -1,5 +1,6 @@
 """Names for the array types that pass between the rooms, and the one place where arrays become read-only."""
 
+from functools import cache
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -18,6 +19,12 @@ def read_only(values: npt.ArrayLike) -> Array:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+@cache
+def identity(size: int) -> Array:
+    """Return the identity matrix, which refuses to be written to."""
+    return read_only(np.eye(size))
 
 
 def distinct(values: npt.NDArray[N]) -> npt.NDArray[N]:

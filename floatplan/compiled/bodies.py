@@ -6,12 +6,13 @@ moments of inertia. Bodies whose angles differ by a constant, as the legs of a q
 are then one.
 """
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray, identity
 from floatplan.kernel.layout import Filled
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
@@ -31,7 +32,7 @@ class Bodies:
         C, with the moments of inertia on its diagonal.
     parent : (m,) int
         The body before it that each one's angle is built on.
-    first : (m+1,) int
+    first : list of m+1 int
         Where the terms ``ratio[e] sin p`` of ``joint[e]`` of each body begin.
     joint, ratio : (E,) int, (E,) rad
     rotations : (m, M) complex
@@ -41,7 +42,7 @@ class Bodies:
     links : (M, m) complex, kg m^2
         Of each link alone, the row of C by these bodies.
     rotors : (M, n) kg m^2 rad
-        Moments on the links that turn rotors, by the accelerations of sin p; zeros where there are none.
+        Moments on the links that turn rotors, by the accelerations of sin p; None where there are none.
     is_mirrored : whether angles count the other way
     """
 
@@ -50,9 +51,10 @@ class Bodies:
         turns, self.group = tree.distinct_turns
         self.parent, terms = _built_up(turns)
         body, self.joint = terms.nonzero()
-        self.first = np.searchsorted(body, np.arange(len(turns) + 1))
+        rising = body.tolist()
+        self.first = [bisect_left(rising, number) for number in range(len(turns) + 1)]
         self.ratio = terms[body, self.joint] * amplitude[self.joint]
-        self.rotations = np.eye(len(turns))[self.group].T * constant
+        self.rotations = identity(len(turns))[self.group].T * constant
         coupling = self.rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ self.rotations.T
         links = (constant.conj()[:, None] * tree.coupling) @ self.rotations.T
         links[np.arange(len(links)), self.group] += tree.inertia
@@ -61,7 +63,7 @@ class Bodies:
             coupling, links = coupling.conj(), links.conj()
         self.real, self.imaginary = np.ascontiguousarray(coupling.real), np.ascontiguousarray(coupling.imag)
         self.links = links
-        self.rotors = np.zeros_like(tree.turns) if tree.rotors is None else tree.rotors * amplitude
+        self.rotors = None if tree.rotors is None else tree.rotors * amplitude
 
     @property
     def is_real(self) -> bool:
@@ -88,7 +90,7 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""
     of_links = {"links": len(bodies.group), "link_real": bodies.links.real, "link_imaginary": bodies.links.imag}
     counts = {"joints": len(free), "bodies": len(bodies.real), "width": max(free)}
-    kinds = {"is_real": bodies.is_real, "has_rotors": bool(bodies.rotors.any())}
+    kinds = {"is_real": bodies.is_real, "has_rotors": bodies.rotors is not None}
     return Filled("Robot", bodies, free=free, **counts, **of_links, **kinds)
 
 

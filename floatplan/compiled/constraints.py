@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
 from floatplan.motion.dynamics import FlightDynamics
@@ -24,7 +24,7 @@ from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
 
-SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
+SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = map(int, ENUMERATIONS["RowKind"])
 QUANTITIES = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # of sums
 
 
@@ -54,7 +54,7 @@ class CompiledConstraints:
 
     Attributes
     ----------
-    block_first : (blocks + 1,) int
+    block_first : list of blocks + 1 int
         Where each block's rows begin.
     differentiated : list of int
         Of each block, how many rows have derivatives that are not just the opposite of another's.
@@ -72,34 +72,30 @@ class CompiledConstraints:
         written: Written = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
-        counts = [self._write(block, written, obstacles, sums) for block in blocks]
-        self.rows = len(written)
-        self.block_first = np.cumsum([0, *counts])
-        columns = np.array(written).reshape(-1, 5).T
-        kind, first, second = columns[:3].astype(np.int64)
-        of_sums = np.concatenate((np.empty((0, self.terms)), *sums))
-        accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
+        self.block_first = [0]
+        for block in blocks:
+            self._write(block, written, obstacles, sums)
+            self.block_first.append(len(written))
+        self.rows, self.first_also = len(written), sum(map(len, sums))
+        kind, first, second, least, per_scale = zip(*written, strict=True) if written else ((),) * 5
         self.also = self.sums(_each_of(flight, also)) if also else None
-        self.needs_moments = "torque" in also or bool(moments.any())
-        self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
-        self.needs_places = bool((kind > SHARE).any())
-        shapes, path = flight.link_shapes, flight.ballistics
-        ends = _ends(tree, shapes)
-        opposite = _opposite(kind, first, of_sums)
-        before = np.cumsum([0, *(opposite < 0)])
-        self.differentiated: list[int] = np.diff(before[self.block_first]).tolist()
-        self.path, self.least = path_numbers(path), columns[3]
-        needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
-        rows = {"kind": kind, "first": first, "second": second, "per_scale": columns[4]}
+        all_sums = np.concatenate((np.empty((0, self.terms)), *sums, *(() if self.also is None else (self.also,))))
+        own = all_sums[: self.first_also]
+        needs_moments = "torque" in also or bool(own[:, 2 + 2 * self.joints :].any())
+        needed = {"needs_moments": needs_moments, "needs_places": max(kind, default=SUM) > SHARE}
+        accelerate = needs_moments or also == "accelerations" or own[:, 2 + self.joints : 2 + 2 * self.joints].any()
+        shapes, ends = flight.link_shapes, _ends(tree, flight.link_shapes)
+        opposite = _opposite(kind, first, own)
+        self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
+        self.path, self.least = path_numbers(flight.ballistics), np.array(least)
+        rows = {"kind": kind, "first": first, "second": second, "per_scale": per_scale, "opposite": opposite}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
-        self.first_also, all_sums = len(of_sums), [of_sums] if self.also is None else [of_sums, self.also]
-        about = {"obstacles": np.array(obstacles), "sums": np.concatenate(all_sums), "opposite": opposite}
-        self.filled = Filled("Constraints", self, shapes, rows=self.rows, **needed, **rows, **capsules, **about)
+        about = {"rows": self.rows, "obstacles": obstacles, "sums": all_sums, "needs_accelerations": bool(accelerate)}
+        self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
 
-    def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> int:
-        """Write the rows of a block; how many there are."""
-        before = len(rows)
+    def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> None:
+        """Write the rows of a block."""
         if isinstance(block, SumRows | Shares):
             kind = SUM if isinstance(block, SumRows) else SHARE
             shares = [] if isinstance(block, SumRows) else filter(None, (block.used, block.also))
@@ -116,7 +112,6 @@ class CompiledConstraints:
                 index = len(obstacles)
                 rows += [(side, i, index, block.least, 1 / block.scale) for side in sides for i in capsules]
                 obstacles.append(numbers)
-        return len(rows) - before
 
     def sums(self, block: SumRows) -> Array:
         """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments.
@@ -145,7 +140,7 @@ class CompiledConstraints:
 @lru_cache(maxsize=16)
 def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
     """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
-    return unscaled_robot(tree)[0].of_points(np.stack(shapes.weights, axis=1))
+    return unscaled_robot(tree)[0].of_points(np.array(shapes.weights).swapaxes(0, 1))
 
 
 def path_numbers(path: Ballistics) -> Array:
@@ -174,15 +169,16 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
     return (HALF_PLANE_START, HALF_PLANE_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
 
 
-def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
-    """Of each row (r,) an earlier one whose derivatives are the opposite; -1 where there is none."""
-    rows, known, found = (kind == SUM).nonzero()[0], {}, np.full(len(kind), -1)  # type: ignore[var-annotated]
-    weights = sums[first[rows], 1:]
+def _opposite(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:
+    """Of each row an earlier one whose derivatives are the opposite; -1 where there is none."""
+    known: dict[bytes, int] = {}
+    found, weights = [-1] * len(kind), sums[:, 1:]
     own, opposite, size = (weights + 0.0).tobytes(), (0.0 - weights).tobytes(), weights.itemsize * weights.shape[1]
-    for number, row in enumerate(rows.tolist()):
-        bits = slice(number * size, (number + 1) * size)
-        found[row] = known.get(opposite[bits], -1)
-        known.setdefault(own[bits], row)
+    for row, begin in enumerate(first):
+        if kind[row] == SUM:
+            bits = slice(begin * size, (begin + 1) * size)
+            found[row] = known.get(opposite[bits], -1)
+            known.setdefault(own[bits], row)
     return found
 
 
@@ -190,7 +186,7 @@ def _each_of(flight: PlanarFlight, quantity: str) -> SumRows:
     """Return the numbers of a quantity, each on its own."""
     joints, motors = (int(turns.shape[1]) for turns in (flight.tree.turns, flight.tree.motor_turns))
     width = {"motor_torques": motors, "orientation_rate": 1}.get(quantity, joints)
-    return SumRows(np.zeros(width), {quantity: np.eye(width)})
+    return SumRows(np.zeros(width), {quantity: identity(width)})
 
 
 @dataclass(frozen=True, eq=False)

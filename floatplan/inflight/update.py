@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebval
 
-from floatplan.arrays import Array, IntArray, read_only
+from floatplan.arrays import Array, read_only
 from floatplan.compiled.bodies import Bodies, filled_robot
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.inflight import estimate as filtering
@@ -301,7 +301,7 @@ class Update:
         return {"s": grid.s, "integrals": grid.integrals[grid.nodes :], "basis": basis, **of_basis}
 
 
-def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
+def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Any]:
     windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
     return {
         "blocks": len(blocks),

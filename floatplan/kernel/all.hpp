@@ -14,6 +14,7 @@
 #include "quadratic.hpp"
 #include "program.hpp"
 #include "constrained.hpp"
+#include "plain.hpp"
 #include "evaluation.hpp"
 #include "exchange.hpp"
 #include "starts.hpp"

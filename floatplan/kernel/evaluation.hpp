@@ -3,16 +3,17 @@
 
 static inline Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions,
                                      const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                     const Attempt &attempt, Evaluation &at) {
+                                     Attempt &attempt, Evaluation &at) {
     Program program(robot, constraints, motions, levels, settings, rules, attempt);
     Constrained search(program, settings, rules, attempt);
-    const Index nodes = levels[at.level].nodes, size = program.size;
+    const Index nodes = levels[settings.levels - 1].nodes, size = program.size;
     Room room;
     if (!room.make([&](Arena &arena) {
             program.lay_out(arena, nodes);
             search.lay_out(arena, attempt.rows * ((nodes + rules.most_instants + 7) / 8 * 8));
         }))
         return 1;
+    learn_from_plain(program, constraints, levels, settings, rules, attempt);
     program.back_off = at.back_off;
     program.watch(at.level, at.others, at.extra);
     Evaluated &now = *search.now;

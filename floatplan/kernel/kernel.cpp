@@ -224,7 +224,7 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
 // A program at one x; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
                                 const Nodes *levels, const Settings *settings, const Exchange *rules,
-                                const Attempt *attempt, Evaluation *at, Index instructions) {
+                                Attempt *attempt, Evaluation *at, Index instructions) {
     return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
 }
 

@@ -21,7 +21,7 @@ struct Robot {
     const Index *group;
     const double *link_real, *link_imaginary;  // (links, bodies): rows of C, moments of inertia with the own body
     Index has_rotors;
-    const double *rotors;  // (links, joints): moments on the links that turn the motors' rotors, by accelerations
+    const double *rotors;  // (links, joints), or null: moments that turn the motors' rotors, by accelerations
 };
 
 // A motion at some instants: arrays (.., stride), stride a multiple of 8 so that several instants are computed at once.
@@ -205,14 +205,20 @@ struct Exchange {
     double feasible, stalled, flat, flat_far, far, slight_damping, close, initial_damping, smallest_damping, largest_damping, regularisation, qp_tolerance;
     double evaluation, differentiation, entry;
     double near_miss, same, enough_work;
+    double smallest_step, least_scale;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
+    Index compiled_level, constrained_level, closer, watched_at_most;
 };
 
 // Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
 struct Attempt {
     Index first, count, started;              // numbers: the first, how many at most, and how many were followed
-    Index rows, at_once, level, closer_level, objective_sum, objective_sums;
-    double objective_scale, most_work, bodies, entries;
+    Index rows, at_once, objective_sum, objective_sums;
+    double most_work, bodies, entries;
+    double thickness;                         // m, the least one of an obstacle; infinite where there is none
+    const double *plain;                      // (size): the x of the plain motion, which tells the next three
+    Index level, closer_level;
+    double objective_scale;
     double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is asked first
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
     const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing

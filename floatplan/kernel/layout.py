@@ -142,19 +142,27 @@ class Filled:
 
     def __init__(self, name: str, *sources: object, **values: Any) -> None:
         kind = STRUCTURES[name]
-        for source in sources:
-            values = {field: getattr(source, field) for field in kind.arrays if hasattr(source, field)} | values
-        if missing := kind.arrays.keys() - values.keys():
-            raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
         arrays: dict[str, Array | IntArray] = {}
+        written: dict[str, Array | IntArray] = {}
+        missing: list[str] = []
         for field, (dtype, is_read) in kind.arrays.items():
-            value = values.pop(field)
-            if value is not None:
-                arrays[field] = np.ascontiguousarray(value, dtype) if is_read else value
+            value = values.pop(field, missing)
+            for source in sources if value is missing else ():
+                if (value := getattr(source, field, missing)) is not missing:
+                    break
+            if value is missing:
+                missing.append(field)
+            elif is_read and value is not None:
+                arrays[field] = value = np.ascontiguousarray(value, dtype)
+                values[field] = _begins(id(value) + HEAD).value  # address() without the time of a call
+            elif value is not None:
+                written[field] = value
+        if missing:
+            raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
         parts = {name: value for name, value in values.items() if isinstance(value, Filled)}
         self.structure: Any = kind(**values | {name: part.structure for name, part in parts.items()})
-        self.structure.point_to(**arrays)
-        self._kept, self._parts = arrays, parts
+        self.structure.point_to(**written)
+        self._kept, self._parts = arrays | written, parts
 
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to other arrays, as they are."""

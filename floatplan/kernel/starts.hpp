@@ -142,6 +142,8 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     if (!room.make(lay_out)) return 1;
     starts.begin(attempt.x);
     attempt.started = 0;
+    starts.place(0, x);
+    learn_from_plain(follower.program, constraints, levels, settings, rules, attempt);
     const bool at_once = attempt.at_once;
     auto write = [&] {
         if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);

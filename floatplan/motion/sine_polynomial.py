@@ -207,7 +207,7 @@ class SinePolynomials:
     @cached_property
     def free_indices(self) -> IntArray:
         """Which entries of a flattened z (n, width) the joints have; the others stay zero."""
-        return np.flatnonzero(np.arange(self.width) < np.array(self.free)[:, None])
+        return np.array([self.width * i + k for i, free in enumerate(self.free) for k in range(free)], np.int64)
 
     @property
     def no_free_part(self) -> Array:
@@ -247,16 +247,17 @@ def powers_map(form: Form, duration: float | Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def whitening(form: Form, free: int, durations: tuple[float, ...]) -> tuple[Array, Array, Array]:
-    """Of a joint's ``b = b_0 + C z``, ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map to b_0.
+def whitening(form: Form, durations: tuple[float, ...]) -> tuple[Array, Array, Array, Array]:
+    """Of the ``b = b_0 + C z`` of a joint with all of a form's coefficients, ``C = Q R``: the map to b_0, Q and R^-1.
 
-    The joint has ``free`` of a form's coefficients; the map is from the boundary; of each of N durations, s.
+    The map is from the boundary; last is what unit of z over its norm (N,) R^-1 makes; of each of N durations, s. With
+    fewer coefficients Q and R^-1 are their first columns, and rows.
     """
     powers, given = powers_map(form, np.array(durations)), len(form.given)
-    orthogonal, triangular = np.linalg.qr(powers[..., given : given + free])
+    orthogonal, triangular = np.linalg.qr(powers[..., given:])
     inverse = np.linalg.inv(triangular)
-    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if free else np.zeros(len(durations))
-    return inverse, longest, -inverse @ (orthogonal.swapaxes(1, 2) @ powers[..., :given])
+    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.zeros(len(durations))
+    return powers[..., :given], orthogonal, inverse, np.asarray(1 / longest)
 
 
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:

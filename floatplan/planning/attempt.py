@@ -231,11 +231,11 @@ class Attempts:
     @cached_property
     def compiled(self) -> CompiledAttempts | None:
         """The same for the kernel; None in space."""
-        return compiled_attempts(self.problem, self.model, self.constraints, self.plain_start.variables)
+        return compiled_attempts(self.problem, self.model.flight, self.constraints)
 
-    @cached_property
+    @property
     def _level(self) -> int:
-        return self.compiled.level if self.compiled else CONSTRAINED_LEVEL if self.constraints else 0
+        return CONSTRAINED_LEVEL if self.constraints else 0
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -350,7 +350,7 @@ class Attempts:
         named = self.problem.motion.objective
         outcome = Outcome(start.variables, reached, self.model, *of_end, named, starts=ended.starts)
         outcome.coefficients, outcome.missed = ended.coefficients, np.array([ended.missed])
-        if ended.branch.any():
+        if any(ended.branch.tolist()):
             outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
         return outcome
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import WATCHED_AT_MOST, watching_levels
 from floatplan.compiled.batch import OPTIMAL, Rows, powers_of_basis
 from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.layout import FilledRows
@@ -18,7 +17,7 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import CLOSER, CompiledAttempts, Ready, draws_of
+from floatplan.planning.transcription.compiled_attempt import CompiledAttempts, Ready, draws_of
 from floatplan.planning.transcription.constraints import Limit
 from floatplan.planning.transcription.variables import DecisionVariables, whitened
 from floatplan.plans.plans import ALL_HOLDS, Answer
@@ -86,16 +85,14 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     coefficients = np.empty((count, n, CONDITIONS + polynomials.width))
     thickness = [min((each.thickness for each in own), default=np.inf) for own in numbers.obstacles or [()] * count]
     paths = numbers.paths()
-    level = watching_levels(compiled.watch.flight, polynomials, rows, (given, paths, np.array(thickness)))
     start, attempt, motions = compiled.prepared(variables, x[0], True)
     minima, found = compiled.room(count)
     own_minima = FilledRows(minima, count, **dict(zip(("row", "s", "least"), found, strict=True)))
     ends = {"minima": own_minima, "x": x, "coefficients": coefficients, "first": 0, "count": 1}
     ends |= {"most_work": most_work, "reach": compiled.reach}  # it is asked first whether there is a chance
-    levels = {"level": level, "closer_level": np.minimum(level + CLOSER, WATCHED_AT_MOST)}
     of_motions = {"boundary": rows.boundary, "offset": offset, "scaling": scaling, "orientation": given}
     of_flights = {name: getattr(rows, name) for name in ("duration", "momentum", "change")}
-    every_attempt = FilledRows(attempt, count, **ends, **levels)
+    every_attempt = FilledRows(attempt, count, **ends, plain=plain, thickness=np.array(thickness))
     every_motion = FilledRows(motions, count, **of_motions, **of_flights)
     draws = FilledRows(draws_of(variables, True, branch[0]), count, branch=branch, offset_map=offset_map)
     constraints = FilledRows(compiled.watch.filled, count, path=paths, **_of_constraints(compiled, numbers, count))

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
@@ -356,27 +356,27 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
     They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates
     and accelerations, of motors that are weaker when they turn, and of the base's rate.
     """
-    robot, own = problem.robot, problem.motor_torque_limits
-    implied = ((robot.motor_ratios == 0) | np.isfinite(own[..., None])).all(axis=-2)
-    generalized = np.where(implied, np.inf, problem.torque_limits)
-    of_motors, of_joints = (robot.motors, np.eye(len(robot.motors))), (robot.joints, np.eye(len(robot.joints)))
-    kinds: list[tuple[LimitKey, str, Array, tuple[Sequence[str], Array], Array | None]] = [
-        ("torque", "torque", own, of_motors, None),
-        ("torque", "generalized torque", generalized, (robot.joints, robot.motor_ratios.T), None),
-        *((row.key, row.key, problem.joint_limits[row.key], of_joints, None) for row in JOINT_LIMITS),
-        ("torque", "speed-dependent torque", problem.motor_stall, of_motors, problem.motor_slope),
+    robot, own, generalized = problem.robot, problem.motor_torque_limits, problem.torque_limits
+    if generalized.min(initial=np.inf) < np.inf:
+        implied = ((robot.motor_ratios == 0) | np.isfinite(own[..., None])).all(axis=-2)
+        generalized = np.where(implied, np.inf, generalized)
+    kinds: list[tuple[LimitKey, str, Array, Sequence[str], Array | None, Array | None]] = [
+        ("torque", "torque", own, robot.motors, None, None),
+        ("torque", "generalized torque", generalized, robot.joints, robot.motor_ratios.T, None),
+        *((row.key, row.key, problem.joint_limits[row.key], robot.joints, None, None) for row in JOINT_LIMITS),
+        ("torque", "speed-dependent torque", problem.motor_stall, robot.motors, None, problem.motor_slope),
     ]
-    for key, what, limits, (subjects, rows), slope in kinds:
-        (limited,) = np.isfinite(limits.reshape(-1, limits.shape[-1])[0]).nonzero()
-        if limited.size:
+    for key, what, limits, subjects, rows, slope in kinds:
+        first = limits if limits.ndim == 1 else limits[0]
+        limited = [number for number, limit in enumerate(first.tolist()) if limit < math.inf]
+        if limited:
             row, limit = LIMIT_TABLE[key], limits[..., limited]
-            names = tuple(f"{what} of {subjects[i]}" for i in limited.tolist())
-            also = (
-                {}
-                if slope is None
-                else {"velocities": (slope[..., limited] / limit)[..., None] * robot.motor_ratios[limited]}
-            )
-            yield Shares(key, names, limit, row.unit, {row.quantity: rows[limited] / limit[..., None]}, also)
+            names = tuple(f"{what} of {subjects[i]}" for i in limited)
+            used = (identity(len(subjects)) if rows is None else rows)[limited] / limit[..., None]
+            also = {}
+            if slope is not None:
+                also["velocities"] = (slope[..., limited] / limit)[..., None] * robot.motor_ratios[limited]
+            yield Shares(key, names, limit, row.unit, {row.quantity: used}, also)
     if problem.limits.orientation_rate is not None:
         row, limit = LIMIT_TABLE["orientation_rate"], np.array([problem.limits.orientation_rate])
         yield Shares(row.key, ("orientation rate",), limit, row.unit, {row.quantity: 1 / limit[:, None]})

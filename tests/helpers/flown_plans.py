@@ -20,8 +20,8 @@ def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Pl
     problem = replace(problem, **still)
     momentum = momentum_set(problem).centre
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    conditions = boundary(problem, branches, momentum_set(problem))(momentum)
-    polynomials = sine_polynomials(problem, problem.degrees, conditions)
+    conditions = boundary(problem, branches, momentum_set(problem))
+    polynomials = sine_polynomials(conditions, problem.degrees, momentum)
     z = size * np.random.default_rng(seed).standard_normal(polynomials.no_free_part.shape)
     z.ravel()[np.setdiff1d(np.arange(z.size), polynomials.free_indices)] = 0.0
     answer: dict[str, Any] = {"status": "feasible", "ok": True, "explanation": "", "solver": {}}

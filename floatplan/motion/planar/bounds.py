@@ -153,6 +153,7 @@ def _inertia_extremes(robot: Robot, position_limits: tuple[tuple[float, float], 
     return read_only(low), high
 
 
+@lru_cache(maxsize=8)
 def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
     """(9): where h lies if orientation and joints all move monotonically, kg m^2/s; its middle is (10).
 

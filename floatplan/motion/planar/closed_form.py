@@ -147,9 +147,12 @@ def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
 
 def frames_from_com(robot: Robot, frame: Frame, orientation: Array, positions: Array) -> ComplexArray:
     """Places (..) of a frame so, for orientations (..) and positions (.., n), rad: each as if it were alone."""
-    tree = robot.tree
+    return _places(robot.tree, frame_weights(robot, frame), orientation, positions)
+
+
+def _places(tree: PlanarTree, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
     angles = orientation[..., None] + (positions[..., None, :] * tree.turns).sum(axis=-1) + tree.offsets
-    return np.asarray((tree.rotations(angles) * frame_weights(robot, frame)).sum(axis=-1))
+    return np.asarray((tree.rotations(angles) * weights).sum(axis=-1))
 
 
 def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any) -> Any:
@@ -164,11 +167,13 @@ def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any)
 @lru_cache(maxsize=8)
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
-    flight = problem.flight
-    takeoff = complex(*problem.takeoff.place_in_plane) - frame_from_com(
-        problem.robot, problem.takeoff_frame, problem.initial
-    )
-    landing = frame_from_com(problem.robot, problem.landing_frame, problem.final)
+    flight, tree, ends = problem.flight, problem.robot.tree, (problem.initial, problem.final)
+    frames = problem.takeoff_frame, problem.landing_frame
+    bodies, local = (np.array([getattr(frame, name) for frame in frames]) for name in ("body", "local"))
+    weights = tree.point_weights(bodies, local)
+    orientations, positions = np.array([end.orientation for end in ends]), np.array([end.positions for end in ends])
+    foot, landing = _places(tree, weights, orientations, positions).tolist()
+    takeoff = complex(*problem.takeoff.place_in_plane) - foot
     vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),

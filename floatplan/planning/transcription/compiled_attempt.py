@@ -7,27 +7,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray, distinct
-from floatplan.compiled.attempts import WATCHED_AT_MOST, knots, nodes_of_levels, orientations, watching_levels
-from floatplan.compiled.batch import FINE, SPREADS, STATUS, Rows, constrained_settings, is_planar, powers_of_basis
+from floatplan.arrays import Array, IntArray
+from floatplan.compiled import attempts
+from floatplan.compiled.attempts import knots, nodes_of_levels
+from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import central_reach
+from floatplan.motion.flight import PlanarFlight, central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
+from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
 from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
 from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
-from floatplan.planning.transcription.program import IntegralOfSquares, changes_at_ends, objective
-from floatplan.planning.transcription.trajectory import FlightModel
-from floatplan.planning.transcription.variables import Boundary, DecisionVariables, whitened_units
+from floatplan.planning.transcription.program import changes_at_ends
+from floatplan.planning.transcription.variables import Boundary, DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -45,8 +46,7 @@ MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 
 
-@dataclass(frozen=True, eq=False)
-class Ended:
+class Ended(NamedTuple):
     """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
@@ -117,18 +117,12 @@ class Ready:
 
 
 class CompiledAttempts:
-    """A problem with constraints made ready for the kernel; grids of a ``level`` at least watch them."""
+    """A problem with constraints made ready for the kernel."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        model: FlightModel,
-        constraints: tuple[Constraint, ...],
-        watch: CompiledConstraints,
-        level: int,
-    ) -> None:
-        self._problem, self._model, self._constraints, self.watch = problem, model, constraints, watch
-        self.rows, self.level, self._window_ends = where_to_look(constraints), level, window_ends(constraints)
+    def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints) -> None:
+        self._problem, self._constraints, self.watch = problem, constraints, watch
+        self.rows, self._window_ends = where_to_look(constraints), window_ends(constraints)
+        self._thickness = min((each.thickness for each in problem.obstacles), default=np.inf)
         self._look = self.rows[2]
         self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
@@ -156,17 +150,18 @@ class CompiledAttempts:
     def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
         """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
         watch = self.watch
-        changes = np.array([changes_at_ends(variables, block) for block in self._constraints], np.int64)
-        instants = distinct(np.array([*((0.0, 1.0) if changes.any() else ()), *self._window_ends]))
-        levels = {"level": self.level, "closer_level": min(self.level + CLOSER, WATCHED_AT_MOST)}
-        counts = {"bodies": self._model.flight.bodies, "rows": watch.rows, "at_once": at_once}
+        changes = [changes_at_ends(variables, block) for block in self._constraints]
+        instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
+        counts = {"bodies": watch.flight.bodies, "rows": watch.rows, "at_once": at_once}
         counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
-        arrays = {"at_ends": changes[self.rows[0]], "instants": instants, "x": x, "tolerance": self._tolerance}
-        numbers = {**self._aim(variables), **levels, **counts}
-        attempt = Filled("Attempt", self._look, minima=self.minima, coefficients=None, **numbers, **arrays)
-        motions = _motions(self._model.flight, variables, watch.also is None)
+        if watch.also is not None:
+            counts |= {"objective_sum": watch.first_also, "objective_sums": len(watch.also)}
+        arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "tolerance": self._tolerance}
+        arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None}
+        attempt = Filled("Attempt", self._look, minima=self.minima, thickness=self._thickness, **counts, **arrays)
+        motions = _motions(watch.flight, variables, watch.also is None)
         grids = nodes_of_levels(variables.polynomials.form)
-        settings = constrained_settings(), _rules(self._model.flight.bodies)
+        settings = constrained_settings(), _rules(watch.flight.bodies)
         return (*watch.references, motions.structure, grids, *settings), attempt, motions
 
     @cached_property
@@ -174,62 +169,43 @@ class CompiledAttempts:
         """How far the point of the robot that stays nearest to the centre of mass is from it at most, m."""
         return central_reach(self._problem.robot)
 
-    def _aim(self, variables: DecisionVariables) -> dict[str, Any]:
-        """Which of the kernel's sums the objective is of, and its scale."""
-        if self.watch.also is None:
-            return {"objective_sum": 0, "objective_sums": 0, "objective_scale": 1.0}
-        nodes = self._model.nodes(self.level, variables.polynomials.form)
-        aim = objective(self._problem, self._model, variables, nodes)
-        assert isinstance(aim, IntegralOfSquares), "it has a quantity"
-        sums = {"objective_sum": self.watch.first_also, "objective_sums": len(self.watch.also)}
-        return {**sums, "objective_scale": aim.scale}
-
 
 def compiled_attempts(
-    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...], plain: DecisionVariables
+    problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...]
 ) -> CompiledAttempts | None:
-    """Make a problem ready, whose plain motion is of these variables; None in space."""
-    if not is_planar(model.flight):
+    """Make a problem ready; None in space."""
+    if not is_planar(flight):
         return None
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    watch = CompiledConstraints(
-        model.flight, [constraint.compiled(model.flight) for constraint in constraints], quantity
-    )
-    polynomials, thickness = plain.polynomials, [each.thickness for each in problem.obstacles]
-    momentum, boundary, change = plain.momentum.centre, polynomials.given_boundary[None], np.zeros(1)
-    rows = Rows(np.array([polynomials.duration]), momentum, change, boundary)
-    places = np.array([problem.initial.orientation]), watch.path[None], np.array([min(thickness, default=np.inf)])
-    level = int(watching_levels(model.flight, polynomials, rows, places)[0]) if constraints else 0
-    return CompiledAttempts(problem, model, constraints, watch, level)
+    watch = CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], quantity)
+    return CompiledAttempts(problem, constraints, watch)
 
 
 def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
     """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
     numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
-    fraction = np.array(MOMENTUM_FRACTIONS if constrained else ())
+    fraction = MOMENTUM_FRACTIONS if constrained else ()
     return Filled("Draws", variables, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
 
 
 @lru_cache(maxsize=8)
 def _rules(bodies: int) -> Structure:
     """Every number of the search with constraints: the constant of its name."""
-    modules = sqp, programs, trajectory, program, exchange
+    modules = attempts, sqp, programs, trajectory, program, exchange
     others = {"cheap_level": cheap_level(NODE_COUNTS, bodies), "longest_free_step": FINE.longest_step}
     return constants("Exchange", *map(vars, modules), globals(), **others)
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Filled:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
     given = form.given
     condition = [given.index(each) if each in given else -1 for each in range(CONDITIONS)]
-    written = of_coefficients and following is not None
     map_ = None
-    if written:
-        units = whitened_units(form, polynomials.free, (polynomials.duration,))
-        map_ = powers_map(form, polynomials.duration) / units
+    if of_coefficients and following is not None:
+        map_ = powers_map(form, polynomials.duration) / whitening(form, (polynomials.duration,))[3]
     ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
     return Filled(
         "Motions",
@@ -241,10 +217,11 @@ def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficien
         given=len(given),
         terms=series.shape[1],
         duration=polynomials.duration,
-        **orientations(flight),
+        orientation=flight.initial_orientation,
+        change=flight.change,
         momentum=float(momentum.centre[0]),
         axis=momentum.axes.ravel(),
-        first=np.cumsum([0, *polynomials.free]),
+        first=list(accumulate(polynomials.free, initial=0)),
         condition=condition,
         boundary=polynomials.given_boundary,
         series=series,

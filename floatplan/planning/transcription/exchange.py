@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray, distinct
+from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
@@ -31,6 +31,7 @@ from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import ORIENTATION
 
 FIRST_LOOK = 129  # instants of the first look between the nodes
+FIRST_GRID = read_only(np.linspace(0, 1, FIRST_LOOK))
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
 INSIDE_ENOUGH = 0.5  # of what the search aims inside: nothing is nearer to its limit between the nodes
 TIGHT = 10 * BACK_OFF  # of violation: below it there may be no room to be inside
@@ -97,17 +98,12 @@ def local_minima(
 
 def where_to_look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
     """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
-    lengths = [len(block.labels) for block in constraints]
-    block = np.array([number for number, length in enumerate(lengths) for _ in range(length)], np.int64)
-    row = np.array([row for length in lengths for row in range(length)], np.int64)
-    low, high = (np.array([each.window[end] for each in constraints])[block] for end in (0, 1))
-    return block, row, Look(_first_look(window_ends(constraints)), low, high, NEAR, 1 / (FIRST_LOOK - 1))
-
-
-@lru_cache(maxsize=16)
-def _first_look(ends: tuple[float, ...]) -> Array:
-    """Instants of the first look, the ends of windows among them."""
-    return distinct(np.concatenate((np.linspace(0, 1, FIRST_LOOK), ends)))
+    block = [number for number, each in enumerate(constraints) for _ in each.labels]
+    row = [row for each in constraints for row in range(len(each.labels))]
+    low, high = (np.array([constraints[number].window[end] for number in block]) for end in (0, 1))
+    ends = window_ends(constraints)
+    grid = distinct(np.concatenate((FIRST_GRID, ends))) if ends else FIRST_GRID
+    return np.array(block, np.int64), np.array(row, np.int64), Look(grid, low, high, NEAR, 1 / (FIRST_LOOK - 1))
 
 
 def _rise(value: Array) -> Array:

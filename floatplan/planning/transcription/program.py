@@ -30,6 +30,7 @@ LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its large
 EXACT_LEVEL = -1  # of the grids: the finest, for the number that the user sees
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 RANK = 1e-7  # singular values below this, relative to the largest, are rounding
+LEAST_SCALE = 1e-6  # [-] of an objective
 MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
 GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
 
@@ -127,7 +128,7 @@ def objective(problem: Problem, model: FlightModel, variables: DecisionVariables
         return objective_term(name, variables)
     x = variables.plain_motion
     value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
-    return objective_term(name, variables, max(value, 1e-6))
+    return objective_term(name, variables, max(value, LEAST_SCALE))
 
 
 def steerable(s: Array) -> BoolArray:

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray, identity
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
@@ -43,7 +43,8 @@ class Boundary:
         return boundary_arguments(self.positions, rates, self.accelerations, self.centre, self.amplitude, self.branches)
 
     def _by_joint(self, p: Array, rate: Array, curvature: Array) -> Array:
-        given = np.where(self.free, 0.0, self.duration**2 * curvature)
+        given = self.duration**2 * curvature
+        given = np.where(self.free, 0.0, given) if self.free.any() else given
         ends = np.array([p, self.duration * rate, given])
         return ends.transpose(2, 1, 0).reshape(-1, CONDITIONS)
 
@@ -53,9 +54,10 @@ def boundary(problem: Problem, branches: IntArray, momentum: MomentumSet) -> Bou
     states = (problem.initial, problem.final)
     low, high = problem.position_limits.T
     free = np.array([[state.free_accelerations] for state in states])
+    accelerations = np.array([state.accelerations for state in states])
     return Boundary(
         positions=np.array([state.positions for state in states]),
-        accelerations=np.where(free, 0.0, [state.accelerations for state in states]),
+        accelerations=np.where(free, 0.0, accelerations) if free.any() else accelerations,
         free=free,
         rates=end_rates(problem, momentum),
         centre=(low + high) / 2,
@@ -65,16 +67,14 @@ def boundary(problem: Problem, branches: IntArray, momentum: MomentumSet) -> Bou
     )
 
 
-def sine_polynomials(problem: Problem, degrees: tuple[int, ...], conditions: Array) -> SinePolynomials:
-    """The class of motions of a problem with conditions (13) (n, 6)."""
-    low, high = problem.position_limits.T
-    states = (problem.initial, problem.final)
-    free_ends = tuple(end for end, state in zip(CURVATURES, states, strict=True) if state.free_accelerations)
+def sine_polynomials(conditions: Boundary, degrees: tuple[int, ...], angular_momentum: Array) -> SinePolynomials:
+    """The class of motions that meets the conditions (13) for h (e,), kg m^2/s."""
+    free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
     return SinePolynomials(
-        (low + high) / 2,
-        (high - low) / 2,
-        problem.flight.duration,
-        conditions,
+        conditions.centre,
+        conditions.amplitude,
+        conditions.duration,
+        conditions(angular_momentum),
         tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
         free_ends,
     )
@@ -156,9 +156,10 @@ class DecisionVariables:
 
     def variables(self, z: Array, angular_momentum: npt.ArrayLike) -> Array:
         """Return the x of a motion: the inverse of :meth:`free_coefficients` and :meth:`angular_momentum`."""
-        x = np.linalg.solve(self.scaling, z.ravel()[self.polynomials.free_indices] - self.offset)
+        beyond = z.ravel()[self.polynomials.free_indices] - self.offset
+        x = np.asarray(beyond if self.offset_map is None else np.linalg.solve(self.scaling, beyond), np.float64)
         if not self.momentum.free:
-            return np.asarray(x)
+            return x
         beside = np.atleast_1d(angular_momentum) - self.momentum.centre
         if not beside.any():
             return np.concatenate((x, np.zeros(self.momentum.free)))
@@ -193,7 +194,7 @@ def decision_variables(
 ) -> DecisionVariables:
     """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
     conditions = boundary(problem, branches, momentum)
-    polynomials = sine_polynomials(problem, degrees, conditions(momentum.centre))
+    polynomials = sine_polynomials(conditions, degrees, momentum.centre)
     follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
     return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
 
@@ -204,7 +205,7 @@ def scaled_variables(
     """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
     size = sum(polynomials.free)
     whitened = problem.robot.in_plane and problem.motion.objective == "coefficients" and size
-    scaled = whitened_variables(polynomials) if whitened else (np.zeros(size), np.eye(size), None)
+    scaled = whitened_variables(polynomials) if whitened else (np.zeros(size), identity(size), None)
     offset, scaling, offset_map = scaled
     return DecisionVariables(polynomials, offset, scaling, momentum, following, offset_map)
 
@@ -224,18 +225,14 @@ def whitened(
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
     """
-    count, size, unit = len(boundary), sum(free), whitened_units(form, free, durations)
+    count, size, end = len(boundary), sum(free), 0
+    by_boundary, orthogonal, inverse, unit = whitening(form, durations)
+    maps = {w: -inverse[:, :w, :w] @ (orthogonal[..., :w].swapaxes(1, 2) @ by_boundary) for w in set(free)}
     offset, scaling = np.zeros((count, size)), np.zeros((count, size, size))
-    offset_map = np.empty((count, size, boundary.shape[2]))
-    for joint, (width, end) in enumerate(zip(free, np.cumsum(free).tolist(), strict=True)):
-        inverse, _, offset_by_boundary = whitening(form, width, durations)
-        own = slice(end - width, end)
-        offset[:, own] = (offset_by_boundary * boundary[:, joint, None]).sum(axis=2)
-        scaling[:, own, own] = unit[:, None, None] * inverse
-        offset_map[:, own] = offset_by_boundary
+    scaled, offset_map = unit[:, None, None] * inverse, np.empty((count, size, boundary.shape[2]))
+    for joint, width in enumerate(free):
+        own = slice(end, end := end + width)
+        offset[:, own] = (maps[width] * boundary[:, joint, None]).sum(axis=2)
+        scaling[:, own, own] = scaled[:, :width, :width]
+        offset_map[:, own] = maps[width]
     return offset, scaling, offset_map
-
-
-def whitened_units(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> Array:
-    """Size (N,) of b that one unit of whitened variables makes."""
-    return np.asarray(1 / np.max([whitening(form, each, durations)[1] for each in free], axis=0))
