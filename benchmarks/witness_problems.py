@@ -211,6 +211,7 @@ def _as_plan(problem: Problem, variables: DecisionVariables, z: np.ndarray, mome
         amplitude=polynomials.amplitude,
         coefficients=np.array(polynomials.powers_of_seconds(free)),
         angular_momentum=momentum,
+        angular_momentum_bounds=angular_momentum_interval(problem),
         ballistics=ballistics(problem),
         status="feasible",
         ok=True,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 LONGEST_EXPLANATION = 300  # [characters] in a representation
 SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are found on a grid
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
-ANSWER = ("status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
+ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,6 +49,7 @@ class Plan(Outputs, PlannedMotion):
         b of (12), powers of t in seconds.
     angular_momentum : kg m^2/s; (3,) in space, in the world's axes
     ballistics : Ballistics
+    angular_momentum_bounds : (low, high) of (9), kg m^2/s; None in space
     status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
     ok : whether every constraint holds
     explanation : sentences for a person
@@ -58,6 +59,7 @@ class Plan(Outputs, PlannedMotion):
         The plan as data, where it was read from a file or checked; left out, ``record`` is measured.
     """
 
+    angular_momentum_bounds: tuple[float, float] | None
     status: str
     ok: bool
     explanation: str
@@ -91,6 +93,7 @@ class Plan(Outputs, PlannedMotion):
         return cls(
             **_motion(problem, polynomials, z, angular_momentum, coefficients),
             ballistics=ballistics(problem),
+            angular_momentum_bounds=angular_momentum_interval(problem),
             **answer,
         )
 
@@ -120,13 +123,6 @@ class Plan(Outputs, PlannedMotion):
 
     @cached_property
     @one_thread
-    def angular_momentum_bounds(self) -> tuple[float, float] | None:
-        """(low, high) of (9), kg m^2/s; None in space."""
-        recorded = self._recorded
-        return recorded.angular_momentum_bounds if recorded else angular_momentum_interval(self.problem)
-
-    @cached_property
-    @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
         """What the motion does to the ground and to limits that is no part of the verdict."""
         return measured_warnings(self, self.contacts)
@@ -146,7 +142,7 @@ class Plan(Outputs, PlannedMotion):
     def _measured_record(self) -> PlanRecord:
         peaks, problem = self.peaks, self.problem
         return PlanRecord(
-            **{name: getattr(self, name) for name in (*MOTION, *ANSWER, "angular_momentum_bounds")},
+            **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
             problem=problem_to_dict(problem),
             robot=robot_record(self.robot),
             format=FORMAT if self.robot.in_plane else FORMAT_IN_SPACE,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.motion.flight import ballistics
+from floatplan.motion.flight import angular_momentum_interval, ballistics
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 
@@ -67,6 +67,7 @@ class Answer:
             coefficients=read_only(self.coefficients),
             angular_momentum=self.angular_momentum,
             ballistics=ballistics(problem),
+            angular_momentum_bounds=angular_momentum_interval(problem),
             status=self.status if ok else "infeasible",
             ok=ok,
             explanation=self.message or GOAL_MET,

@@ -57,6 +57,7 @@ def drawn_plan(
         amplitude=read_only(np.full(n, np.pi)),
         coefficients=read_only(coefficients),
         angular_momentum=angular_momentum,
+        angular_momentum_bounds=(angular_momentum, angular_momentum),
         ballistics=ballistics(problem),
         status="feasible",
         ok=True,
