@@ -33,7 +33,6 @@ class Constrained {
 
     Evaluated *now, *trial;
     double *hessian;
-
     bool is_stuck = false;  // the last time that violations were reduced
 
     bool is_exhausted() const { return program.work > attempt.most_work; }
@@ -65,8 +64,7 @@ class Constrained {
                 copy(initial, hessian, size * size);
                 find_step();
             }
-            do find_step();
-            while (reaches_more());
+            while (reaches_more()) find_step();
             if (!elastic) of_elastic.known = 0;
             else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
                      now->worst > set.hopeless)
@@ -114,27 +112,26 @@ class Constrained {
     }
 
     // Minimises the squared violations from `now`, with steps damped in the metric and in x itself; what is left. It is
-    // `stuck` where a step that is hardly damped changes next to nothing of them, nor would if all were linear.
+    // stuck where a step that is hardly damped is to gain next to nothing.
     double reduce_violations() {
         program.metric_matrix(metric);
         for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
         double damping = rules.initial_damping, squared = squares(*now);
         Progress progress;
         is_stuck = false;
-        for (Index iteration = 0; iteration < rules.iterations && !is_stuck; ++iteration) {
+        for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
             const bool stalled = progress.stalls(squared, rules.stall_iterations, rules.stalled);
             if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
             if (damping > rules.largest_damping) break;
             program.differentiate(*now);
             while (damping <= rules.largest_damping) {
                 find_damped_step(damping);
+                const bool is_gain_due = squared > rules.far && damping <= rules.initial_damping;
+                if (is_gain_due && squares_left > (1 - rules.least_gain) * squared) return is_stuck = true, squared;
                 for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + direction[k];
                 program.evaluate(*trial);
                 if (program.watches && reach(1)) continue;
                 if (squares(*trial) < squared) {
-                    const double flat = (squared > rules.far ? rules.flat_far : rules.flat) * squared;
-                    is_stuck = damping <= rules.slight_damping && squared > rules.close && squares(*trial) > flat &&
-                               squares_after_step() > flat;
                     swap();
                     squared = squares(*now);
                     damping = larger(damping / 5, rules.smallest_damping);
@@ -165,7 +162,7 @@ class Constrained {
     const Attempt &attempt;
     Index size;
     DualMethod qp;
-    double slack_penalty = 1, violation_left = 0, equality_pull = 0, step_equality_pull = 0;
+    double slack_penalty = 1, violation_left = 0, squares_left = 0, equality_pull = 0, step_equality_pull = 0;
     bool elastic = false;
     double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
     double *squares_of_rows, *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
@@ -176,18 +173,6 @@ class Constrained {
     double squares(const Evaluated &at) const {
         const double total = at.equality * at.equality + at.squares;
         return std::isfinite(total) ? total : HUGE_VAL;
-    }
-
-    // The same after a step, were all linear.
-    double squares_after_step() {
-        follow(direction, slope);
-        const double equality = now->equality + dot(now->row, direction, size);
-        Vector sum_of_squares = all(0);
-        for (Index e = 0; e < near(); e += LANES) {
-            const Vector value = smaller(load(gathered + e) + load(slope + e), all(0));
-            sum_of_squares += value * value;
-        }
-        return equality * equality + sum(sum_of_squares);
     }
 
     Index near() const { return 8 * now->packs; }
@@ -337,7 +322,7 @@ class Constrained {
     }
 
     // Least squares of the linearised violations and the damping. Rows that hold now and would be violated by the step
-    // join those that are violated now.
+    // join those that are violated now, of which alone the squares left are: with others there are more.
     void find_damped_step(double damping) {
         zero(direction, size);
         for (Index k = 0; k < size * size; ++k) matrix[k] = damping * metric[k];
@@ -345,17 +330,25 @@ class Constrained {
         add_normal(now->row, 1, now->equality);
         gather(*now);
         for (Index e = 0; e < near(); ++e) taken[e] = 0;
+        squares_left = 0;
         bool moved = false;
         for (Index pass = 0; pass < rules.passes; ++pass) {
             bool more = false;
             follow(direction, slope);
+            Vector squares = all(0);
             for (Index first = 0; first < near(); first += LANES) {
-                if (!any(load(gathered + first) + load(slope + first) < all(0))) continue;
+                const Vector here = load(gathered + first), after = here + load(slope + first);
+                if (!any(after < all(0))) continue;
+                squares += select((here < all(0)) & (after < all(0)), after * after, all(0));
                 for (Index e = first; e < first + LANES; ++e) {
                     if (taken[e] || !(gathered[e] + slope[e] < 0)) continue;
                     taken[e] = more = true;
                     add_normal(normal_of(e), 1, gathered[e]);
                 }
+            }
+            if (pass == 1) {
+                const double missed = now->equality + dot(now->row, direction, size);
+                squares_left = missed * missed + sum(squares);
             }
             if (moved && !more) return;
             copy(direction, right, size);

@@ -15,7 +15,7 @@ class Follower {
         program.lay_out(arena, most_nodes);
         search.lay_out(arena, attempt.rows * ((most + 7) / 8 * 8));
         for (double **each : {&extra, &watched}) arena.take(*each, 2 * rules.most_instants + attempt.minima.instants);
-        for (double **each : {&start, &ended, &best}) arena.take(*each, program.size);
+        for (double **each : {&start, &ended, &best, &looked_at}) arena.take(*each, program.size);
     }
 
     Program program;
@@ -25,6 +25,7 @@ class Follower {
     void follow(const double *x) {
         copy(best, x, program.size);
         attempt.violation = HUGE_VAL;
+        looked_level = -1;
         follow_best();
         if (attempt.violation < rules.near_miss && attempt.status != optimal && !search.is_exhausted()) {
             attempt.at_once = 1;
@@ -63,6 +64,7 @@ class Follower {
         copy(attempt.x, x, program.size);
         status = static_cast<Status>(ended_as);
         attempt.violation = HUGE_VAL;
+        looked_level = -1;
         judge_at(level, attempt.x);
     }
 
@@ -71,11 +73,11 @@ class Follower {
     const Settings &set;
     const Exchange &rules;
     Attempt &attempt;
-    Index most_nodes, extra_count = 0;
+    Index most_nodes, extra_count = 0, looked_level = -1;  // the last: of the minima found last
     Status status = infeasible;
     bool has_rows, is_best = false, is_bare = true;  // the last: no instants have joined those watched
     double objective = 0;  // of the best
-    double *extra, *watched, *start, *ended, *best;
+    double *extra, *watched, *start, *ended, *best, *looked_at;
 
     // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
     void follow_best() {
@@ -171,11 +173,20 @@ class Follower {
         status = turned && search.now->worst <= program.back_off / 4 ? feasible : infeasible;
     }
 
+    // Finds the local minima of the rows, unless they are those found last.
+    void look() {
+        const double *x = search.now->x;
+        if (program.level == looked_level && std::equal(x, x + program.size, looked_at)) return;
+        copy(looked_at, x, program.size);
+        looked_level = program.level;
+        program.look(*search.now, attempt.minima);
+    }
+
     // Whether no row is nearer to its limit between the instants; those where one is low join, and of the ones that had
     // joined before those stay that are beside a new one.
     bool look_between() {
         Minima &minima = attempt.minima;
-        program.look(*search.now, minima);
+        look();
         bool holds = true;
         Index news = 0;
         for (Index found = 0; found < minima.found; ++found) {
@@ -221,11 +232,10 @@ class Follower {
         const double known = larger(missed, now.worst - program.back_off);
         const double work = program.work + rules.evaluation + attempt.minima.instants * attempt.bodies;
         is_best = false;
-        const bool tells = !(known > worth);
-        if (tells) program.look(now, attempt.minima);
+        const bool tells = !(known > smaller(worth, larger(attempt.violation, rules.near_miss)));
+        if (tells) look();
         program.work = work;  // what a start takes does not hang on the others
-        if (!tells) attempt.violation = smaller(attempt.violation, known);
-        if (!tells) return;
+        if (!tells) return void(attempt.violation = smaller(attempt.violation, known));
         double violation = missed <= set.tolerance ? 0 : missed;
         for (Index found = 0; found < attempt.minima.found; ++found) {
             const double least = attempt.minima.least[found];

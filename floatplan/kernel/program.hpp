@@ -107,13 +107,13 @@ class Program {
         work += rules.evaluation + count * attempt.bodies;
     }
 
-    // The squared violations at at.x; of (14) alone where these are enough.
+    // The squared violations at at.x; of (14) and some rows alone where these are enough.
     double squares(Evaluated &at, double enough) {
         move(at);
         const double missed = at.equality * at.equality;
         if (missed >= enough) return missed;
         move_links(at);
-        evaluate_rows(at);
+        evaluate_rows(at, enough - missed);
         return missed + at.squares;
     }
 
@@ -302,13 +302,25 @@ class Program {
         if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
         if (!needs_integrals()) return;
         copy(m.time, times, stride);
-        for (Index k = 0; k < count; k += LANES) {
-            Vector turned = all(0);
-            for (Index j = 0; j < nodes(); ++j)
-                turned = add_product(m.rate[j], load(integrals + j * stride + k), turned);
-            store(m.attitude + k, all(motions.orientation) + all(motions.duration) * turned);
-        }
+        integrate(m.rate, motions.orientation, m.attitude);
         place(robot, constraints, m, 0, 0);
+    }
+
+    // What rates at the nodes turn until all instants; some of these at once, as each sum waits for itself.
+    void integrate(const double *rates, double begin, double *turned) const {
+        Index k = 0;
+        auto next = [&](auto together) {
+            Vector sums[together.value] = {};
+            for (Index j = 0; j < nodes(); ++j)
+                for (int each = 0; each < together.value; ++each)
+                    sums[each] = add_product(rates[j], load(integrals + j * stride + k + each * LANES), sums[each]);
+            for (Vector sum : sums) {
+                store(turned + k, all(begin) + all(motions.duration) * sum);
+                k += LANES;
+            }
+        };
+        while (k + 4 * LANES <= stride) next(std::integral_constant<int, 4>());
+        while (k < stride) next(std::integral_constant<int, 1>());
     }
 
     // What instants beside the nodes need: the basis there, and integrals until then.
@@ -396,22 +408,15 @@ class Program {
 
     // By how much the attitude at all instants changes.
     void differentiate_attitude(Evaluated &at) {
-        const Index nodes = levels[level].nodes;
-        for (Index c = 0; c < size; ++c)
-            for (Index k = 0; k < count; k += LANES) {
-                Vector turned = all(0);
-                for (Index j = 0; j < nodes; ++j)
-                    turned = add_product(at.drift[c * stride + j], load(integrals + j * stride + k), turned);
-                store(at.attitude + c * stride + k, all(motions.duration) * turned);
-            }
+        for (Index c = 0; c < size; ++c) integrate(at.drift + c * stride, 0, at.attitude + c * stride);
         at.has_attitude = true;
     }
 
-    // Values of all rows, and by how much they are violated.
-    void evaluate_rows(Evaluated &at) {
+    // Values of all rows, and by how much they are violated; of the first rows alone where their squares are enough.
+    void evaluate_rows(Evaluated &at, double enough = HUGE_VAL) {
         const Vector none = all(0), inside = all(back_off);
         Vector violation = none, squares = none, worst = none;
-        for (Index row = 0; row < rows; ++row)
+        for (Index row = 0; row < rows && !(sum(squares) > enough); ++row)
             for (Index k = 0; k < stride; k += LANES) {
                 const Index entry = row * stride + k;
                 const Vector value = row_at(robot, constraints, at.motion, row, k) - inside + load(outside + entry);

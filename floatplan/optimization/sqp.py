@@ -50,11 +50,8 @@ ITERATIONS = 60
 FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
 STALL_ITERATIONS = 6  # within which the squared violation must fall below STALLED
 STALLED = 0.8  # [-] of the squared violation before
-SLIGHT_DAMPING = 1e-3  # [-] of a step that could gain something
-FLAT = 0.999  # [-] of the squared violation: where such a step leaves more, and would if all were linear, none gains
-FLAT_FAR = 0.95  # [-] the same above FAR
-FAR = 0.1  # of squared violation
-CLOSE = 1e-6  # of squared violation, below which the search goes on
+LEAST_GAIN = 0.03  # [-] of it, that a step damped no more than the first is to gain, else none gains
+FAR = 1e-4  # of the squared violation, below which the iteration goes on all the same: what is so near may still hold
 INITIAL_DAMPING = 1e-2  # [-] weight of the squared step
 SMALLEST_DAMPING = 1e-8  # [-]
 LARGEST_DAMPING = 1e8  # [-] beyond it the iteration ends
@@ -272,7 +269,7 @@ def _damped_bfgs(
 class LeastViolation(Generic[Detail]):
     """Result of :func:`reduce_violations`: a point x, the program there, its violation, and the evaluations used.
 
-    It is ``stuck`` where a step that is hardly damped changed next to nothing, nor would have if all were linear.
+    It is ``stuck`` where a step that is hardly damped was to gain next to nothing.
     """
 
     x: Array
@@ -296,13 +293,13 @@ def reduce_violations(
         if squared < FEASIBLE**2 or damping > LARGEST_DAMPING or stalled or stuck or stop():
             break
         while damping <= LARGEST_DAMPING:
-            step = _damped_step(evaluation, damping * metric)
+            step, left = _damped_step(evaluation, damping * metric)
+            stuck = squared > FAR and damping <= INITIAL_DAMPING and left > (1 - LEAST_GAIN) * squared
+            if stuck:
+                break
             trial = program.evaluate(x + step)
             evaluations += 1
             if _squares(trial) < squared:
-                if damping <= SLIGHT_DAMPING and squared > CLOSE:
-                    flat = (FLAT_FAR if squared > FAR else FLAT) * squared
-                    stuck = min(_squares(trial), _squares_after(step, evaluation)) > flat
                 x, damping = x + step, max(damping / 5, SMALLEST_DAMPING)
                 evaluation, squared = trial, _squares(trial)
                 break
@@ -313,32 +310,27 @@ def reduce_violations(
 
 def _squares(evaluation: AnyEvaluation) -> float:
     """Sum of squared violations."""
-    return _sum_of_squares(evaluation.equality, evaluation.inequality)
+    violated = np.minimum(evaluation.inequality, 0)
+    return float(evaluation.equality @ evaluation.equality + violated @ violated)
 
 
-def _squares_after(step: Array, evaluation: AnyEvaluation) -> float:
-    """The same after a step, were all linear."""
-    equality = evaluation.equality + evaluation.equality_jacobian @ step
-    return _sum_of_squares(equality, evaluation.inequality + evaluation.inequality_jacobian @ step)
-
-
-def _sum_of_squares(equality: Array, inequality: Array) -> float:
-    violated = np.minimum(inequality, 0)
-    return float(equality @ equality + violated @ violated)
-
-
-def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:
-    """Minimise the squared violations of the linearised program and the damping.
+def _damped_step(evaluation: AnyEvaluation, damping: Array) -> tuple[Array, float]:
+    """Minimise the squared violations of the linearised program and the damping; return what is left of them too.
 
     Rows that hold now and would be violated by the step join those that are violated now: without them the search
-    zigzags where several rows are close to their limits.
+    zigzags where several rows are close to their limits. What is left is of these alone: with others it is more.
     """
     normal = evaluation.equality_jacobian.T @ evaluation.equality_jacobian + damping
     gradient = evaluation.equality_jacobian.T @ evaluation.equality
     step: Array = np.zeros(len(gradient))
     taken = np.zeros(len(evaluation.inequality), dtype=bool)
-    for _ in range(PASSES):
-        new = (evaluation.inequality + evaluation.inequality_jacobian @ step < 0) & ~taken
+    left = 0.0
+    for number in range(PASSES):
+        after = evaluation.inequality + evaluation.inequality_jacobian @ step
+        if number == 1:
+            missed = evaluation.equality + evaluation.equality_jacobian @ step
+            left = float(missed @ missed + np.square(after[taken & (after < 0)]).sum())
+        new = (after < 0) & ~taken
         if step.any() and not new.any():
             break
         taken |= new
@@ -346,4 +338,4 @@ def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:
         normal += jacobian.T @ jacobian
         gradient += jacobian.T @ evaluation.inequality[new]
         step = -solved(normal, gradient)
-    return step
+    return step, left
