@@ -193,3 +193,13 @@ def planned() -> Callable[[str], Plan]:
         return made_once(name, lambda: plan(load_problem(ROOT / "problems" / f"{name}.toml"), budget=PATIENT))
 
     return plan_of
+
+
+@pytest.fixture(scope="session")
+def handstand(planned: Callable[[str], Plan]) -> Plan:
+    return planned("handstand")
+
+
+@pytest.fixture(scope="session")
+def somersault(planned: Callable[[str], Plan]) -> Plan:
+    return planned("somersault")
