@@ -18,7 +18,6 @@ from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
@@ -88,7 +87,8 @@ class CompiledConstraints:
         opposite = _opposite(kind, first, of_sums)
         before = np.cumsum([0, *(opposite < 0)])
         self.differentiated: list[int] = np.diff(before[self.block_first]).tolist()
-        self.path, self.least = path_numbers(path), columns[3]
+        self.path = np.array([*path.position0, *path.velocity0, path.gravity])
+        self.least = columns[3]
         needed = {name: getattr(self, name) for name in ("needs_moments", "needs_accelerations", "needs_places")}
         rows = {"kind": kind, "first": first, "second": second, "per_scale": columns[4]}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
@@ -146,11 +146,6 @@ class CompiledConstraints:
 def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
     """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
     return unscaled_robot(tree)[0].of_points(np.stack(shapes.weights, axis=1))
-
-
-def path_numbers(path: Ballistics) -> Array:
-    """Return what the kernel is given of the path of the centre of mass."""
-    return np.array([*path.position0, *path.velocity0, path.gravity])
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:
