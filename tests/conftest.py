@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import gc
 import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import once
 import pytest
@@ -19,9 +21,11 @@ from typer.testing import CliRunner
 
 if TYPE_CHECKING:
     from floatplan import Plan, Robot
+    from floatplan.robot.shapes.capsules import Outline
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENT = 60.0  # [s] of search: a slow machine is no reason to fail
+LARGE = 2000  # bytes of a mesh, or of points of one
 LITTLE = 20  # times less work than usual
 UNASKED = (
     "floatplan.planning.search.ANNOUNCED_EVERY",
@@ -47,12 +51,20 @@ class Run:
     stderr: str
 
 
+def pytest_collection() -> None:
+    """Look for no garbage while modules are imported: there is none."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
     """Hold BLAS to one thread where a test computes itself: beside other tests its threads wait for cores, spinning.
 
-    Public calls do so by themselves; ``test_threads.py`` looks at that, in processes of its own.
+    Public calls do so by themselves; ``test_threads.py`` looks at that, in processes of its own. The modules and tests,
+    which stay to the end, are not looked through for garbage time and again.
     """
     threadpool_limits(limits=1, user_api="blas")
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -60,6 +72,41 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Of all processes of the tests: where ``made_once`` puts what it made."""
     folder = tmp_path_factory.getbasetemp()
     once.folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def robots_once(shared_folder: None) -> Iterator[None]:
+    """What a mesh file holds, the capsules around it, and what a list of robots says of one are found once.
+
+    Tests read the same robots hundreds of times. Small meshes are made by tests, most of them spoiled.
+    """
+    from floatplan.cli import robots
+    from floatplan.robot.shapes import collisions, links
+    from floatplan.robot.urdf.tree import PREFIX
+
+    read, fit, facts = collisions._corners_and_faces, links.fit, robots._facts
+
+    def read_once(content: bytes, kind: str) -> Any:
+        if len(content) < LARGE:
+            return read(content, kind)
+        return made_once(f"mesh {sha256(content).hexdigest()} {kind}", lambda: read(content, kind))
+
+    def fit_once(outline: Outline) -> Any:
+        if outline.points.nbytes < LARGE:
+            return fit(outline)
+        given = sha256(outline.points.tobytes() + outline.edges.tobytes() + str(outline.radius).encode())
+        return made_once(f"capsules {given.hexdigest()}", lambda: fit(outline))
+
+    def facts_once(source: str) -> Any:
+        if not source.startswith(PREFIX):
+            return facts(source)
+        return made_once(f"facts {sha256(source.encode()).hexdigest()}", lambda: facts(source))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robots, "_facts", facts_once)
+        patch.setattr(collisions, "_corners_and_faces", read_once)
+        patch.setattr(links, "fit", fit_once)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -146,3 +193,13 @@ def planned() -> Callable[[str], Plan]:
         return made_once(name, lambda: plan(load_problem(ROOT / "problems" / f"{name}.toml"), budget=PATIENT))
 
     return plan_of
+
+
+@pytest.fixture(scope="session")
+def handstand(planned: Callable[[str], Plan]) -> Plan:
+    return planned("handstand")
+
+
+@pytest.fixture(scope="session")
+def somersault(planned: Callable[[str], Plan]) -> Plan:
+    return planned("somersault")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import pkgutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -113,22 +114,13 @@ def compiler(benchmark: ModuleType) -> None:
         skip_or_fail("gcc is not installed")
 
 
-@pytest.mark.usefixtures("benchmark")
-def test_pinocchio_slsqp_reaches_the_optimum(planned: Callable[[str], fp.Plan]) -> None:
-    from peers_pinocchio import PinocchioSlsqp
-
+@pytest.mark.parametrize("peer", ["peers_pinocchio.PinocchioSlsqp", "peers_compiled.CompiledSqp"])
+def test_a_peer_reaches_the_optimum(
+    peer: str, planned: Callable[[str], fp.Plan], request: pytest.FixtureRequest
+) -> None:
+    request.getfixturevalue("compiler" if "compiled" in peer else "benchmark")
     plan = planned("new_configuration")
-    answer = PinocchioSlsqp(plan.problem, NODES_OF_A).solve()
-    assert answer.solved
-    np.testing.assert_allclose(answer.coefficients, plan.coefficients, rtol=0, atol=SAME_OPTIMUM * answer.norm)
-
-
-@pytest.mark.usefixtures("compiler")
-def test_compiled_sqp_reaches_the_optimum(planned: Callable[[str], fp.Plan]) -> None:
-    from peers_compiled import CompiledSqp
-
-    plan = planned("new_configuration")
-    answer = CompiledSqp(plan.problem, NODES_OF_A).solve()
+    answer = pkgutil.resolve_name(peer)(plan.problem, NODES_OF_A).solve()
     assert answer.solved
     np.testing.assert_allclose(answer.coefficients, plan.coefficients, rtol=0, atol=SAME_OPTIMUM * answer.norm)
 

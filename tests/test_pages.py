@@ -85,6 +85,7 @@ def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
     monkeypatch.setattr(planner, "jump", jump)
     monkeypatch.setattr(fp, "jump", jump)
+    monkeypatch.setattr("floatplan.initial.flight.jump", jump)
 
 
 @pytest.mark.usefixtures("jumps_once")

@@ -18,7 +18,6 @@ from floatplan.compiled.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.closed_form import Ballistics
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
@@ -87,7 +86,8 @@ class CompiledConstraints:
         shapes, ends = flight.link_shapes, _ends(tree, flight.link_shapes)
         opposite = _opposite(kind, first, own)
         self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
-        self.path, self.least = path_numbers(flight.ballistics), np.array(least)
+        path = flight.ballistics
+        self.path, self.least = np.array([*path.position0, *path.velocity0, path.gravity]), np.array(least)
         rows = {"kind": kind, "first": first, "second": second, "per_scale": per_scale, "opposite": opposite}
         capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
         about = {"rows": self.rows, "obstacles": obstacles, "sums": all_sums, "needs_accelerations": bool(accelerate)}
@@ -141,11 +141,6 @@ class CompiledConstraints:
 def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
     """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
     return unscaled_robot(tree)[0].of_points(np.array(shapes.weights).swapaxes(0, 1))
-
-
-def path_numbers(path: Ballistics) -> Array:
-    """Return what the kernel is given of the path of the centre of mass."""
-    return np.array([*path.position0, *path.velocity0, path.gravity])
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:

@@ -188,14 +188,17 @@ class Stance:
         """
         robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
         axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
-        found = {name: (np.empty((len(positions), 3)), np.empty((len(positions), 2, model.nv))) for name in self.points}
+        places = {name: np.empty((len(positions), 3)) for name in self.points}
+        rows = {name: np.empty((len(positions), 3, model.nv)) for name in self.points}
+        at, (_, up) = pin.SE3.Identity(), axes
         for row, q in enumerate(positions):
             pin.computeJointJacobians(model, data, q)
             for name, (joint, local, radius) in self.points.items():
-                at = pin.SE3(np.eye(3), local - radius * (data.oMi[joint].rotation.T @ axes[1]))
+                place = data.oMi[joint]
+                at.translation = local - radius * (place.rotation.T @ up)
                 jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
-                found[name][0][row], found[name][1][row] = (data.oMi[joint] * at).translation, axes @ jacobian[:3]
-        return found
+                rows[name][row], places[name][row] = jacobian[:3], place.act(at.translation)
+        return {name: (places[name], axes @ rows[name]) for name in self.points}
 
     @property
     def ground(self) -> float:

@@ -52,6 +52,15 @@ def newer(root):
     return fp.plan(replace(problem, flight=replace(problem.flight, duration=1.0)))
 
 
+def with_mesh(root, folder, kind, name):
+    """A gymnast whose first link has a mesh, among its visuals or collisions; and where that is to be written."""
+    path = folder / "robot.urdf"
+    text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+    mesh = f'<{kind}><geometry><mesh filename="{name}"/></geometry></{kind}></link>'
+    path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+    return path, folder / name
+
+
 def process(*arguments, shell="", cwd=None):
     """The command line as a process, with what a shell does to its streams."""
     words = " ".join(f"'{word}'" for word in (sys.executable, "-m", "floatplan", *map(str, arguments)))
@@ -76,41 +85,29 @@ class TestReads:
             read_regular(path, 10**6, "a plan file")
 
     def test_an_archive_is_no_mesh(self, tmp_path, root):
-        path = tmp_path / "robot.urdf"
-        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
-        mesh = '<collision><geometry><mesh filename="part.zip"/></geometry></collision></link>'
-        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
-        (tmp_path / "part.zip").write_bytes(b"PK")
+        path, mesh = with_mesh(root, tmp_path, "collision", "part.zip")
+        mesh.write_bytes(b"PK")
         with pytest.raises(InputError, match=r'"\.zip" is not one of'):
             _ = fp.Robot.from_urdf(path).shapes
 
     @pytest.mark.parametrize(("suffix", "reason"), [(".zip", "is not one of"), (".obj", "larger than")])
     def test_visual_meshes_are_held_to_the_same(self, root, tmp_path, suffix, reason):
-        path = tmp_path / "robot.urdf"
-        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
-        mesh = f'<visual><geometry><mesh filename="part{suffix}"/></geometry></visual></link>'
-        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
-        with (tmp_path / f"part{suffix}").open("wb") as stream:
+        path, mesh = with_mesh(root, tmp_path, "visual", f"part{suffix}")
+        with mesh.open("wb") as stream:
             stream.truncate(10**12 if suffix == ".obj" else 10)
         with pytest.raises(InputError, match=reason):
             visual_model(fp.Robot.from_urdf(path))
 
     def test_visual_meshes_are_as_large_as_a_robot(self, root, tmp_path):
-        path = tmp_path / "robot.urdf"
-        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
-        mesh = '<visual><geometry><mesh filename="part.stl"/></geometry></visual></link>'
-        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+        path, mesh = with_mesh(root, tmp_path, "visual", "part.stl")
         corners = struct.pack("<12f2x", 0, 0, 1, 0, 0, 0, 1e38, 0, 0, 0, 1, 0)
-        (tmp_path / "part.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + corners)
+        mesh.write_bytes(bytes(80) + struct.pack("<I", 1) + corners)
         with pytest.raises(InputError, match="farther than any robot is large"):
             visual_model(fp.Robot.from_urdf(path))
 
     def test_corners_have_three_coordinates(self, root, tmp_path):
-        path = tmp_path / "robot.urdf"
-        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
-        mesh = '<collision><geometry><mesh filename="part.obj"/></geometry></collision></link>'
-        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
-        (tmp_path / "part.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", encoding="utf-8")
+        path, mesh = with_mesh(root, tmp_path, "collision", "part.obj")
+        mesh.write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", encoding="utf-8")
         with pytest.raises(InputError, match="not three numbers"):
             _ = fp.Robot.from_urdf(path).shapes
 

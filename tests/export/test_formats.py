@@ -24,11 +24,6 @@ HEADER = '<mujoco><compiler fusestatic="true" balanceinertia="false"/></mujoco>'
 
 
 @pytest.fixture(scope="module")
-def handstand(root: Path) -> fp.Plan:
-    return fp.plan(fp.load_problem(root / "problems" / "handstand.toml"))
-
-
-@pytest.fixture(scope="module")
 def coupled(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
     """Two legs that move together, the right one with its own names: what a quadruped's are."""
     path = tmp_path_factory.mktemp("robot") / "pair.urdf"

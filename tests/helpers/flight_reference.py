@@ -1,47 +1,12 @@
-"""A plan flown without floatplan's motion: SciPy integrates (4), Pinocchio is called directly, p is numpy's."""
+"""Motions as plans, made without a planner."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
-import pinocchio as pin
-from numpy.polynomial import polynomial
-from scipy.integrate import solve_ivp
 
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.planar.closed_form import ballistics
-
-
-@lru_cache(maxsize=8)
-def argument_powers(plan: fp.Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients of p, p' and p'' of (12), one column a joint."""
-    powers = plan.coefficients.T
-    return powers, polynomial.polyder(powers, axis=0), polynomial.polyder(powers, 2, axis=0)
-
-
-def joint_state(plan: fp.Plan, time: float) -> np.ndarray:
-    """Positions, velocities, accelerations (3, n) at one time, by (12)."""
-    value, rate, curvature = (polynomial.polyval(time, powers) for powers in argument_powers(plan))
-    sine, cosine = plan.amplitude * np.sin(value), plan.amplitude * np.cos(value)
-    return np.stack((plan.centre + sine, cosine * rate, cosine * curvature - sine * rate**2))
-
-
-def integrate_orientation(plan: fp.Plan, times: np.ndarray) -> np.ndarray:
-    """Orientation (N,) at rising times from 0, by Dormand and Prince's method of order 8."""
-    robot = plan.robot
-    data = robot.model.createData()
-
-    def rate(time, _):
-        position, velocity, _ = joint_state(plan, time)
-        full = robot.reference + robot.selection @ position
-        row = robot.plane.normal @ pin.computeCentroidalMap(robot.model, data, full)[3:]
-        return [(plan.angular_momentum - row @ (robot.selection @ velocity)) / row[2]]
-
-    start = [plan.problem.initial.orientation]
-    flown = solve_ivp(rate, (0, plan.duration), start, t_eval=times, method="DOP853", rtol=1e-12, atol=1e-12)
-    return flown.y[0]
 
 
 def drawn_plan(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -15,8 +16,6 @@ _made: dict[str, Any] = {}
 
 def made_once(name: str, make: Callable[[], Any]) -> Any:
     """Return what ``make`` returns: from memory, or as another process left it, or made now and left for the others."""
-    from floatplan.files import write_atomically
-
     if name not in _made:
         path = folder / "made" / f"{name}.pickle"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -25,5 +24,7 @@ def made_once(name: str, make: Callable[[], Any]) -> Any:
                 _made[name] = pickle.loads(path.read_bytes())
             else:
                 _made[name] = make()
-                write_atomically(path, pickle.dumps(_made[name]))
+                new = path.with_suffix(".new")
+                new.write_bytes(pickle.dumps(_made[name]))
+                os.rename(new, path)  # noqa: PTH104 - not as floatplan does it, which tests spoil
     return _made[name]

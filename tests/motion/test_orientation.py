@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flight_reference import drawn_plan, integrate_orientation, random_coefficients
+from flight_reference import drawn_plan, random_coefficients
+from independent import Look
 from robot_samples import URDF_FOLDER
 
 import floatplan as fp
@@ -105,11 +106,11 @@ class TestLaws:
 def test_orientation_is_that_of_an_independent_integration(any_robot):
     coefficients = random_coefficients(5, len(any_robot.joints))
     plan = drawn_plan(any_robot, coefficients, 1.1, orientation=-0.4)
-    expected = integrate_orientation(plan, TIMES)
+    expected = Look(plan, TIMES).orientation
     assert plan.orientation(TIMES) == pytest.approx(expected, abs=1e-10)
     assert plan.final_orientation == pytest.approx(expected[-1], abs=1e-10)
 
 
 def test_a_wild_motion_gets_the_nodes_that_it_needs(gymnast):
     plan = drawn_plan(gymnast, random_coefficients(6, 2, size=6.0), 0.4)
-    assert plan.orientation(TIMES) == pytest.approx(integrate_orientation(plan, TIMES), abs=1e-10)
+    assert plan.orientation(TIMES) == pytest.approx(Look(plan, TIMES).orientation, abs=1e-10)

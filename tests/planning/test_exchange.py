@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_reference import integrate_orientation
 from general_flight import general_flight
+from independent import Look
 
 import floatplan as fp
 from floatplan.compiled.batch import QUADRATURE_ERROR
@@ -121,4 +121,5 @@ class TestNodesNeeded:
 
 def test_the_plan_s_orientation_is_that_of_an_independent_integration(planned):
     plan = planned("obstacle")
-    assert integrate_orientation(plan, [plan.duration])[-1] == pytest.approx(plan.final_orientation, abs=1e-9)
+    end = Look(plan, np.array([plan.duration])).orientation[0]
+    assert end == pytest.approx(plan.final_orientation, abs=1e-9)

@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 import proof_reference
 import pytest
-from flight_reference import integrate_orientation, joint_state
 from generated_problems import mixed_problem, random_problem
+from independent import Look
 from long_cases import cases
 from robot_samples import GYMNAST, URDF_FOLDER, flipped_axes, other_plane
 
@@ -28,11 +28,11 @@ CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)  # that of ex
 def assert_meets_its_ends(plan: fp.Plan) -> None:
     """Boundary conditions (13), and the goal's orientation by an independent integration."""
     problem = plan.problem
-    for time, state in ((0.0, problem.initial), (plan.duration, problem.final)):
-        found = joint_state(plan, time)
-        assert np.abs(found - np.stack((state.positions, state.velocities, state.accelerations))).max() < 1e-10
-    end = integrate_orientation(plan, np.array([plan.duration]))[0]
-    assert abs(end - problem.final.orientation) < 1e-9
+    look = Look(plan, np.array([0.0, plan.duration]))
+    for index, state in enumerate((problem.initial, problem.final)):
+        found = [each[index] for each in look.joints]
+        assert np.abs(np.subtract(found, (state.positions, state.velocities, state.accelerations))).max() < 1e-10
+    assert abs(look.orientation[1] - problem.final.orientation) < 1e-9
 
 
 @lru_cache(maxsize=8)
@@ -312,7 +312,7 @@ class TestImpossible:
     def test_missing_the_orientation_is_as_much_as_it_says(self, impossible):
         plan = fp.plan(impossible["degree 5"][0])
         said = float(re.search(r"misses the goal's orientation by ([-+\d.e]+) rad", plan.explanation)[1])
-        end = integrate_orientation(plan, np.array([plan.duration]))[0]
+        end = Look(plan, np.array([plan.duration])).orientation[0]
         assert end - plan.problem.final.orientation == pytest.approx(said, rel=1e-4)
 
     @pytest.mark.usefixtures("little_work")

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import copy
 import json
 import math
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 import floatplan as fp
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -36,9 +39,11 @@ EVERYTHING = f"""
 name = "everything"
 angles = "deg"
 [robot]
-urdf = "{GYMNAST}"
+urdf = "{ROOT / "urdf" / "chain10.urdf"}"
 plane = "xz"
 joints = ["q2", "q1"]
+coupled = {{ q3 = {{ leader = "q1", ratio = -0.7, offset = 9 }} }}
+locked = {{ q4 = 5, q5 = 5, q6 = 5, q7 = 5, q8 = 5, q9 = 5, q10 = 5 }}
 [start]
 orientation = 90
 positions = [30, -60]
@@ -73,6 +78,8 @@ velocity = [0.5, 0]
 window = [0.1, 0.9]
 [[obstacles]]
 kind = "half-plane"
+point = [0, 0]
+normal = [0, 1]
 [[obstacles]]
 kind = "capsule"
 start = [0, 0]
@@ -112,8 +119,8 @@ class TestWhatIsRead:
             everything.position_limits, [[-math.pi, math.pi], [-math.pi / 2, math.pi / 2]], rtol=1e-15
         )
         np.testing.assert_array_equal(everything.torque_limits, [12, math.inf])
-        np.testing.assert_array_equal(everything.motor_stall, [math.inf, 8])
-        np.testing.assert_array_equal(everything.motor_slope, [0, 0.4])
+        np.testing.assert_array_equal(everything.motor_stall, [math.inf, 8, 8])
+        np.testing.assert_array_equal(everything.motor_slope, [0, 0.4, 0.4])
 
     def test_what_is_no_angle_stays_as_it_is(self, everything: fp.Problem) -> None:
         assert everything.flight == fp.Flight(
@@ -353,3 +360,45 @@ def test_a_joint_may_rest_on_the_edge_of_its_range(tmp_path: Path) -> None:
     problem = fp.load_problem(written(tmp_path / "edge.toml", text))
     assert problem.initial.positions[0] == problem.position_limits[0, 1]
     assert problem.final.positions[0] == problem.position_limits[0, 0]
+
+
+def numbers(content, path=()):
+    """Paths of all numbers in plain data."""
+    if isinstance(content, dict):
+        return [leaf for key, value in content.items() for leaf in numbers(value, (*path, key))]
+    if isinstance(content, list):
+        return [leaf for index, value in enumerate(content) for leaf in numbers(value, (*path, index))]
+    return [] if isinstance(content, str) else [path]
+
+
+def changed(path, value):
+    content = copy.deepcopy(tomllib.loads(EVERYTHING))
+    where = content
+    for part in path[:-1]:
+        where = where[part]
+    where[path[-1]] = value
+    return tomli_w.dumps(content)
+
+
+@pytest.mark.parametrize("number", [float("inf"), float("-inf"), float("nan"), 10**400, True])
+def test_a_number_that_is_none_is_refused_at_every_place(tmp_path, number):
+    assert fp.load_problem(written(tmp_path / "p.toml", EVERYTHING)).robot.joints == ("q2", "q1")
+    places = numbers(tomllib.loads(EVERYTHING))
+    assert len(places) > 50
+    for path in places:
+        with pytest.raises(fp.InputError) as caught:
+            fp.load_problem(written(tmp_path / "p.toml", changed(path, number)))
+        assert next(str(part) for part in reversed(path) if isinstance(part, str)) in str(caught.value)
+
+
+def test_a_negative_margin_between_links_is_refused(tmp_path):
+    """The certificate would refuse the plan of it."""
+    with pytest.raises(fp.InputError, match="negative"):
+        fp.load_problem(written(tmp_path / "p.toml", changed(("self_clearance", 0, "margin"), -0.1)))
+
+
+def test_a_key_given_twice_is_refused(tmp_path):
+    with pytest.raises(fp.InputError, match="is not TOML"):
+        fp.load_problem(
+            written(tmp_path / "p.toml", EVERYTHING.replace("gravity = 1.62", "gravity = 1.62\ngravity = 9.81"))
+        )

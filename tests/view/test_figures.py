@@ -36,16 +36,6 @@ CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
 
 
 @pytest.fixture(scope="module")
-def handstand(root: Path) -> fp.Plan:
-    return fp.plan(fp.load_problem(root / "problems" / "handstand.toml"))
-
-
-@pytest.fixture(scope="module")
-def somersault(root: Path) -> fp.Plan:
-    return fp.plan(fp.load_problem(root / "problems" / "somersault.toml"))
-
-
-@pytest.fixture(scope="module")
 def hindered(handstand: fp.Plan) -> fp.Plan:
     """The same motion, in whose way there are obstacles of every kind, moving and not, and limits."""
     problem = dataclasses.replace(

@@ -30,11 +30,6 @@ LARGEST = 5_000_000  # bytes of the gymnast's page
 
 
 @pytest.fixture(scope="module")
-def handstand(root: Path) -> fp.Plan:
-    return fp.plan(fp.load_problem(root / "problems" / "handstand.toml"))
-
-
-@pytest.fixture(scope="module")
 def page(handstand: fp.Plan) -> str:
     return report(handstand)
 
