@@ -56,7 +56,9 @@ class Follower {
     bool may_hold(const double *x) {
         program.watches = false;
         begin(attempt.level, x);
-        return program.may_hold(*search.now);
+        const Chance chance = program.chance(*search.now);
+        attempt.ends_hold = chance.ends_hold, attempt.path_is_clear = chance.path_is_clear;
+        return chance.ends_hold && chance.path_holds;
     }
 
     // Judges again where a start ended, with nodes of that level.

@@ -220,6 +220,7 @@ struct Attempt {
     Index level, closer_level;
     double objective_scale;
     double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is asked first
+    Index ends_hold, path_is_clear;           // what was answered; 0 where nothing was asked
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
     const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing
     const double *instants;                   // (fixed): beside the nodes, always

@@ -23,6 +23,11 @@ static inline double legendre_tail(const double *tail, const double *values, Ind
     return most;
 }
 
+// What is known before a search.
+struct Chance {
+    bool ends_hold, path_holds, path_is_clear;
+};
+
 class Program {
   public:
     Index size, rows, level = -1, stride = 0, evaluations = 0;
@@ -222,9 +227,10 @@ class Program {
         work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
     }
 
-    // Whether rows hold at takeoff and landing that x does not change there, and the CM is never deeper in an obstacle
-    // than the point of the robot that stays nearest to it can be away from it.
-    bool may_hold(const Evaluated &at) {
+    // Whether rows hold at takeoff and landing that x does not change there; whether the CM is never deeper in an obstacle
+    // than the point of the robot that stays nearest to it can be away from it: at some instants, and at all times, as far
+    // as its speed, which is largest at an end, tells.
+    Chance chance(const Evaluated &at) {
         const Minima &minima = attempt.minima;
         const Series whole = series_of(at);
         const double ends[LANES] = {0, 1};
@@ -235,23 +241,28 @@ class Program {
             place(robot, constraints, between.close, 0, 0);
         }
         const double *path = constraints.path;
+        Chance found{true, true, true};
         for (Index row = 0; row < rows; ++row) {
             const Vector value = row_at(robot, constraints, between.close, row, 0);
             for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
-                if (end >= attempt.low[row] && end <= attempt.high[row] && value[end] < -attempt.tolerance[row])
-                    return false;
+                if (end >= attempt.low[row] && end <= attempt.high[row])
+                    found.ends_hold &= !(value[end] < -attempt.tolerance[row]);
             const Index kind = constraints.kind[row], second = constraints.second[row];
             if (kind <= share_row || kind == pair_row || (row && second == constraints.second[row - 1])) continue;
             const double *obstacle = constraints.obstacles + 7 * second;
+            const double across = path[2] - obstacle[4], up = path[3] - obstacle[5];
+            const double down = up - path[4] * whole.duration;
+            const double way = std::hypot(across, larger(std::fabs(up), std::fabs(down))) * whole.duration;
             for (Index k = 0; k < minima.instants; ++k) {
-                const double s = minima.grid[k], t = s * whole.duration;
+                const double s = minima.grid[k], t = s * whole.duration, before = k ? minima.grid[k - 1] : s;
                 const Place com{all(path[0] + path[2] * t), all(path[1] + path[3] * t - path[4] / 2 * t * t)};
                 const double distance = to_obstacle(kind, obstacle, all(t), com, com).distance[0] - obstacle[6];
-                if (s >= attempt.low[row] && s <= attempt.high[row] && distance - constraints.least[row] < -attempt.reach)
-                    return false;
+                const double room = distance - constraints.least[row] + attempt.reach;
+                if (s >= attempt.low[row] && s <= attempt.high[row]) found.path_holds &= !(room < 0);
+                found.path_is_clear &= room >= way * (s - before);
             }
         }
-        return true;
+        return found;
     }
 
   private:

@@ -141,7 +141,7 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     };
     if (!room.make(lay_out)) return 1;
     starts.begin(attempt.x);
-    attempt.started = 0;
+    attempt.started = attempt.ends_hold = attempt.path_is_clear = 0;
     starts.place(0, x);
     learn_from_plain(follower.program, constraints, levels, settings, rules, attempt);
     const bool at_once = attempt.at_once;

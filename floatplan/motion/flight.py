@@ -95,9 +95,12 @@ def difficulties(problem: Problem) -> list[str]:
     return bounds.difficulties(problem) if problem.robot.in_plane else []
 
 
-def impossibilities(problem: Problem) -> list[str]:
-    """Return sentences about why no motion whatever meets the problem, as far as that is known."""
-    return bounds.impossibilities(problem) if problem.robot.in_plane else []
+def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
+    """Return sentences about why no motion whatever meets the problem, as far as that is known.
+
+    It may be known already that the centre of mass is never too deep in an obstacle.
+    """
+    return bounds.impossibilities(problem, path_is_clear) if problem.robot.in_plane else []
 
 
 def motion_into_ground(problem: Problem, angular_momentum: Array) -> Sequence[InputError]:

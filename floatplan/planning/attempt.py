@@ -25,6 +25,7 @@ from floatplan.planning.transcription.compiled_attempt import (
     PROMISING,
     SAME,
     CompiledAttempts,
+    Ended,
     Ready,
     compiled_attempts,
 )
@@ -207,11 +208,12 @@ class Attempts:
     ) -> None:
         self.problem, self.seed = problem, seed
         self.momentum = momentum or momentum_set(problem)
-        self._ends_hold, self._ready, self._first = False, None, None
+        self._ends_hold = self._path_is_clear = False  # as far as is known
+        self._ready, self._first = None, None
         if ready:
             self.plain_start, self._ready = ready
             self._first = self._ready.ended
-            self._ends_hold = self._first.starts > 0  # it has been asked
+            self._learn(self._first)
 
     @cached_property
     def model(self) -> FlightModel:
@@ -250,8 +252,10 @@ class Attempts:
     @cached_property
     def impossible(self) -> list[str]:
         """Sentences about why no motion whatever meets the problem, as far as that is known."""
-        ends = () if self._ends_hold else self._impossible_ends()
-        reasons = [*ends, *impossibilities(self.problem)] if self.problem.has_inequalities else []
+        reasons: list[str] = []
+        if self.problem.has_inequalities:
+            reasons += () if self._ends_hold else self._impossible_ends()
+            reasons += impossibilities(self.problem, self._path_is_clear)
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         return reasons
@@ -317,7 +321,6 @@ class Attempts:
         elif ready := self._ready_for(plain):
             left = -1.0 if stop() else most_work
             outcome = self._follow_compiled(ready, plain, left, numbers, asks)
-            self._ends_hold = asks and outcome.starts > 0
             if not outcome.starts and not self.impossible:
                 outcome = self._follow_compiled(ready, plain, left, numbers)
         else:
@@ -344,6 +347,7 @@ class Attempts:
         """Follow starts in the kernel, of which this one is number 0."""
         known, self._first = self._first, None
         ended = known or ready.follow(numbers, most_work, self.seed, asks)
+        self._learn(ended)
         self.model.work += ended.work
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst
@@ -353,6 +357,11 @@ class Attempts:
         if any(ended.branch.tolist()):
             outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
         return outcome
+
+    def _learn(self, ended: Ended) -> None:
+        """Keep what the kernel was asked before it followed starts."""
+        self._ends_hold |= ended.ends_hold
+        self._path_is_clear |= ended.path_is_clear
 
     def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start in space to the objective, and by way of a feasible motion where that fails."""

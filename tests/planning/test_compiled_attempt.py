@@ -9,6 +9,7 @@ import pytest
 from general_path import take_general_path
 
 import floatplan as fp
+from floatplan.motion.flight import impossibilities
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription import compiled_attempt
@@ -138,3 +139,21 @@ def test_it_is_asked_first_whether_any_motion_may_hold(root, center, radius, is_
     nearest = alone.solution.x if is_followed else ready.plain_start.x
     assert np.array_equal(asked.solution.x, nearest)
     assert asked.violation > 0
+
+
+def test_what_is_told_before_a_search_is_so(root):
+    """Circles and walls anywhere, moving or not, against what is computed with ends and path themselves."""
+    problem, rng = fp.load_problem(root / "problems" / "obstacle.toml"), np.random.default_rng(4)
+    told = []
+    for _ in range(120):
+        place, velocity = rng.uniform((-1, -1), (4, 5)), tuple(rng.normal(0, 1, 2))
+        circle = fp.Circle(center=tuple(place), radius=rng.uniform(0.2, 1.2), velocity=velocity)
+        wall = fp.HalfPlane(point=tuple(place), normal=(0.3, 1.0), margin=0.1)
+        blocked = replace(problem, obstacles=(circle if rng.random() < 0.7 else wall,))
+        ready = Attempts(blocked, 5)
+        outcome = ready.attempts(blocked.degrees, (), range(1), lambda: False, asks=True)
+        told.append((ready._ends_hold, ready._path_is_clear, outcome.starts))
+        assert ready._ends_hold == (not [*ready._impossible_ends()])
+        assert not (ready._path_is_clear and impossibilities(blocked))
+        assert ready.impossible == [*ready._impossible_ends(), *impossibilities(blocked)]
+    assert len(set(told)) == 5

@@ -183,11 +183,14 @@ def momentum_intervals(problem: Problem, changes: Array, durations: Array) -> tu
     return np.minimum(*ends).sum(axis=-1) / durations, np.maximum(*ends).sum(axis=-1) / durations
 
 
-def impossibilities(problem: Problem) -> list[str]:
-    """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
+def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
+    """Return sentences, each a reason why no motion whatever meets the problem; none where none is known.
+
+    The path is clear where the centre of mass is never deeper in an obstacle than its central point can be away.
+    """
     sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
     for index, obstacle in enumerate(problem.obstacles):
-        if isinstance(obstacle, Bar) or not _stays_out(problem, obstacle):
+        if isinstance(obstacle, Bar) or not (path_is_clear or _stays_out(problem, obstacle)):
             point, (times, path, _) = central_point(problem), _path_from(problem, obstacle, PATH_INSTANTS)
             sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
     return sentences

@@ -52,7 +52,9 @@ class Ended(NamedTuple):
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
     one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much, with its sign. ``starts``
     were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
-    ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free.
+    ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free. Asked
+    first, the kernel says that rows hold at both ends which x does not change there, and that obstacles leave the path
+    of the centre of mass clear.
     """
 
     x: Array
@@ -67,6 +69,8 @@ class Ended(NamedTuple):
     starts: int
     work: float
     coefficients: Array | None
+    ends_hold: bool
+    path_is_clear: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +117,8 @@ class Ready:
         of_end = STATUS[attempt.status], attempt.violation, attempt.missed, worst, attempt.judged_level
         counts = attempt.iterations, attempt.evaluations, attempt.started, attempt.work
         b = None if self.coefficients is None else self.coefficients.copy()
-        return Ended(x.copy(), branch.copy(), *of_end, *counts, b)
+        chance = bool(attempt.ends_hold), bool(attempt.path_is_clear)
+        return Ended(x.copy(), branch.copy(), *of_end, *counts, b, *chance)
 
 
 class CompiledAttempts:
