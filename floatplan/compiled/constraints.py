@@ -140,7 +140,7 @@ class CompiledConstraints:
 @lru_cache(maxsize=16)
 def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
     """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
-    return unscaled_robot(tree)[0].of_points(np.array(shapes.weights).swapaxes(0, 1))
+    return unscaled_robot(tree)[0].of_points(np.stack(shapes.weights, axis=1))
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:

@@ -202,7 +202,8 @@ struct Exchange {
     double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
     double nearly_promising, elastic_stalled;
     double longest_free_step;
-    double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping, regularisation, qp_tolerance;
+    double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping;
+    double regularisation, qp_tolerance;
     double evaluation, differentiation, entry;
     double near_miss, same, enough_work;
     double smallest_step, least_scale;

@@ -149,10 +149,8 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
         if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);
         return 0;
     };
-    if (attempt.reach > 0 && attempt.first == 0) {
-        starts.place(0, x);
-        if (!follower.may_hold(x)) return follower.finish(x, attempt.level, infeasible), write();
-    }
+    if (attempt.reach > 0 && attempt.first == 0 && !follower.may_hold(x))
+        return follower.finish(x, attempt.level, infeasible), write();
     bool is_best = false;
     double least = HUGE_VAL;
     for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {

@@ -207,7 +207,7 @@ class SinePolynomials:
     @cached_property
     def free_indices(self) -> IntArray:
         """Which entries of a flattened z (n, width) the joints have; the others stay zero."""
-        return np.array([self.width * i + k for i, free in enumerate(self.free) for k in range(free)], np.int64)
+        return np.flatnonzero(np.arange(self.width) < np.array(self.free)[:, None])
 
     @property
     def no_free_part(self) -> Array:

@@ -50,7 +50,9 @@ ITERATIONS = 60
 FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
 STALL_ITERATIONS = 6  # within which the squared violation must fall below STALLED
 STALLED = 0.8  # [-] of the squared violation before
-LEAST_GAIN = 0.03  # [-] of it, that a step damped no more than the first is to gain, else none gains
+LEAST_GAIN = (
+    0.03  # [-] of the squared violation: where a step damped no more than the first is to gain less, it is stuck
+)
 FAR = 1e-4  # of the squared violation, below which the iteration goes on all the same: what is so near may still hold
 INITIAL_DAMPING = 1e-2  # [-] weight of the squared step
 SMALLEST_DAMPING = 1e-8  # [-]

@@ -359,7 +359,7 @@ class Attempts:
         return outcome
 
     def _learn(self, ended: Ended) -> None:
-        """Keep what the kernel was asked before it followed starts."""
+        """Keep what the kernel answered before it followed starts."""
         self._ends_hold |= ended.ends_hold
         self._path_is_clear |= ended.path_is_clear
 

@@ -169,8 +169,7 @@ def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     flight, tree, ends = problem.flight, problem.robot.tree, (problem.initial, problem.final)
     frames = problem.takeoff_frame, problem.landing_frame
-    bodies, local = (np.array([getattr(frame, name) for frame in frames]) for name in ("body", "local"))
-    weights = tree.point_weights(bodies, local)
+    weights = np.array([frame_weights(problem.robot, frame) for frame in frames])
     orientations, positions = np.array([end.orientation for end in ends]), np.array([end.positions for end in ends])
     foot, landing = _places(tree, weights, orientations, positions).tolist()
     takeoff = complex(*problem.takeoff.place_in_plane) - foot

@@ -155,7 +155,7 @@ class Limit(Constraint):
             for part, by_part in QUANTITIES[name].sums(flight).items() or ((name, None),):
                 rows = weights if by_part is None else weights @ by_part
                 used[part] = used.get(part, 0.0) - rows
-        return SumRows(np.array([1.0] * len(self.labels)), used)
+        return SumRows(np.ones(len(self.labels)), used)
 
 
 def obstacle_clearance(obstacle: Obstacle, name: str, links: Sequence[str], window: Window = ALWAYS) -> Clearance:
@@ -182,7 +182,7 @@ def link_clearance(first: tuple[int, ...], second: tuple[int, ...], names: tuple
 
 def _of_clearances(rows: int, cause: str) -> dict[str, Any]:
     shared = {"unit": "m", "tolerance": CLEARANCE / LENGTH_SCALE, "relaxed": "the {label} {amount} smaller"}
-    return {"scale": np.array([LENGTH_SCALE] * rows), "cause": cause, **shared}
+    return {"scale": np.full(rows, LENGTH_SCALE), "cause": cause, **shared}
 
 
 def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
