@@ -52,6 +52,13 @@ class Follower {
         }
     }
 
+    // The objective of where it ended, as the nodes of the finest level tell.
+    double finest_objective() {
+        program.watches = false;
+        begin(set.levels - 1, search.now->x);
+        return attempt.objective_scale * search.now->objective;
+    }
+
     // Whether nothing tells at x already that no motion holds.
     bool may_hold(const double *x) {
         program.watches = false;

@@ -229,6 +229,7 @@ struct Attempt {
     Minima minima;                            // of where it ended
     double *x;                                // (size): start number 0, then the best end
     double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; (14) with its sign
+    double objective;                         // of that, at the finest nodes, where it is one of sums
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
 };

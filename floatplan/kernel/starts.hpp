@@ -147,6 +147,8 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
     const bool at_once = attempt.at_once;
     auto write = [&] {
         if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);
+        if (attempt.objective_sums) attempt.objective = follower.finest_objective();
+        attempt.at_once = at_once;
         return 0;
     };
     if (attempt.reach > 0 && attempt.first == 0 && !follower.may_hold(x))

@@ -127,7 +127,8 @@ class Outcome:
     ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
     constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
     took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
-    ``coefficients`` are b (n, k+1), where the kernel has written them; by so much (14) is ``missed`` (e,), rad.
+    ``coefficients`` are b (n, k+1), where the kernel has written them, and ``integral`` is an objective that it has
+    evaluated; by so much (14) is ``missed`` (e,), rad.
     """
 
     begun: DecisionVariables
@@ -141,6 +142,7 @@ class Outcome:
     starts: int = 1
     solved: int = 1
     coefficients: Array | None = None
+    integral: float | None = None
     missed: Array = field(default_factory=lambda: np.array([np.nan]))
     landed: Callable[[], DecisionVariables] | None = None
 
@@ -179,6 +181,8 @@ class Outcome:
         """The user's objective, which compares motions of any degree and branch."""
         if OBJECTIVE_TABLE[self.objective].quantity is None and is_planar(self.model.flight):
             return float(np.linalg.norm(self.written))
+        if self.integral is not None:
+            return self.integral
         return objective_value(self.objective, self.motion, self.solution.x)
 
 
@@ -339,7 +343,10 @@ class Attempts:
         """What follows a start in the kernel; None where that knows no such flight."""
         if self._ready and start is self.plain_start:
             return self._ready
-        return self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
+        ready = self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
+        if start is self.plain_start:
+            self._ready = ready
+        return ready
 
     def _follow_compiled(
         self, ready: Ready, start: Start, most_work: float, numbers: range, asks: bool = False
@@ -353,7 +360,8 @@ class Attempts:
         of_end = ended.level, ended.violation, ended.worst
         named = self.problem.motion.objective
         outcome = Outcome(start.variables, reached, self.model, *of_end, named, starts=ended.starts)
-        outcome.coefficients, outcome.missed = ended.coefficients, np.array([ended.missed])
+        outcome.coefficients, outcome.integral = ended.coefficients, ended.integral
+        outcome.missed = np.array([ended.missed])
         if any(ended.branch.tolist()):
             outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
         return outcome

@@ -76,7 +76,7 @@ def test_of_more_motions_a_start_violates_less(ready, number, monkeypatch):
     model, kept, violated = ready.model, ready.constraints, []
     for motions in (1, 3, 10):
         monkeypatch.setattr(compiled_attempt, "MOTIONS_PER_VARIABLE", motions)
-        start = begun(ready, number)
+        start = begun(Attempts(ready.problem, 0), number)
         nodes = model.nodes(LEVEL_OF_DRAWS, start.variables.polynomials.form)
         at = trajectory(model, start.variables, nodes, start.solution.x)
         squares = [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept]
@@ -103,6 +103,13 @@ def test_where_a_start_on_other_branches_ends_both_judges_say_the_same(ready, nu
     start = begun(ready, number)
     alone = ready.attempt(Start(start.variables, start.solution.x))
     assert (alone.holds, alone.solution.status) == (ended.holds, ended.solution.status)
+
+
+def test_the_plain_start_ends_where_it_did_before_others(ready):
+    numbers, degrees = (range(each, each + 1) for each in (0, 2, 0)), ready.problem.degrees
+    first, _, again = (ready.attempts(degrees, [], each, lambda: False) for each in numbers)
+    assert np.array_equal(first.solution.x, again.solution.x)
+    assert again.solution.evaluations == first.solution.evaluations
 
 
 def test_starts_that_are_followed_together_end_as_alone(root):

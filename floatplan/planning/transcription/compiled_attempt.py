@@ -52,7 +52,8 @@ class Ended(NamedTuple):
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
     one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much, with its sign. ``starts``
     were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
-    ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free. Asked
+    ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free. An
+    objective that is an integral has its value, ``integral``. Asked
     first, the kernel says that rows hold at both ends which x does not change there, and that obstacles leave the path
     of the centre of mass clear.
     """
@@ -69,6 +70,7 @@ class Ended(NamedTuple):
     starts: int
     work: float
     coefficients: Array | None
+    integral: float | None
     ends_hold: bool
     path_is_clear: bool
 
@@ -117,8 +119,9 @@ class Ready:
         of_end = STATUS[attempt.status], attempt.violation, attempt.missed, worst, attempt.judged_level
         counts = attempt.iterations, attempt.evaluations, attempt.started, attempt.work
         b = None if self.coefficients is None else self.coefficients.copy()
+        integral = attempt.objective if attempt.objective_sums else None
         chance = bool(attempt.ends_hold), bool(attempt.path_is_clear)
-        return Ended(x.copy(), branch.copy(), *of_end, *counts, b, *chance)
+        return Ended(x.copy(), branch.copy(), *of_end, *counts, b, integral, *chance)
 
 
 class CompiledAttempts:
