@@ -99,8 +99,8 @@ class Keyed(Checked):
             units = {
                 name: f" : {key.unit}".replace(" or deg", "") if key.unit else "" for name, key in cls.keys.items()
             }
-            rows = (f"{name}{units[name]}\n        {key.meaning}." for name, key in cls.keys.items())
-            cls.__doc__ = "\n    ".join([cls.__doc__.rstrip() + "\n", "Parameters", "----------", *rows])
+            rows = (f"{name}{units[name]}\n    {key.meaning}." for name, key in cls.keys.items())
+            cls.__doc__ = "\n".join([cleandoc(cls.__doc__) + "\n", "Parameters", "----------", *rows])
 
     @classmethod
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:

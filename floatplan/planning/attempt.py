@@ -127,8 +127,7 @@ class Outcome:
     ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
     constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
     took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
-    ``coefficients`` are b (n, k+1), where the kernel has written them, and ``integral`` is an objective that it has
-    evaluated; by so much (14) is ``missed`` (e,), rad.
+    The kernel has told ``coefficients``, b (n, k+1), and an objective's ``integral``; (14) is ``missed`` by (e,) rad.
     """
 
     begun: DecisionVariables
@@ -181,9 +180,7 @@ class Outcome:
         """The user's objective, which compares motions of any degree and branch."""
         if OBJECTIVE_TABLE[self.objective].quantity is None and is_planar(self.model.flight):
             return float(np.linalg.norm(self.written))
-        if self.integral is not None:
-            return self.integral
-        return objective_value(self.objective, self.motion, self.solution.x)
+        return self.integral or objective_value(self.objective, self.motion, self.solution.x)
 
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
@@ -341,12 +338,9 @@ class Attempts:
 
     def _ready_for(self, start: Start) -> Ready | None:
         """What follows a start in the kernel; None where that knows no such flight."""
-        if self._ready and start is self.plain_start:
-            return self._ready
-        ready = self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
-        if start is self.plain_start:
-            self._ready = ready
-        return ready
+        if not (self._ready and self._ready.plain is start.x):
+            self._ready = self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
+        return self._ready
 
     def _follow_compiled(
         self, ready: Ready, start: Start, most_work: float, numbers: range, asks: bool = False
@@ -357,9 +351,8 @@ class Attempts:
         self._learn(ended)
         self.model.work += ended.work
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
-        of_end = ended.level, ended.violation, ended.worst
-        named = self.problem.motion.objective
-        outcome = Outcome(start.variables, reached, self.model, *of_end, named, starts=ended.starts)
+        of_end = ended.level, ended.violation, ended.worst, self.problem.motion.objective
+        outcome = Outcome(start.variables, reached, self.model, *of_end, starts=ended.starts)
         outcome.coefficients, outcome.integral = ended.coefficients, ended.integral
         outcome.missed = np.array([ended.missed])
         if any(ended.branch.tolist()):

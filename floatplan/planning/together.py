@@ -60,13 +60,14 @@ class Together:
         found, compiled = tuple(each[row] for each in self.found), self.like.compiled
         assert compiled, "flights in space go alone"
         of_starts = self.attempts.structures[row], self.draws.structures[row]
-        ready = Ready(compiled, self.plain[row], given, *of_starts, found, self.coefficients[row], self)
+        plain = self.plain[row]
+        ready = Ready(compiled, plain, given, *of_starts, found, self.coefficients[row], self)
         momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
         polynomials, numbers = self.like.plain_start.variables.polynomials, self.rows
         own = replace(polynomials, duration=float(numbers.duration[row]), boundary=numbers.boundary[row])
         offset, scaling, offset_map = (each[row] for each in self.whitened)
         variables = DecisionVariables(own, offset, scaling, momentum, offset_map=offset_map)
-        prepared = Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), ready))
+        prepared = Attempts(problem, seed, momentum, (Start(variables, plain, at_once=True), ready))
         if not self.attempts.structures[row].violation <= 0:
             _ = prepared.model, prepared.impossible  # the search asks for them: for all is quicker than one by one
         return prepared

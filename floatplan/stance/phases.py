@@ -195,7 +195,7 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
         return np.array([-(along.min() + room), along.max() - room])
 
     def stands(positions: Array) -> bool:
-        inside = one or span(positions).min() >= -STILL
+        inside = one or bool(span(positions).min() >= -STILL)
         return inside and bool(np.abs(levels(positions)).max(initial=0.0) < STILL)
 
     if stands(wanted) and (limits[:, 0] <= wanted).all() and (wanted <= limits[:, 1]).all():
