@@ -64,7 +64,7 @@ class Constrained {
                 copy(initial, hessian, size * size);
                 find_step();
             }
-            while (reaches_more()) find_step();
+            for (double work = program.work; reaches_more(); program.work = work) find_step();
             if (!elastic) of_elastic.known = 0;
             else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
                      now->worst > set.hopeless)
@@ -124,6 +124,7 @@ class Constrained {
             if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
             if (damping > rules.largest_damping) break;
             program.differentiate(*now);
+            program.differentiate_rows(*now, rules.reach);
             while (damping <= rules.largest_damping) {
                 find_damped_step(damping);
                 const bool is_gain_due = squared > rules.far && damping <= rules.initial_damping;
@@ -145,7 +146,7 @@ class Constrained {
 
     const double *elastic_step(double penalty) {
         slack_penalty = penalty;
-        gather(*now), find_elastic_step();
+        find_elastic_step();
         return direction;
     }
 
@@ -199,6 +200,7 @@ class Constrained {
     }
 
     void find_step() {
+        program.differentiate_rows(*now, rules.looked_ahead);
         gather(*now);
         violation_left = 0;
         elastic = !qp.solve(quadratic(hessian, now->gradient, &now->equality)) || !qp.held;
@@ -216,6 +218,8 @@ class Constrained {
     // quadratic piece by piece: by Newton's method on the rows that are violated, each step as far as it falls.
     void find_elastic_step() {
         const double penalty = slack_penalty;
+        program.differentiate_rows(*now, rules.reach);
+        gather(*now);
         double left = now->equality;
         zero(direction, size);
         copy(linear, gathered, near());

@@ -122,7 +122,7 @@ class Program {
         return missed + at.squares;
     }
 
-    // Gradient, (14) and the rows that a step may reach, by x.
+    // Gradient and (14) by x.
     void differentiate(Evaluated &at) {
         if (at.differentiated) return;
         at.differentiated = true;
@@ -137,9 +137,13 @@ class Program {
         at.has_attitude = false;
         if (!watches || !rows) return;
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
-        for (Index entry = 0; entry < rows * stride; entry += LANES)
-            if (any(load(at.values + entry) < all(rules.reach))) pack_of(at, entry);
         work += rules.differentiation + rules.entry * count * size * attempt.entries;
+    }
+
+    // Rows that are below so much.
+    void differentiate_rows(Evaluated &at, double reach) {
+        for (Index entry = 0; watches && entry < rows * stride; entry += LANES)
+            if (at.place[entry / 8] < 0 && any(load(at.values + entry) < all(reach))) pack_of(at, entry);
     }
 
     // Derivatives (size, 8) of the 8 entries of the values about one.
