@@ -112,8 +112,9 @@ static inline void narrow_minima(const Robot &robot, const Constraints &constrai
     double s[MinimaRoom::together * around] = {}, low[MinimaRoom::together], high[MinimaRoom::together];
     auto value_at = [&](Index number, Index k) {
         double values[LANES];
-        store(values, row_at(robot, constraints, close, minima.row[first + number], k / LANES * LANES));
-        return values[k % LANES];
+        const Index from = k / LANES * LANES;
+        row_values(robot, constraints, close, minima.row[first + number], from, from + LANES, values);
+        return values[k - from];
     };
     for (Index number = 0; number < count; ++number) {
         const Index row = minima.row[first + number];
@@ -170,9 +171,9 @@ static inline void find_minima(const Robot &robot, const Constraints &constraint
     copy(room.grid, minima.grid, count);
     zero(room.grid + count, m.stride - count);
     follow(robot, constraints, series, room.grid, count, m);
+    for (Index row = 0; row < rows; ++row) next_values(robot, constraints, m, row, room.values);
     for (Index row = 0; row < rows; ++row) {
         double *value = room.values + row * m.stride;
-        row_values(robot, constraints, m, row, value);
         for (Index k = 0; k < count; ++k)
             if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) value[k] = HUGE_VAL;
     }

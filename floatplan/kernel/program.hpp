@@ -7,7 +7,7 @@ struct Evaluated {
     Motion motion;
     double objective, equality, violation, worst, squares, momentum;  // squares: of the rows' violations, summed
     double *x, *coefficients;               // (size), (columns, joints)
-    double *values;                         // (rows, stride)
+    double *values, *used;                  // (rows, stride), (objective_sums, stride)
     bool differentiated;
     double *gradient, *row;                 // (size): of the objective and of (14)
     double *drift, *attitude, *of_axes;     // (size, stride), (size, stride), (3, joints, axes, stride)
@@ -47,6 +47,7 @@ class Program {
             for (double **some : {&each->x, &each->gradient, &each->row}) arena.take(*some, size);
             arena.take(each->coefficients, motions.columns * n);
             arena.take(each->values, rows * most);
+            arena.take(each->used, attempt.objective_sums * most);
             for (double **some : {&each->drift, &each->attitude}) arena.take(*some, size * most);
             arena.take(each->of_axes, 3 * n * motions.axes * most);
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
@@ -56,7 +57,7 @@ class Program {
         arena.take(basis, 3 * size * most);
         for (double **each : {&s, &times}) arena.take(*each, most);
         arena.take(own_integrals, most_nodes * most);
-        arena.take(outside, rows * most);
+        for (double **each : {&outside, &plain}) arena.take(*each, rows * most);
         arena.take(boundary, 2 * n * motions.given);
         arena.take(weights, 8 * (2 + 2 * n + robot.links));
         arena.take(pack, 8 * size);
@@ -247,7 +248,8 @@ class Program {
         const double *path = constraints.path;
         Chance found{true, true, true};
         for (Index row = 0; row < rows; ++row) {
-            const Vector value = row_at(robot, constraints, between.close, row, 0);
+            double value[LANES];
+            row_values(robot, constraints, between.close, row, 0, LANES, value);
             for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
                 if (end >= attempt.low[row] && end <= attempt.high[row])
                     found.ends_hold &= !(value[end] < -attempt.tolerance[row]);
@@ -292,7 +294,7 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
-    double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *boundary, *weights, *pack;
+    double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     const double *integrals;  // (nodes, stride)
     MinimaRoom between;
@@ -431,16 +433,18 @@ class Program {
     void evaluate_rows(Evaluated &at, double enough = HUGE_VAL) {
         const Vector none = all(0), inside = all(back_off);
         Vector violation = none, squares = none, worst = none;
-        for (Index row = 0; row < rows && !(sum(squares) > enough); ++row)
+        for (Index row = 0; row < rows && !(sum(squares) > enough); ++row) {
+            next_values(robot, constraints, at.motion, row, plain);
             for (Index k = 0; k < stride; k += LANES) {
                 const Index entry = row * stride + k;
-                const Vector value = row_at(robot, constraints, at.motion, row, k) - inside + load(outside + entry);
+                const Vector value = load(plain + entry) - inside + load(outside + entry);
                 const Vector lacks = select(value < none, -value, none);
                 store(at.values + entry, value);
                 violation += lacks;
                 squares = multiply_add(lacks, lacks, squares);
                 worst = larger(lacks, worst);
             }
+        }
         at.violation += sum(violation);
         at.squares = sum(squares);
         at.worst = larger(at.worst, largest(worst));
@@ -448,17 +452,18 @@ class Program {
 
     double objective(const Evaluated &at) {
         if (!attempt.objective_sums && !motions.map) return dot(at.x, at.x, free) / 2;
-        double total = 0;
         if (!attempt.objective_sums) {
             multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, written);
             return dot(written, written, motions.terms * n) / 2;
         }
-        for (Index k = 0; k < nodes(); k += LANES)
-            for (Index number = 0; number < attempt.objective_sums; ++number) {
-                const Vector used = sum_at<Vector>(robot, constraints, at.motion, attempt.objective_sum + number, k);
-                total += sum(load(levels[level].weights + k) * used * used);
-            }
-        return motions.duration / attempt.objective_scale * total;
+        Vector total = all(0);
+        for (Index number = 0; number < attempt.objective_sums; ++number) {
+            double *used = at.used + number * stride;
+            sum_values(robot, constraints, at.motion, attempt.objective_sum + number, 0, nodes(), used);
+            for (Index k = 0; k < nodes(); k += LANES)
+                total = multiply_add(load(levels[level].weights + k) * load(used + k), load(used + k), total);
+        }
+        return motions.duration / attempt.objective_scale * sum(total);
     }
 
     // Its gradient; or its Hessian, by Gauss and Newton, added.
@@ -481,7 +486,7 @@ class Program {
                 const Index which = attempt.objective_sum + number;
                 const double *own = constraints.sums + which * terms;
                 if (!hessian) {
-                    const Vector used = weight * sum_at<Vector>(robot, constraints, at.motion, which, k);
+                    const Vector used = weight * load(at.used + number * stride + k);
                     for (Index term = 0; term < terms; ++term)
                         of_terms[term] = add_product(own[term], used, of_terms[term]);
                     continue;
