@@ -95,13 +95,16 @@ struct Narrowing {
 struct MinimaRoom {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
     Motion whole{}, close{};
-    double *values, *grid;  // (rows, stride), (stride)
+    double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
+    Index *is_low;                    // (stride)
 
     void lay_out(Arena &arena, const Robot &robot, const Constraints &constraints, Index instants) {
         lay_out_motion(arena, whole, robot, constraints.capsules, instants);
         lay_out_motion(arena, close, robot, constraints.capsules, together * around);
         arena.take(values, constraints.rows * whole.stride);
         arena.take(grid, whole.stride);
+        arena.take(between, whole.stride + 16);
+        arena.take(is_low, whole.stride);
     }
 };
 
@@ -172,19 +175,33 @@ static inline void find_minima(const Robot &robot, const Constraints &constraint
     zero(room.grid + count, m.stride - count);
     follow(robot, constraints, series, room.grid, count, m);
     for (Index row = 0; row < rows; ++row) next_values(robot, constraints, m, row, room.values);
+    const Vector none = all(0), outside = all(HUGE_VAL);
+    double *own = room.between + 8;  // a row's, infinite before and after
+    own[-1] = own[m.stride] = HUGE_VAL;
+    std::fill(room.is_low, room.is_low + m.stride, 0);
     for (Index row = 0; row < rows; ++row) {
         double *value = room.values + row * m.stride;
-        for (Index k = 0; k < count; ++k)
-            if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) value[k] = HUGE_VAL;
+        const Vector low = all(minima.low[row]), high = all(minima.high[row]);
+        for (Index k = 0; k < m.stride; k += LANES) {
+            const Vector s = load(room.grid + k);
+            store(own + k, select((s < low) | (s > high), outside, load(value + k)));
+        }
+        for (Index k = count; k < m.stride; ++k) own[k] = HUGE_VAL;
+        for (Index k = 0; k < m.stride; k += LANES) {
+            const Vector here = load(own + k), before = load(own + k - 1), after = load(own + k + 1);
+            const Vector rise = larger(select(before < outside, before - here, none),
+                                       select(after < outside, after - here, none));
+            const Bits is_low = (magnitude(here) < outside) & (here <= before) & (here <= after) &
+                                (here - rise < all(minima.near));
+            *(Bits *)(room.is_low + k) |= is_low;
+            store(value + k, select(is_low, here, outside));
+        }
     }
     minima.found = minima.looked = 0;
     for (Index k = 0; k < count; ++k)
-        for (Index row = 0; row < rows; ++row) {
-            const double *value = room.values + row * m.stride + k;
-            double here = value[0], before = k > 0 ? value[-1] : HUGE_VAL, after = k + 1 < count ? value[1] : HUGE_VAL;
-            if (!(std::isfinite(here) && here <= before && here <= after)) continue;
-            double rise = larger(std::isfinite(before) ? before - here : 0, std::isfinite(after) ? after - here : 0);
-            if (!(here - rise < minima.near)) continue;
+        for (Index row = 0; room.is_low[k] && row < rows; ++row) {
+            const double here = room.values[row * m.stride + k];
+            if (!(here < HUGE_VAL)) continue;
             minima.row[minima.found] = row;
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;

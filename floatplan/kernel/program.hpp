@@ -93,7 +93,7 @@ class Program {
             integrals = own_integrals;
         }
         for (Index k = N; k < stride; k += LANES) add_instants(k, grid);
-        combine_basis(to);
+        has_basis = false;
         if (watches) find_outside();
         for (Evaluated &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
@@ -128,6 +128,7 @@ class Program {
         if (at.differentiated) return;
         at.differentiated = true;
         const Nodes &grid = levels[level];
+        if (!has_basis) combine_basis();
         differentiate_turn(robot, at.motion);
         if (motions.start.knots || motions.goal.knots) follow_axes(at);
         for (Index k = 0; k < grid.nodes; k += LANES) chain_rate(at.variables, at.motion, n, k, at.drift, stride);
@@ -294,6 +295,7 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
+    bool has_basis = false;  // at the instants watched
     double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     const double *integrals;  // (nodes, stride)
@@ -353,15 +355,20 @@ class Program {
     // Infinite where a row does not apply, else 0.
     void find_outside() {
         for (Index row = 0; row < rows; ++row)
-            for (Index k = 0; k < stride; ++k) {
-                const bool moves = attempt.at_ends[row] || (s[k] > rules.given && s[k] < 1 - rules.given);
-                const bool applies = k < count && moves && s[k] >= attempt.low[row] && s[k] <= attempt.high[row];
-                outside[row * stride + k] = applies ? 0 : HUGE_VAL;
+            for (Index k = 0; k < stride; k += LANES) {
+                const Vector at = load(s + k);
+                Bits applies = (at >= all(attempt.low[row])) & (at <= all(attempt.high[row]));
+                if (!attempt.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
+                store(outside + row * stride + k, select(applies, all(0), all(HUGE_VAL)));
             }
+        for (Index row = 0; row < rows; ++row)
+            for (Index k = count; k < stride; ++k) outside[row * stride + k] = HUGE_VAL;
     }
 
     // The basis of p as x combine it, joint by joint.
-    void combine_basis(double **of_columns) {
+    void combine_basis() {
+        const double *of_columns[3] = {value, first, second};
+        has_basis = true;
         zero(basis, 3 * size * stride);
         for (int order = 0; order < 3; ++order)
             for (Index i = 0; i < n; ++i) {
