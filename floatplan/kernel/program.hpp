@@ -11,8 +11,8 @@ struct Evaluated {
     bool differentiated;
     double *gradient, *row;                 // (size): of the objective and of (14)
     double *drift, *attitude, *of_axes;     // (size, stride), (size, stride), (3, joints, axes, stride)
-    bool has_attitude;
     Index packs, *first, *place;            // differentiated rows: first entry of `values` of each pack, and the inverse
+    Index *has_attitude;                    // (stride / 8): whether the attitude's changes are known there
     double *slopes;                         // (packs, size, 8)
     Variables variables;
 };
@@ -51,6 +51,7 @@ class Program {
             for (double **some : {&each->drift, &each->attitude}) arena.take(*some, size * most);
             arena.take(each->of_axes, 3 * n * motions.axes * most);
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
+            arena.take(each->has_attitude, most / 8);
             arena.take(each->slopes, rows * most * size);
         }
         for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
@@ -136,8 +137,8 @@ class Program {
             at.row[c] = motions.duration * dot(grid.weights, at.drift + c * stride, grid.nodes);
         differentiate_objective(at, nullptr);
         at.packs = 0;
-        at.has_attitude = false;
         if (!watches || !rows) return;
+        std::fill(at.has_attitude, at.has_attitude + stride / 8, 0);
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
         work += rules.differentiation + rules.entry * count * size * attempt.entries;
     }
@@ -158,7 +159,9 @@ class Program {
         if (known >= 0) {
             for (Index e = 0; e < 8 * size; ++e) slopes[e] = -at.slopes[known * size * 8 + e];
         } else {
-            if (constraints.kind[row] > share_row && !at.has_attitude) differentiate_attitude(at);
+            if (constraints.kind[row] > share_row && !at.has_attitude[begin / 8]++)
+                for (Index c = 0; c < size; ++c)
+                    integrate(at.drift + c * stride, 0, at.attitude + c * stride, begin, begin + 8);
             for (Index k = begin; k < begin + 8; k += LANES)
                 differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
         }
@@ -321,13 +324,12 @@ class Program {
         if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
         if (!needs_integrals()) return;
         copy(m.time, times, stride);
-        integrate(m.rate, motions.orientation, m.attitude);
+        integrate(m.rate, motions.orientation, m.attitude, 0, stride);
         place(robot, constraints, m, 0, 0);
     }
 
-    // What rates at the nodes turn until all instants; some of these at once, as each sum waits for itself.
-    void integrate(const double *rates, double begin, double *turned) const {
-        Index k = 0;
+    // What rates at the nodes turn until the instants from k to another; some at once, as each sum waits for itself.
+    void integrate(const double *rates, double begin, double *turned, Index k, Index end) const {
         auto next = [&](auto together) {
             Vector sums[together.value] = {};
             for (Index j = 0; j < nodes(); ++j)
@@ -338,8 +340,8 @@ class Program {
                 k += LANES;
             }
         };
-        while (k + 4 * LANES <= stride) next(std::integral_constant<int, 4>());
-        while (k < stride) next(std::integral_constant<int, 1>());
+        while (k + 4 * LANES <= end) next(std::integral_constant<int, 4>());
+        while (k < end) next(std::integral_constant<int, 1>());
     }
 
     // What instants beside the nodes need: the basis there, and integrals until then.
@@ -428,12 +430,6 @@ class Program {
                     add(by[i * motions.given + c], columns[order] + c * stride, stride,
                         at.of_axes + (order * n + i) * stride);
         at.variables.of_axes = at.of_axes;
-    }
-
-    // By how much the attitude at all instants changes.
-    void differentiate_attitude(Evaluated &at) {
-        for (Index c = 0; c < size; ++c) integrate(at.drift + c * stride, 0, at.attitude + c * stride);
-        at.has_attitude = true;
     }
 
     // Values of all rows, and by how much they are violated; of the first rows alone where their squares are enough.

@@ -132,7 +132,7 @@ class DualMethod {
 
     void enter(Index row, double pull) {
         for (Index k = n - 1; k > count; --k) {
-            const double length = std::hypot(d[k - 1], d[k]);
+            const double length = std::sqrt(d[k - 1] * d[k - 1] + d[k] * d[k]);
             if (length == 0) continue;
             rotate(j, n, k - 1, d[k - 1] / length, d[k] / length);
             d[k - 1] = length;
@@ -150,7 +150,7 @@ class DualMethod {
         }
         for (Index c = place; c < count; ++c) {
             double &a = r[c * n + c], &b = r[(c + 1) * n + c];
-            const double length = std::hypot(a, b);
+            const double length = std::sqrt(a * a + b * b);
             if (length == 0) continue;
             const double cosine = a / length, sine = b / length;
             for (Index k = c + 1; k < count; ++k) {
