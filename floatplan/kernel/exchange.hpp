@@ -125,7 +125,9 @@ class Follower {
         is_bare = !extra_count;
         std::sort(watched, watched + count);
         count = std::unique(watched, watched + count) - watched;
-        program.watch(level, watched, count < rules.most_instants ? count : rules.most_instants);
+        if (count > rules.most_instants) count = rules.most_instants;
+        const bool news = program.watch(level, watched, count);
+        if (x == search.now->x && !news) return;
         if (x != search.now->x) copy(search.now->x, x, program.size);
         program.evaluate(*search.now);
     }

@@ -74,11 +74,14 @@ class Program {
     Index instants() const { return count; }
     double instant(Index k) const { return s[k]; }
 
-    // Takes the nodes of a level, and other instants, rising, beside them.
-    void watch(Index wanted, const double *others, Index extra) {
+    // Takes the nodes of a level, and other instants, rising, beside them; whether values may be others than before.
+    bool watch(Index wanted, const double *others, Index extra) {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
-        level = wanted, count = N + extra;
+        if (level == wanted && count == N + extra && watched == watches && kept_off == back_off &&
+            std::equal(others, others + extra, s + N))
+            return false;
+        level = wanted, count = N + extra, watched = watches, kept_off = back_off;
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
@@ -101,6 +104,7 @@ class Program {
             each.motion.per_second = 1 / motions.duration;
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
+        return true;
     }
 
     // Values at each.x.
@@ -297,8 +301,8 @@ class Program {
     const Exchange &rules;
     const Attempt &attempt;
     Index n, free, count = 0;
-    double fastest = 0;
-    bool has_basis = false;  // at the instants watched
+    double fastest = 0, kept_off = 0;  // the latter: back_off when the instants were taken
+    bool has_basis = false, watched = false;  // the latter: whether rows counted then
     double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     const double *integrals;  // (nodes, stride)
