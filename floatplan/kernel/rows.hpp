@@ -63,23 +63,33 @@ static inline void chain_rate(const Variables &variables, const Motion &m, Index
 static inline void place(const Robot &robot, const Constraints &constraints, Motion &m, double began, Index first) {
     const Index instants = m.instants, stride = m.stride, bodies = robot.bodies;
     const double *path = constraints.path;
+    // From the CM at orientation 0, each from the one before: most of their weights are the same.
+    for (Index e = 0; e < 2 * constraints.capsules; ++e) {
+        double *along = m.end_x + e * stride, *up = m.end_y + e * stride;
+        for (Index k = first; k < instants; k += LANES) {
+            store(along + k, e ? load(along + k - stride) : all(0));
+            store(up + k, e ? load(up + k - stride) : all(0));
+        }
+        const double *real = constraints.ends_real + e * bodies, *imaginary = constraints.ends_imaginary + e * bodies;
+        for (Index b = 0; b < bodies; ++b) {
+            const double re = real[b] - (e ? real[b - bodies] : 0), im = imaginary[b] - (e ? imaginary[b - bodies] : 0);
+            if (re == 0 && im == 0) continue;
+            for (Index k = first; k < instants; k += LANES) {
+                const Vector c = load(m.body_cosine + b * stride + k), s = load(m.body_sine + b * stride + k);
+                store(along + k, load(along + k) + (all(re) * c - all(im) * s));
+                store(up + k, load(up + k) + (all(re) * s + all(im) * c));
+            }
+        }
+    }
     for (Index k = first; k < instants; k += LANES) {
-        Vector s, c, along = all(0), up = all(0), dt = load(m.time + k) - all(began);
+        Vector s, c, dt = load(m.time + k) - all(began);
         sine_cosine(load(m.attitude + k), s, c);
         store(m.attitude_sine + k, s);
         store(m.attitude_cosine + k, c);
         const Vector x = all(path[0]) + all(path[2]) * dt;
         const Vector y = all(path[1]) + all(path[3]) * dt - all(path[4] / 2) * dt * dt;
-        for (Index e = 0; e < 2 * constraints.capsules; ++e) {  // each from the one before, which is often the same
-            const double *real = constraints.ends_real + e * bodies, *imaginary = constraints.ends_imaginary + e * bodies;
-            for (Index b = 0; b < bodies; ++b) {
-                const double re = real[b] - (e ? real[b - bodies] : 0);
-                const double im = imaginary[b] - (e ? imaginary[b - bodies] : 0);
-                if (re == 0 && im == 0) continue;
-                const Vector own_c = load(m.body_cosine + b * stride + k), own_s = load(m.body_sine + b * stride + k);
-                along += all(re) * own_c - all(im) * own_s;
-                up += all(re) * own_s + all(im) * own_c;
-            }
+        for (Index e = 0; e < 2 * constraints.capsules; ++e) {
+            const Vector along = load(m.end_x + e * stride + k), up = load(m.end_y + e * stride + k);
             store(m.end_x + e * stride + k, x + (c * along - s * up));
             store(m.end_y + e * stride + k, y + all(constraints.turn) * (s * along + c * up));
         }
