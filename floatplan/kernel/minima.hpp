@@ -96,7 +96,6 @@ struct MinimaRoom {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
     Motion whole{}, close{};
     double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
-    Index *is_low;                    // (stride)
 
     void lay_out(Arena &arena, const Robot &robot, const Constraints &constraints, Index instants) {
         lay_out_motion(arena, whole, robot, constraints.capsules, instants);
@@ -104,7 +103,6 @@ struct MinimaRoom {
         arena.take(values, constraints.rows * whole.stride);
         arena.take(grid, whole.stride);
         arena.take(between, whole.stride + 16);
-        arena.take(is_low, whole.stride);
     }
 };
 
@@ -178,14 +176,11 @@ static inline void find_minima(const Robot &robot, const Constraints &constraint
     const Vector none = all(0), outside = all(HUGE_VAL);
     double *own = room.between + 8;  // a row's, infinite before and after
     own[-1] = own[m.stride] = HUGE_VAL;
-    std::fill(room.is_low, room.is_low + m.stride, 0);
     for (Index row = 0; row < rows; ++row) {
         double *value = room.values + row * m.stride;
         const Vector low = all(minima.low[row]), high = all(minima.high[row]);
-        for (Index k = 0; k < m.stride; k += LANES) {
-            const Vector s = load(room.grid + k);
-            store(own + k, select((s < low) | (s > high), outside, load(value + k)));
-        }
+        for (Index k = 0; k < m.stride; k += LANES)
+            store(own + k, select((load(room.grid + k) < low) | (load(room.grid + k) > high), outside, load(value + k)));
         for (Index k = count; k < m.stride; ++k) own[k] = HUGE_VAL;
         for (Index k = 0; k < m.stride; k += LANES) {
             const Vector here = load(own + k), before = load(own + k - 1), after = load(own + k + 1);
@@ -193,13 +188,12 @@ static inline void find_minima(const Robot &robot, const Constraints &constraint
                                        select(after < outside, after - here, none));
             const Bits is_low = (magnitude(here) < outside) & (here <= before) & (here <= after) &
                                 (here - rise < all(minima.near));
-            *(Bits *)(room.is_low + k) |= is_low;
             store(value + k, select(is_low, here, outside));
         }
     }
     minima.found = minima.looked = 0;
     for (Index k = 0; k < count; ++k)
-        for (Index row = 0; room.is_low[k] && row < rows; ++row) {
+        for (Index row = 0; row < rows; ++row) {
             const double here = room.values[row * m.stride + k];
             if (!(here < HUGE_VAL)) continue;
             minima.row[minima.found] = row;

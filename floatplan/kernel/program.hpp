@@ -56,7 +56,7 @@ class Program {
         }
         for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
         arena.take(basis, 3 * size * most);
-        for (double **each : {&s, &times}) arena.take(*each, most);
+        arena.take(s, most);
         arena.take(own_integrals, most_nodes * most);
         for (double **each : {&outside, &plain}) arena.take(*each, rows * most);
         arena.take(boundary, 2 * n * motions.given);
@@ -86,7 +86,6 @@ class Program {
         copy(s, grid.s, N);
         copy(s + N, others, extra);
         zero(s + count, stride - count);
-        for (Index k = 0; k < stride; ++k) times[k] = motions.duration * s[k];
         const double *from[3] = {grid.value, grid.first, grid.second};
         double *to[3] = {value, first, second};
         for (int order = 0; order < 3; ++order)
@@ -102,6 +101,7 @@ class Program {
         for (Evaluated &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
+            for (Index k = 0; k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
         return true;
@@ -303,7 +303,7 @@ class Program {
     Index n, free, count = 0;
     double fastest = 0, kept_off = 0;  // the latter: back_off when the instants were taken
     bool has_basis = false, watched = false;  // the latter: whether rows counted then
-    double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
+    double *value, *first, *second, *basis, *s, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     const double *integrals;  // (nodes, stride)
     MinimaRoom between;
@@ -327,7 +327,6 @@ class Program {
         Motion &m = at.motion;
         if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
         if (!needs_integrals()) return;
-        copy(m.time, times, stride);
         integrate(m.rate, motions.orientation, m.attitude, 0, stride);
         place(robot, constraints, m, 0, 0);
     }

@@ -137,13 +137,10 @@ static inline Vector sum_at(const Robot &robot, const Constraints &constraints, 
 static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
                               Index from, Index to, double *value) {
     const Index kind = constraints.kind[row], second = constraints.second[row];
-    if (kind > share_row) {
-        const Vector least = all(constraints.least[row]), per_scale = all(constraints.per_scale[row]);
-        for (Index k = from; k < to; k += LANES)
-            store(value + k - from, (nearest(constraints, m, row, k).distance - least) * per_scale);
-        return;
-    }
-    sum_values(robot, constraints, m, constraints.first[row], from, to, value);
+    const Vector least = all(constraints.least[row]), per_scale = all(constraints.per_scale[row]);
+    for (Index k = from; kind > share_row && k < to; k += LANES)
+        store(value + k - from, (nearest(constraints, m, row, k).distance - least) * per_scale);
+    if (kind <= share_row) sum_values(robot, constraints, m, constraints.first[row], from, to, value);
     for (Index k = from; kind == share_row && k < to; k += LANES) {
         const Vector left = all(1) - magnitude(load(value + k - from));
         store(value + k - from, second < 0 ? left : left - magnitude(sum_at(robot, constraints, m, second, k)));
