@@ -125,9 +125,7 @@ class Follower {
         is_bare = !extra_count;
         std::sort(watched, watched + count);
         count = std::unique(watched, watched + count) - watched;
-        if (count > rules.most_instants) count = rules.most_instants;
-        const bool news = program.watch(level, watched, count);
-        if (x == search.now->x && !news) return;
+        program.watch(level, watched, count < rules.most_instants ? count : rules.most_instants);
         if (x != search.now->x) copy(search.now->x, x, program.size);
         program.evaluate(*search.now);
     }

@@ -74,14 +74,11 @@ class Program {
     Index instants() const { return count; }
     double instant(Index k) const { return s[k]; }
 
-    // Takes the nodes of a level, and other instants, rising, beside them; whether values may be others than before.
-    bool watch(Index wanted, const double *others, Index extra) {
+    // Takes the nodes of a level, and other instants, rising, beside them.
+    void watch(Index wanted, const double *others, Index extra) {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
-        if (level == wanted && count == N + extra && watched == watches && kept_off == back_off &&
-            std::equal(others, others + extra, s + N))
-            return false;
-        level = wanted, count = N + extra, watched = watches, kept_off = back_off;
+        level = wanted, count = N + extra;
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
@@ -104,7 +101,6 @@ class Program {
             for (Index k = 0; k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
-        return true;
     }
 
     // Values at each.x.
@@ -157,18 +153,13 @@ class Program {
     const double *pack_of(Evaluated &at, Index entry) {
         Index &place = at.place[entry / 8];
         if (place >= 0) return at.slopes + place * size * 8;
-        const Index row = entry / stride, begin = entry % stride / 8 * 8, opposite = constraints.opposite[row];
+        const Index row = entry / stride, begin = entry % stride / 8 * 8;
         double *slopes = at.slopes + at.packs * size * 8;
-        const Index known = opposite < 0 ? -1 : at.place[(opposite * stride + begin) / 8];
-        if (known >= 0) {
-            for (Index e = 0; e < 8 * size; ++e) slopes[e] = -at.slopes[known * size * 8 + e];
-        } else {
-            if (constraints.kind[row] > share_row && !at.has_attitude[begin / 8]++)
-                for (Index c = 0; c < size; ++c)
-                    integrate(at.drift + c * stride, 0, at.attitude + c * stride, begin, begin + 8);
-            for (Index k = begin; k < begin + 8; k += LANES)
-                differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
-        }
+        if (constraints.kind[row] > share_row && !at.has_attitude[begin / 8]++)
+            for (Index c = 0; c < size; ++c)
+                integrate(at.drift + c * stride, 0, at.attitude + c * stride, begin, begin + 8);
+        for (Index k = begin; k < begin + 8; k += LANES)
+            differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
         at.first[at.packs] = entry / 8 * 8;
         place = at.packs++;
         return slopes;
@@ -301,8 +292,8 @@ class Program {
     const Exchange &rules;
     const Attempt &attempt;
     Index n, free, count = 0;
-    double fastest = 0, kept_off = 0;  // the latter: back_off when the instants were taken
-    bool has_basis = false, watched = false;  // the latter: whether rows counted then
+    double fastest = 0;
+    bool has_basis = false;
     double *value, *first, *second, *basis, *s, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     const double *integrals;  // (nodes, stride)

@@ -66,10 +66,8 @@ static inline void place(const Robot &robot, const Constraints &constraints, Mot
     // From the CM at orientation 0, each from the one before: most of their weights are the same.
     for (Index e = 0; e < 2 * constraints.capsules; ++e) {
         double *along = m.end_x + e * stride, *up = m.end_y + e * stride;
-        for (Index k = first; k < instants; k += LANES) {
-            store(along + k, e ? load(along + k - stride) : all(0));
-            store(up + k, e ? load(up + k - stride) : all(0));
-        }
+        for (double *each : {along, up})
+            for (Index k = first; k < instants; k += LANES) store(each + k, e ? load(each + k - stride) : all(0));
         const double *real = constraints.ends_real + e * bodies, *imaginary = constraints.ends_imaginary + e * bodies;
         for (Index b = 0; b < bodies; ++b) {
             const double re = real[b] - (e ? real[b - bodies] : 0), im = imaginary[b] - (e ? imaginary[b - bodies] : 0);
