@@ -64,7 +64,7 @@ class Constrained {
                 copy(initial, hessian, size * size);
                 find_step();
             }
-            while (reaches_more()) find_step();
+            while (reaches_more(longest_step)) find_step();
             if (!elastic) of_elastic.known = 0;
             else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
                      now->worst > set.hopeless)
@@ -124,6 +124,7 @@ class Constrained {
             if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
             if (damping > rules.largest_damping) break;
             program.differentiate(*now);
+            program.differentiate_rows(*now, rules.reach);
             while (damping <= rules.largest_damping) {
                 find_damped_step(damping);
                 const bool is_gain_due = squared > rules.far && damping <= rules.initial_damping;
@@ -145,7 +146,7 @@ class Constrained {
 
     const double *elastic_step(double penalty) {
         slack_penalty = penalty;
-        gather(*now), find_elastic_step();
+        find_elastic_step();
         return direction;
     }
 
@@ -163,7 +164,7 @@ class Constrained {
     Index size;
     DualMethod qp;
     double slack_penalty = 1, violation_left = 0, squares_left = 0, equality_pull = 0, step_equality_pull = 0;
-    bool elastic = false;
+    bool elastic = false, is_tried = false;  // the latter: whether the trial is where the whole step leads
     double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
     double *squares_of_rows, *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
     // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
@@ -199,6 +200,7 @@ class Constrained {
     }
 
     void find_step() {
+        program.differentiate_rows(*now, rules.looked_ahead);
         gather(*now);
         violation_left = 0;
         elastic = !qp.solve(quadratic(hessian, now->gradient, &now->equality)) || !qp.held;
@@ -216,6 +218,8 @@ class Constrained {
     // quadratic piece by piece: by Newton's method on the rows that are violated, each step as far as it falls.
     void find_elastic_step() {
         const double penalty = slack_penalty;
+        program.differentiate_rows(*now, rules.reach);
+        gather(*now);
         double left = now->equality;
         zero(direction, size);
         copy(linear, gathered, near());
@@ -382,7 +386,7 @@ class Constrained {
         };
         while (line.length > set.shortest_step * first) {
             for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + line.length * direction[k];
-            program.evaluate(*trial);
+            if (line.used || !is_tried) program.evaluate(*trial);
             line.accepted = is_better();
             if (line.accepted) break;
             const double rise = trial->objective + penalty * trial->violation - merit;
@@ -397,9 +401,20 @@ class Constrained {
     }
 
     // Whether the step, were all linear, would violate rows without derivatives, which a look along it tells: they are
-    // differentiated.
-    bool reaches_more() {
+    // differentiated. Where the step may be taken whole it is tried first: if they keep enough of their values there, none
+    // is reached.
+    bool reaches_more(double longest_step) {
+        is_tried = false;
         if (!program.watches || !program.rows) return false;
+        if (program.metric(direction) <= longest_step) {
+            for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + direction[k];
+            program.evaluate(*trial);
+            is_tried = true;
+            for (Index e = 0; is_tried && e < program.rows * program.stride; e += LANES)
+                is_tried = now->place[e / 8] >= 0 ||
+                           !any(load(trial->values + e) < all(rules.value_kept) * load(now->values + e));
+            if (is_tried) return false;
+        }
         const double share = 1e-6 / larger(1.0, std::sqrt(dot(direction, direction, size)));
         for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + share * direction[k];
         program.evaluate(*trial);

@@ -92,6 +92,7 @@ constexpr bool FUSED = true;  // whether products and sums are rounded once
 constexpr bool FUSED = false;
 #endif
 typedef double Vector __attribute__((vector_size(16)));
+typedef Index Bits __attribute__((vector_size(16)));
 static inline Vector all(double value) { return Vector{value, value}; }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 #if defined(__aarch64__) && defined(__clang__)
@@ -103,6 +104,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 #endif
 }
 static inline Vector square_root(Vector a) { return Vector{std::sqrt(a[0]), std::sqrt(a[1])}; }
+static inline bool any(Bits mask) { return mask[0] | mask[1]; }
 #include "all.hpp"
 }  // namespace baseline
 
@@ -120,11 +122,13 @@ namespace avx2 {
 constexpr int LANES = 4;
 constexpr bool FUSED = true;
 typedef double Vector __attribute__((vector_size(32)));
+typedef Index Bits __attribute__((vector_size(32)));
 static inline Vector all(double value) { return (Vector)_mm256_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 }
 static inline Vector square_root(Vector a) { return (Vector)_mm256_sqrt_pd((__m256d)a); }
+static inline bool any(Bits mask) { return !_mm256_testz_si256((__m256i)mask, (__m256i)mask); }
 #include "all.hpp"
 }  // namespace avx2
 #if defined(__clang__)
@@ -139,11 +143,13 @@ namespace avx512 {
 constexpr int LANES = 8;
 constexpr bool FUSED = true;
 typedef double Vector __attribute__((vector_size(64)));
+typedef Index Bits __attribute__((vector_size(64)));
 static inline Vector all(double value) { return (Vector)_mm512_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
 }
 static inline Vector square_root(Vector a) { return (Vector)_mm512_sqrt_pd((__m512d)a); }
+static inline bool any(Bits mask) { return _mm512_test_epi64_mask((__m512i)mask, (__m512i)mask); }
 #include "all.hpp"
 }  // namespace avx512
 #if defined(__clang__)

@@ -209,6 +209,7 @@ struct Exchange {
     double smallest_step, least_scale;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
     Index compiled_level, constrained_level, closer, watched_at_most;
+    double looked_ahead, value_kept;
 };
 
 // Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.

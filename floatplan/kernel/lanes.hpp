@@ -3,8 +3,6 @@
 static inline double larger(double a, double b) { return a > b ? a : b; }
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 
-using Bits = Index __attribute__((vector_size(8 * LANES)));
-
 typedef Vector Anywhere __attribute__((aligned(8)));  // not only where a whole vector would begin
 
 static inline Vector load(const double *from) { return *(const Anywhere *)from; }
@@ -26,12 +24,6 @@ static inline Vector select(Bits mask, Vector one, Vector other) {
 static inline Vector larger(Vector a, Vector b) { return select(a > b, a, b); }
 static inline Vector smaller(Vector a, Vector b) { return select(a < b, a, b); }
 static inline Vector magnitude(Vector a) { return (Vector)((Bits)a & INT64_MAX); }
-
-static inline bool any(Bits mask) {
-    Index some = 0;
-    for (int lane = 0; lane < LANES; ++lane) some |= mask[lane];
-    return some;
-}
 
 static inline double largest(Vector value) {  // of numbers that are not negative
     double most = 0;

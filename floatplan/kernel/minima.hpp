@@ -95,13 +95,14 @@ struct Narrowing {
 struct MinimaRoom {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
     Motion whole{}, close{};
-    double *values, *grid;  // (rows, stride), (stride)
+    double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
 
     void lay_out(Arena &arena, const Robot &robot, const Constraints &constraints, Index instants) {
         lay_out_motion(arena, whole, robot, constraints.capsules, instants);
         lay_out_motion(arena, close, robot, constraints.capsules, together * around);
         arena.take(values, constraints.rows * whole.stride);
         arena.take(grid, whole.stride);
+        arena.take(between, whole.stride + 16);
     }
 };
 
@@ -112,8 +113,9 @@ static inline void narrow_minima(const Robot &robot, const Constraints &constrai
     double s[MinimaRoom::together * around] = {}, low[MinimaRoom::together], high[MinimaRoom::together];
     auto value_at = [&](Index number, Index k) {
         double values[LANES];
-        store(values, row_at(robot, constraints, close, minima.row[first + number], k / LANES * LANES));
-        return values[k % LANES];
+        const Index from = k / LANES * LANES;
+        row_values(robot, constraints, close, minima.row[first + number], from, from + LANES, values);
+        return values[k - from];
     };
     for (Index number = 0; number < count; ++number) {
         const Index row = minima.row[first + number];
@@ -170,20 +172,30 @@ static inline void find_minima(const Robot &robot, const Constraints &constraint
     copy(room.grid, minima.grid, count);
     zero(room.grid + count, m.stride - count);
     follow(robot, constraints, series, room.grid, count, m);
+    for (Index row = 0; row < rows; ++row) next_values(robot, constraints, m, row, room.values);
+    const Vector none = all(0), outside = all(HUGE_VAL);
+    double *own = room.between + 8;  // a row's, infinite before and after
+    own[-1] = own[m.stride] = HUGE_VAL;
     for (Index row = 0; row < rows; ++row) {
         double *value = room.values + row * m.stride;
-        row_values(robot, constraints, m, row, value);
-        for (Index k = 0; k < count; ++k)
-            if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) value[k] = HUGE_VAL;
+        const Vector low = all(minima.low[row]), high = all(minima.high[row]);
+        for (Index k = 0; k < m.stride; k += LANES)
+            store(own + k, select((load(room.grid + k) < low) | (load(room.grid + k) > high), outside, load(value + k)));
+        for (Index k = count; k < m.stride; ++k) own[k] = HUGE_VAL;
+        for (Index k = 0; k < m.stride; k += LANES) {
+            const Vector here = load(own + k), before = load(own + k - 1), after = load(own + k + 1);
+            const Vector rise = larger(select(before < outside, before - here, none),
+                                       select(after < outside, after - here, none));
+            const Bits is_low = (magnitude(here) < outside) & (here <= before) & (here <= after) &
+                                (here - rise < all(minima.near));
+            store(value + k, select(is_low, here, outside));
+        }
     }
     minima.found = minima.looked = 0;
     for (Index k = 0; k < count; ++k)
         for (Index row = 0; row < rows; ++row) {
-            const double *value = room.values + row * m.stride + k;
-            double here = value[0], before = k > 0 ? value[-1] : HUGE_VAL, after = k + 1 < count ? value[1] : HUGE_VAL;
-            if (!(std::isfinite(here) && here <= before && here <= after)) continue;
-            double rise = larger(std::isfinite(before) ? before - here : 0, std::isfinite(after) ? after - here : 0);
-            if (!(here - rise < minima.near)) continue;
+            const double here = room.values[row * m.stride + k];
+            if (!(here < HUGE_VAL)) continue;
             minima.row[minima.found] = row;
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;

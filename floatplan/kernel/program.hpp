@@ -7,12 +7,12 @@ struct Evaluated {
     Motion motion;
     double objective, equality, violation, worst, squares, momentum;  // squares: of the rows' violations, summed
     double *x, *coefficients;               // (size), (columns, joints)
-    double *values;                         // (rows, stride)
+    double *values, *used;                  // (rows, stride), (objective_sums, stride)
     bool differentiated;
     double *gradient, *row;                 // (size): of the objective and of (14)
     double *drift, *attitude, *of_axes;     // (size, stride), (size, stride), (3, joints, axes, stride)
-    bool has_attitude;
     Index packs, *first, *place;            // differentiated rows: first entry of `values` of each pack, and the inverse
+    Index *has_attitude;                    // (stride / 8): whether the attitude's changes are known there
     double *slopes;                         // (packs, size, 8)
     Variables variables;
 };
@@ -47,16 +47,18 @@ class Program {
             for (double **some : {&each->x, &each->gradient, &each->row}) arena.take(*some, size);
             arena.take(each->coefficients, motions.columns * n);
             arena.take(each->values, rows * most);
+            arena.take(each->used, attempt.objective_sums * most);
             for (double **some : {&each->drift, &each->attitude}) arena.take(*some, size * most);
             arena.take(each->of_axes, 3 * n * motions.axes * most);
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
+            arena.take(each->has_attitude, most / 8);
             arena.take(each->slopes, rows * most * size);
         }
         for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
         arena.take(basis, 3 * size * most);
-        for (double **each : {&s, &times}) arena.take(*each, most);
+        arena.take(s, most);
         arena.take(own_integrals, most_nodes * most);
-        arena.take(outside, rows * most);
+        for (double **each : {&outside, &plain}) arena.take(*each, rows * most);
         arena.take(boundary, 2 * n * motions.given);
         arena.take(weights, 8 * (2 + 2 * n + robot.links));
         arena.take(pack, 8 * size);
@@ -81,7 +83,6 @@ class Program {
         copy(s, grid.s, N);
         copy(s + N, others, extra);
         zero(s + count, stride - count);
-        for (Index k = 0; k < stride; ++k) times[k] = motions.duration * s[k];
         const double *from[3] = {grid.value, grid.first, grid.second};
         double *to[3] = {value, first, second};
         for (int order = 0; order < 3; ++order)
@@ -92,11 +93,12 @@ class Program {
             integrals = own_integrals;
         }
         for (Index k = N; k < stride; k += LANES) add_instants(k, grid);
-        combine_basis(to);
+        has_basis = false;
         if (watches) find_outside();
         for (Evaluated &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
+            for (Index k = 0; k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
     }
@@ -122,11 +124,12 @@ class Program {
         return missed + at.squares;
     }
 
-    // Gradient, (14) and the rows that a step may reach, by x.
+    // Gradient and (14) by x.
     void differentiate(Evaluated &at) {
         if (at.differentiated) return;
         at.differentiated = true;
         const Nodes &grid = levels[level];
+        if (!has_basis) combine_basis();
         differentiate_turn(robot, at.motion);
         if (motions.start.knots || motions.goal.knots) follow_axes(at);
         for (Index k = 0; k < grid.nodes; k += LANES) chain_rate(at.variables, at.motion, n, k, at.drift, stride);
@@ -134,28 +137,29 @@ class Program {
             at.row[c] = motions.duration * dot(grid.weights, at.drift + c * stride, grid.nodes);
         differentiate_objective(at, nullptr);
         at.packs = 0;
-        at.has_attitude = false;
         if (!watches || !rows) return;
+        std::fill(at.has_attitude, at.has_attitude + stride / 8, 0);
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
-        for (Index entry = 0; entry < rows * stride; entry += LANES)
-            if (any(load(at.values + entry) < all(rules.reach))) pack_of(at, entry);
         work += rules.differentiation + rules.entry * count * size * attempt.entries;
+    }
+
+    // Rows that are below so much.
+    void differentiate_rows(Evaluated &at, double reach) {
+        for (Index entry = 0; watches && entry < rows * stride; entry += LANES)
+            if (at.place[entry / 8] < 0 && any(load(at.values + entry) < all(reach))) pack_of(at, entry);
     }
 
     // Derivatives (size, 8) of the 8 entries of the values about one.
     const double *pack_of(Evaluated &at, Index entry) {
         Index &place = at.place[entry / 8];
         if (place >= 0) return at.slopes + place * size * 8;
-        const Index row = entry / stride, begin = entry % stride / 8 * 8, opposite = constraints.opposite[row];
+        const Index row = entry / stride, begin = entry % stride / 8 * 8;
         double *slopes = at.slopes + at.packs * size * 8;
-        const Index known = opposite < 0 ? -1 : at.place[(opposite * stride + begin) / 8];
-        if (known >= 0) {
-            for (Index e = 0; e < 8 * size; ++e) slopes[e] = -at.slopes[known * size * 8 + e];
-        } else {
-            if (constraints.kind[row] > share_row && !at.has_attitude) differentiate_attitude(at);
-            for (Index k = begin; k < begin + 8; k += LANES)
-                differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
-        }
+        if (constraints.kind[row] > share_row && !at.has_attitude[begin / 8]++)
+            for (Index c = 0; c < size; ++c)
+                integrate(at.drift + c * stride, 0, at.attitude + c * stride, begin, begin + 8);
+        for (Index k = begin; k < begin + 8; k += LANES)
+            differentiate_row(robot, constraints, at.motion, at.variables, row, k, at.attitude + k, stride, slopes);
         at.first[at.packs] = entry / 8 * 8;
         place = at.packs++;
         return slopes;
@@ -243,7 +247,8 @@ class Program {
         const double *path = constraints.path;
         Chance found{true, true, true};
         for (Index row = 0; row < rows; ++row) {
-            const Vector value = row_at(robot, constraints, between.close, row, 0);
+            double value[LANES];
+            row_values(robot, constraints, between.close, row, 0, LANES, value);
             for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
                 if (end >= attempt.low[row] && end <= attempt.high[row])
                     found.ends_hold &= !(value[end] < -attempt.tolerance[row]);
@@ -288,7 +293,8 @@ class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     double fastest = 0;
-    double *value, *first, *second, *basis, *s, *times, *own_integrals, *outside, *boundary, *weights, *pack;
+    bool has_basis = false;
+    double *value, *first, *second, *basis, *s, *own_integrals, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     const double *integrals;  // (nodes, stride)
     MinimaRoom between;
@@ -312,14 +318,12 @@ class Program {
         Motion &m = at.motion;
         if (constraints.needs_moments && (watches || attempt.objective_sums)) move_bodies(robot, m);
         if (!needs_integrals()) return;
-        copy(m.time, times, stride);
-        integrate(m.rate, motions.orientation, m.attitude);
+        integrate(m.rate, motions.orientation, m.attitude, 0, stride);
         place(robot, constraints, m, 0, 0);
     }
 
-    // What rates at the nodes turn until all instants; some of these at once, as each sum waits for itself.
-    void integrate(const double *rates, double begin, double *turned) const {
-        Index k = 0;
+    // What rates at the nodes turn until the instants from k to another; some at once, as each sum waits for itself.
+    void integrate(const double *rates, double begin, double *turned, Index k, Index end) const {
         auto next = [&](auto together) {
             Vector sums[together.value] = {};
             for (Index j = 0; j < nodes(); ++j)
@@ -330,8 +334,8 @@ class Program {
                 k += LANES;
             }
         };
-        while (k + 4 * LANES <= stride) next(std::integral_constant<int, 4>());
-        while (k < stride) next(std::integral_constant<int, 1>());
+        while (k + 4 * LANES <= end) next(std::integral_constant<int, 4>());
+        while (k < end) next(std::integral_constant<int, 1>());
     }
 
     // What instants beside the nodes need: the basis there, and integrals until then.
@@ -347,15 +351,20 @@ class Program {
     // Infinite where a row does not apply, else 0.
     void find_outside() {
         for (Index row = 0; row < rows; ++row)
-            for (Index k = 0; k < stride; ++k) {
-                const bool moves = attempt.at_ends[row] || (s[k] > rules.given && s[k] < 1 - rules.given);
-                const bool applies = k < count && moves && s[k] >= attempt.low[row] && s[k] <= attempt.high[row];
-                outside[row * stride + k] = applies ? 0 : HUGE_VAL;
+            for (Index k = 0; k < stride; k += LANES) {
+                const Vector at = load(s + k);
+                Bits applies = (at >= all(attempt.low[row])) & (at <= all(attempt.high[row]));
+                if (!attempt.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
+                store(outside + row * stride + k, select(applies, all(0), all(HUGE_VAL)));
             }
+        for (Index row = 0; row < rows; ++row)
+            for (Index k = count; k < stride; ++k) outside[row * stride + k] = HUGE_VAL;
     }
 
     // The basis of p as x combine it, joint by joint.
-    void combine_basis(double **of_columns) {
+    void combine_basis() {
+        const double *of_columns[3] = {value, first, second};
+        has_basis = true;
         zero(basis, 3 * size * stride);
         for (int order = 0; order < 3; ++order)
             for (Index i = 0; i < n; ++i) {
@@ -417,26 +426,22 @@ class Program {
         at.variables.of_axes = at.of_axes;
     }
 
-    // By how much the attitude at all instants changes.
-    void differentiate_attitude(Evaluated &at) {
-        for (Index c = 0; c < size; ++c) integrate(at.drift + c * stride, 0, at.attitude + c * stride);
-        at.has_attitude = true;
-    }
-
     // Values of all rows, and by how much they are violated; of the first rows alone where their squares are enough.
     void evaluate_rows(Evaluated &at, double enough = HUGE_VAL) {
         const Vector none = all(0), inside = all(back_off);
         Vector violation = none, squares = none, worst = none;
-        for (Index row = 0; row < rows && !(sum(squares) > enough); ++row)
+        for (Index row = 0; row < rows && !(sum(squares) > enough); ++row) {
+            next_values(robot, constraints, at.motion, row, plain);
             for (Index k = 0; k < stride; k += LANES) {
                 const Index entry = row * stride + k;
-                const Vector value = row_at(robot, constraints, at.motion, row, k) - inside + load(outside + entry);
+                const Vector value = load(plain + entry) - inside + load(outside + entry);
                 const Vector lacks = select(value < none, -value, none);
                 store(at.values + entry, value);
                 violation += lacks;
                 squares = multiply_add(lacks, lacks, squares);
                 worst = larger(lacks, worst);
             }
+        }
         at.violation += sum(violation);
         at.squares = sum(squares);
         at.worst = larger(at.worst, largest(worst));
@@ -444,17 +449,18 @@ class Program {
 
     double objective(const Evaluated &at) {
         if (!attempt.objective_sums && !motions.map) return dot(at.x, at.x, free) / 2;
-        double total = 0;
         if (!attempt.objective_sums) {
             multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, written);
             return dot(written, written, motions.terms * n) / 2;
         }
-        for (Index k = 0; k < nodes(); k += LANES)
-            for (Index number = 0; number < attempt.objective_sums; ++number) {
-                const Vector used = sum_at<Vector>(robot, constraints, at.motion, attempt.objective_sum + number, k);
-                total += sum(load(levels[level].weights + k) * used * used);
-            }
-        return motions.duration / attempt.objective_scale * total;
+        Vector total = all(0);
+        for (Index number = 0; number < attempt.objective_sums; ++number) {
+            double *used = at.used + number * stride;
+            sum_values(robot, constraints, at.motion, attempt.objective_sum + number, 0, nodes(), used);
+            for (Index k = 0; k < nodes(); k += LANES)
+                total = multiply_add(load(levels[level].weights + k) * load(used + k), load(used + k), total);
+        }
+        return motions.duration / attempt.objective_scale * sum(total);
     }
 
     // Its gradient; or its Hessian, by Gauss and Newton, added.
@@ -477,7 +483,7 @@ class Program {
                 const Index which = attempt.objective_sum + number;
                 const double *own = constraints.sums + which * terms;
                 if (!hessian) {
-                    const Vector used = weight * sum_at<Vector>(robot, constraints, at.motion, which, k);
+                    const Vector used = weight * load(at.used + number * stride + k);
                     for (Index term = 0; term < terms; ++term)
                         of_terms[term] = add_product(own[term], used, of_terms[term]);
                     continue;

@@ -63,12 +63,11 @@ class DualMethod {
         for (double **each : {&x, &pulls, &d, &z, &by, &normal}) arena.take(*each, size + 1);
         arena.take(active, size + 1);
         arena.take(idle, most_rows);
-        arena.take(some, most_rows);
     }
 
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
-        n = qp.size, count = held = changes = violated = 0;
+        n = qp.size, count = held = changes = 0;
         if (!start(qp)) return false;
         copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
@@ -86,7 +85,6 @@ class DualMethod {
     Index n = 0;
     double *j, *r, *factor, *d, *z, *by, *normal;
     double *idle;           // (rows): values before the step, of active rows infinite
-    Index violated, *some;  // rows that are, or are beside one
 
     // J = L^-T, and the solution without rows. What rounding has made indefinite becomes definite.
     bool start(const Quadratic &qp) {
@@ -132,7 +130,7 @@ class DualMethod {
 
     void enter(Index row, double pull) {
         for (Index k = n - 1; k > count; --k) {
-            const double length = std::hypot(d[k - 1], d[k]);
+            const double length = std::sqrt(d[k - 1] * d[k - 1] + d[k] * d[k]);
             if (length == 0) continue;
             rotate(j, n, k - 1, d[k - 1] / length, d[k] / length);
             d[k - 1] = length;
@@ -150,7 +148,7 @@ class DualMethod {
         }
         for (Index c = place; c < count; ++c) {
             double &a = r[c * n + c], &b = r[(c + 1) * n + c];
-            const double length = std::hypot(a, b);
+            const double length = std::sqrt(a * a + b * b);
             if (length == 0) continue;
             const double cosine = a / length, sine = b / length;
             for (Index k = c + 1; k < count; ++k) {
@@ -201,30 +199,22 @@ class DualMethod {
         return false;
     }
 
-    // The row most violated of those that were when all were looked at, else of all; -1 where none is by more than the
-    // tolerance.
+    // The row most violated; -1 where none is by more than the tolerance.
     Index most_violated(const Quadratic &qp) {
-        for (bool of_all : {false, true}) {
-            Vector least = all(-qp.tolerance);
-            Bits worst = Bits{} - 1;
-            const Index looked = of_all ? qp.rows / LANES : violated;
-            if (of_all) violated = 0;
-            for (Index number = 0; number < looked; ++number) {
-                const Index row = of_all ? number * LANES : some[number];
-                const double *slopes = qp.inequality_rows + row / 8 * n * 8 + row % 8;
-                Vector value = load(idle + row);
-                for (Index k = 0; k < n; ++k) value = add_product(x[k], load(slopes + 8 * k), value);
-                if (of_all && any(value < all(0))) some[violated++] = row;
-                const Bits lower = ~(value >= least) & (least == least);  // so that what is no number is found too
-                least = select(lower, value, least);
-                worst = (lower & row) | (~lower & worst);
-            }
-            int lowest = 0;
-            for (int lane = 1; lane < LANES; ++lane)
-                if (!(least[lane] >= least[lowest]) && least[lowest] == least[lowest]) lowest = lane;
-            if (worst[lowest] >= 0) return worst[lowest] + lowest;
+        Vector least = all(-qp.tolerance);
+        Bits worst = Bits{} - 1;
+        for (Index row = 0; row < qp.rows; row += LANES) {
+            const double *slopes = qp.inequality_rows + row / 8 * n * 8 + row % 8;
+            Vector value = load(idle + row);
+            for (Index k = 0; k < n; ++k) value = add_product(x[k], load(slopes + 8 * k), value);
+            const Bits lower = ~(value >= least) & (least == least);  // so that what is no number is found too
+            least = select(lower, value, least);
+            worst = (lower & row) | (~lower & worst);
         }
-        return -1;
+        int lowest = 0;
+        for (int lane = 1; lane < LANES; ++lane)
+            if (!(least[lane] >= least[lowest]) && least[lowest] == least[lowest]) lowest = lane;
+        return worst[lowest] < 0 ? -1 : worst[lowest] + lowest;
     }
 };
 

@@ -61,30 +61,37 @@ static inline void chain_rate(const Variables &variables, const Motion &m, Index
 
 // Ends of the capsules from an instant on, where the attitude is; `began` s since takeoff the path of the CM begins.
 static inline void place(const Robot &robot, const Constraints &constraints, Motion &m, double began, Index first) {
-    const Index instants = m.instants, stride = m.stride;
+    const Index instants = m.instants, stride = m.stride, bodies = robot.bodies;
     const double *path = constraints.path;
+    // From the CM at orientation 0, each from the one before: most of their weights are the same.
+    for (Index e = 0; e < 2 * constraints.capsules; ++e) {
+        double *along = m.end_x + e * stride, *up = m.end_y + e * stride;
+        for (double *each : {along, up})
+            for (Index k = first; k < instants; k += LANES) store(each + k, e ? load(each + k - stride) : all(0));
+        const double *real = constraints.ends_real + e * bodies, *imaginary = constraints.ends_imaginary + e * bodies;
+        for (Index b = 0; b < bodies; ++b) {
+            const double re = real[b] - (e ? real[b - bodies] : 0), im = imaginary[b] - (e ? imaginary[b - bodies] : 0);
+            if (re == 0 && im == 0) continue;
+            for (Index k = first; k < instants; k += LANES) {
+                const Vector c = load(m.body_cosine + b * stride + k), s = load(m.body_sine + b * stride + k);
+                store(along + k, load(along + k) + (all(re) * c - all(im) * s));
+                store(up + k, load(up + k) + (all(re) * s + all(im) * c));
+            }
+        }
+    }
     for (Index k = first; k < instants; k += LANES) {
-        Vector s, c;
+        Vector s, c, dt = load(m.time + k) - all(began);
         sine_cosine(load(m.attitude + k), s, c);
         store(m.attitude_sine + k, s);
         store(m.attitude_cosine + k, c);
-    }
-    for (Index e = 0; e < 2 * constraints.capsules; ++e)
-        for (Index k = first; k < instants; k += LANES) {
-            Vector along = all(0), up = all(0), dt = load(m.time + k) - all(began);
-            for (Index b = 0; b < robot.bodies; ++b) {
-                const double re = constraints.ends_real[e * robot.bodies + b];
-                const double im = constraints.ends_imaginary[e * robot.bodies + b];
-                if (re == 0 && im == 0) continue;
-                Vector c = load(m.body_cosine + b * stride + k), s = load(m.body_sine + b * stride + k);
-                along += all(re) * c - all(im) * s;
-                up += all(re) * s + all(im) * c;
-            }
-            Vector c = load(m.attitude_cosine + k), s = load(m.attitude_sine + k);
-            store(m.end_x + e * stride + k, all(path[0]) + all(path[2]) * dt + (c * along - s * up));
-            store(m.end_y + e * stride + k, all(path[1]) + all(path[3]) * dt - all(path[4] / 2) * dt * dt +
-                                                all(constraints.turn) * (s * along + c * up));
+        const Vector x = all(path[0]) + all(path[2]) * dt;
+        const Vector y = all(path[1]) + all(path[3]) * dt - all(path[4] / 2) * dt * dt;
+        for (Index e = 0; e < 2 * constraints.capsules; ++e) {
+            const Vector along = load(m.end_x + e * stride + k), up = load(m.end_y + e * stride + k);
+            store(m.end_x + e * stride + k, x + (c * along - s * up));
+            store(m.end_y + e * stride + k, y + all(constraints.turn) * (s * along + c * up));
         }
+    }
 }
 
 INLINED Nearest nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
@@ -99,44 +106,54 @@ INLINED Nearest nearest(const Constraints &constraints, const Motion &m, Index r
     return found;
 }
 
-static inline void read(const double *from, Vector &value) { value = load(from); }
-static inline void read(const double *from, double &value) { value = *from; }
-
-// A sum at one instant, or at those that are computed at once.
-template <typename Number>
-static inline Number sum_at(const Robot &robot, const Constraints &constraints, const Motion &m, Index sum, Index k) {
+// Values of a sum at the instants from one on, until another.
+static inline void sum_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index sum,
+                              Index from, Index to, double *value) {
     const Index n = robot.joints;
     const double *weights = constraints.sums + sum * (2 + 2 * n + robot.links);
-    Number total = Number{} + weights[0], value;
+    for (Index k = from; k < to; k += LANES) store(value + k - from, all(weights[0]));
     auto add = [&](Index term, const double *values) {
         if (weights[term] == 0) return;
-        read(values + k, value);
-        total = add_product(weights[term], value, total);
+        const Vector weight = all(weights[term]);
+        for (Index k = from; k < to; k += LANES)
+            store(value + k - from, multiply_add(weight, load(values + k), load(value + k - from)));
     };
     add(1, m.rate);
     for (Index i = 0; i < n; ++i) add(2 + i, m.speed + i * m.stride);
     for (Index i = 0; i < n; ++i) add(2 + n + i, m.acceleration + i * m.stride);
     if (constraints.needs_moments)
         for (Index b = 0; b < robot.links; ++b) add(2 + 2 * n + b, m.moment + b * m.stride);
-    return total;
 }
 
-// Values of a row at the instants from k on that are computed at once.
-static inline Vector row_at(const Robot &robot, const Constraints &constraints, const Motion &m, Index row, Index k) {
-    const Index kind = constraints.kind[row], second = constraints.second[row];
-    if (kind > share_row)
-        return (nearest(constraints, m, row, k).distance - all(constraints.least[row])) *
-               all(constraints.per_scale[row]);
-    const Vector used = sum_at<Vector>(robot, constraints, m, constraints.first[row], k);
-    if (kind == sum_row) return used;
-    const Vector left = all(1) - magnitude(used);
-    return second < 0 ? left : left - magnitude(sum_at<Vector>(robot, constraints, m, second, k));
+static inline Vector sum_at(const Robot &robot, const Constraints &constraints, const Motion &m, Index sum, Index k) {
+    double value[LANES];
+    sum_values(robot, constraints, m, sum, k, k + LANES, value);
+    return load(value);
 }
 
-// Values (stride) of a row.
+// Values of a row at the instants from one on, until another.
 static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
-                              double *value) {
-    for (Index k = 0; k < m.instants; k += LANES) store(value + k, row_at(robot, constraints, m, row, k));
+                              Index from, Index to, double *value) {
+    const Index kind = constraints.kind[row], second = constraints.second[row];
+    const Vector least = all(constraints.least[row]), per_scale = all(constraints.per_scale[row]);
+    for (Index k = from; kind > share_row && k < to; k += LANES)
+        store(value + k - from, (nearest(constraints, m, row, k).distance - least) * per_scale);
+    if (kind <= share_row) sum_values(robot, constraints, m, constraints.first[row], from, to, value);
+    for (Index k = from; kind == share_row && k < to; k += LANES) {
+        const Vector left = all(1) - magnitude(load(value + k - from));
+        store(value + k - from, second < 0 ? left : left - magnitude(sum_at(robot, constraints, m, second, k)));
+    }
+}
+
+// Values (instants) of one of the rows (rows, stride) after those before it: of opposite derivatives the sum is constant.
+static inline void next_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
+                               double *values) {
+    const Index opposite = constraints.opposite[row], terms = 2 + 2 * robot.joints + robot.links;
+    double *value = values + row * m.stride;
+    if (opposite < 0) return row_values(robot, constraints, m, row, 0, m.instants, value);
+    const double *known = values + opposite * m.stride, *sums = constraints.sums;
+    const Vector both = all(sums[constraints.first[row] * terms] + sums[constraints.first[opposite] * terms]);
+    for (Index k = 0; k < m.instants; k += LANES) store(value + k, both - load(known + k));
 }
 
 // Derivatives (size, 8) of a row at the 8 instants about k, those from k on that are computed at once; those (size), so
@@ -154,7 +171,7 @@ static inline void differentiate_row(const Robot &robot, const Constraints &cons
             const double *own = constraints.sums + sum * terms;
             Vector sign = all(1);
             if (constraints.kind[row] == share_row) {
-                const Vector value = sum_at<Vector>(robot, constraints, m, sum, k);
+                const Vector value = sum_at(robot, constraints, m, sum, k);
                 sign = select(value > all(0), all(-1), select(value < all(0), all(1), all(0)));
             }
             for (Index term = 0; term < terms; ++term) weights[term] = add_product(own[term], sign, weights[term]);

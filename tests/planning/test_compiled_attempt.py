@@ -53,6 +53,7 @@ def test_where_a_start_ends_hangs_little_on_which_rows_are_differentiated(reach,
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     monkeypatch.setattr(compiled_attempt, "REACH", reach)
+    monkeypatch.setattr(compiled_attempt, "LOOKED_AHEAD", reach / 2)
     compiled_attempt._rules.cache_clear()
     g1 = Attempts(fp.load_problem(root / "problems" / "gallery" / "g1.toml"), 0)
     ended = g1.attempt(g1.plain_start)

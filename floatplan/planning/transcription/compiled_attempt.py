@@ -33,6 +33,8 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
 REACH = 1.1  # of a row's scale: rows above have no derivatives, unless a step reaches them
+LOOKED_AHEAD = 0.2  # the same, of a quadratic program's step: a look along it tells which others it reaches
+VALUE_KEPT = 0.5  # of a row's value: where a whole step leaves so much, it does not reach the row
 MOST_INSTANTS = 256  # beside the nodes
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 NEARLY_PROMISING = 0.1  # the same, below which a motion is watched more closely while it is made feasible
