@@ -13,7 +13,7 @@ import floatplan
 
 PACKAGE = Path(floatplan.__file__).parent
 SOURCE = {".py", ".pyi", ".cpp", ".hpp", ".h", ".js", ".css", ".html", ".toml", ".txt"}
-MOST_LINES = 51_638
+MOST_LINES = 51_637
 MOST_LINES_OF_A_FILE = 450
 MOST_FILES_OF_A_FOLDER = 20
 MOST_FILES_OF_THE_PACKAGE = 8  # directly in it

@@ -55,9 +55,8 @@ class Ended(NamedTuple):
     one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much, with its sign. ``starts``
     were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
     ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free. An
-    objective that is an integral has its value, ``integral``. Asked
-    first, the kernel says that rows hold at both ends which x does not change there, and that obstacles leave the path
-    of the centre of mass clear.
+    objective that is an ``integral`` has that value, others None. Asked first, the kernel says that rows hold at both
+    ends which x does not change there, and that obstacles leave the path of the centre of mass clear.
     """
 
     x: Array
