@@ -1,4 +1,4 @@
-"""How large the package and its parts may be: figures that may fall, and rise only where someone decides it."""
+"""How large files, folders and functions may be: figures that may fall, and rise only where someone decides it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ import floatplan
 
 PACKAGE = Path(floatplan.__file__).parent
 SOURCE = {".py", ".pyi", ".cpp", ".hpp", ".h", ".js", ".css", ".html", ".toml", ".txt"}
-MOST_LINES = 51_637
-MOST_LINES_OF_A_FILE = 450
+MOST_LINES_OF_A_FILE = 600  # a wall against files of several topics, not a budget: lines are free
 MOST_FILES_OF_A_FOLDER = 20
 MOST_FILES_OF_THE_PACKAGE = 8  # directly in it
 MOST_LINES_OF_A_FUNCTION = 60  # its docstring not counted
@@ -56,10 +55,6 @@ def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     given = function.args
     named = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
     return len(named) - (named[:1] in (["self"], ["cls"]))
-
-
-def test_the_package_does_not_grow() -> None:
-    assert sum(map(lines, FILES)) <= MOST_LINES
 
 
 def test_no_file_is_too_long() -> None:
