@@ -13,7 +13,7 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import corners, heights_over_com, links_of, undersides
+from floatplan.stance.contacts import corners, heights_over_com, links_of, near_contact, undersides
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import Spot
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
@@ -24,6 +24,7 @@ SEAM = 1e-6  # [m, rad, per second; over the time unit per second squared] of st
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
 AROUND = 4e-3  # [s] two steps of a controller at 500 Hz, within which torques change where contacts do
+TOUCHDOWN = 0.06  # [s] from landing on, after which one that is not as planned has become a stance
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
@@ -69,6 +70,11 @@ FIGURES = {
     "range": Figure("joints keep {:.2g} rad from the ends of their ranges", 0.0, least=True),
     "pull": Figure("the least vertical force is {:.2g} of the weight", -1e-3, least=True),
     "ground": Figure("everything else is at least {:.2g} m above the ground", -1e-6, least=True),
+    "touchdown": Figure(
+        "where it lands turned by the pitch error, everything but its feet is at least {:.2g} m above the ground",
+        -1e-6,
+        least=True,
+    ),
     "feet": Figure("the feet's shapes are at least {:.2g} m above the ground", -POINT_FEET, least=True),
     "obstacles": Figure("obstacles are {:.2g} m away beyond their margins", 0.0, least=True),
     "self_distance": Figure("links are {:.2g} m apart beyond their margins", 0.0, least=True),
@@ -93,7 +99,8 @@ class JumpCheck:
         ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
         accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
         rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
-        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
+        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits. ``touchdown``: as
+        ``ground``, of a robot that is turned by the pitch error about its feet, from its landing on for 60 ms.
     sentences : for a person, what does not hold first
     """
 
@@ -109,7 +116,7 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
     flown = flight_state(jump.flight, jump.takeoff_time, times)
     flight = _surroundings(jump, flown, min(grounds))
-    figures = _worst([*_stances(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
+    figures = _worst([*_stances(jump), *_touchdown(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
     broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
     if not jump.flight.ok:
         broken.append("the flight's plan does not hold")
@@ -217,6 +224,39 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
         least = least_distances(segments, obstacle, state.times - jump.takeoff_time).min() - obstacle.margin
         if np.isfinite(least):
             yield "obstacles", least
+
+
+def _touchdown(jump: JumpMotion) -> Iterator[Value]:
+    """Least height over the ground of all but feet, m, of a robot that lands turned about its feet.
+
+    The robot is turned as a rigid body, either way, about the contact that is then the lowest.
+    """
+    error, robot = jump.request.pitch_error, jump.problem.robot
+    landing = jump.after[0].span[0]
+    feet = {link: [] for link in links_of(robot, [each for stance in jump.stances for each in stance.contacts])}
+    for contact in (each for stance in jump.stances for each in stance.contacts):
+        for frame, spot in zip(contact.frames, contact.spots, strict=True):
+            feet[robot.contact_link(robot.frames[frame].link)].append(spot)
+    watched = [
+        corner
+        for link, hull in robot.link_hulls.items()
+        for corner in corners(hull)
+        if not near_contact(corner, feet.get(link, []))
+    ]
+    for stance in jump.after if error and watched else ():
+        begin, end = stance.span[0], min(stance.span[1], landing + TOUCHDOWN)
+        if begin >= end:
+            continue
+        times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
+        y = stance.grid.at(times)[0]
+        centres = heights_over_com(robot, watched, y)
+        pivots = heights_over_com(robot, [contact.spots[0] for contact in stance.contacts], y)
+        depths = np.array([contact.depth for contact in stance.contacts])
+        radii = np.array([corner.radius for corner in watched])
+        for sign in (1.0, -1.0):
+            turn = np.exp(1j * sign * error)
+            ground = ((pivots * turn).imag - depths).min(axis=1)
+            yield "touchdown", ((centres * turn).imag - radii - ground[:, None]).min()
 
 
 def _seams(jump: JumpMotion) -> Iterator[Value]:

@@ -187,6 +187,8 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     robot = recorded_robot(found, path, urdf) if flight is None else flight.robot
     if robot.sha256 != found.sha256:
         raise InputError("is not the robot of the flight", element="robot.sha256")
+    if isinstance(content["problem"].get("jump"), dict):  # files from before this key asked for nothing of it
+        content["problem"]["jump"].setdefault("pitch_error", 0.0)
     problem = problem_from_dict(content["problem"], robot, path)
     request = problem.jump or JumpRequest()
     check_size(content["stances"], "stances", LARGEST)
@@ -194,7 +196,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     for index, each in enumerate(content["stances"]):
         sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))
     rolls = {each.radius > 0 for stances in sides.values() for stance in stances for each in stance.contacts}
-    if rolls - {request.feet == "rolling"}:
+    if request.feet != "auto" and rolls - {request.feet == "rolling"}:
         raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")

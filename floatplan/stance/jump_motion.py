@@ -111,7 +111,8 @@ class JumpMotion(MotionInFile):
         motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
         rows = [np.flatnonzero(index == number) for number in range(len(phases))]
         parts = [(own, motion(instants[own])) for own, motion in zip(rows, motions, strict=True) if len(own)]
-        return joined(instants, parts, [name for phase in phases for name in phase.contacts])
+        size = self.problem.robot.model.nv
+        return joined(instants, size, parts, [name for phase in phases for name in phase.contacts])
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""

@@ -55,7 +55,7 @@ def jump(
     ----------
     problem : Problem, or path of a problem file
     request : JumpRequest, optional
-        In place of the problem's own; that of a problem without one is the default.
+        In place of the problem's own; a problem without one needs it.
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
@@ -77,13 +77,17 @@ def jump(
     Raises
     ------
     InputError
-        The problem or the request is wrong, nothing can stand as asked, or CasADi is not installed.
+        The problem or the request is wrong, or asks for what no jump keeps; there is no request, nothing can stand as
+        asked, or CasADi is not installed.
     """
     casadi()
     kernel()  # an error of its own is none of a flight's
     file = None if isinstance(problem, Problem) else problem
     problem = given_problem(problem)
-    asked: JumpRequest = optional(made(JumpRequest))(request, "request") or problem.jump or JumpRequest()
+    asked = optional(made(JumpRequest))(request, "request") or problem.jump
+    if asked is None:
+        advice = "add a table [jump], or give a JumpRequest; floatplan plan plans a flight alone"
+        raise InputError("no jump is asked for", source=file, element="jump", advice=advice)
     if asked is not problem.jump:
         problem = replace(problem, jump=asked)
     seed, starts, near = SEED(seed, "seed"), TRIES(starts, "starts"), optional(made(Jump))(near, "near")

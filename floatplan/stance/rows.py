@@ -40,6 +40,7 @@ class Bounds:
     friction : coefficient
     held : share of the efforts of joints that are held
     pressed : least vertical force over the weight, where more than one contact stands
+    pitch_error : rad, by which the robot may be turned about its feet where it lands, either way
     """
 
     torque: Array
@@ -51,6 +52,7 @@ class Bounds:
     friction: float
     held: float = 1.0
     pressed: float = LEAST_FORCE
+    pitch_error: float = 0.0
 
 
 @dataclass
@@ -195,8 +197,9 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a, forces over weight, drifts) -> (rows, cost) of a stance's node, and the rows' bounds.
+        """Function of a stance's node and its rows' bounds: (y, v, a, forces over weight, drifts) -> (rows, cost, load).
 
+        The load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
@@ -227,8 +230,28 @@ class NodeRows:
                 height = model.places(model.weights(contact.spots[:1], anchor))[1]
                 rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("stance", [output, self._cost(moments)], forces, drifts)
+        load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
+        function = model.function("stance", [output, self._cost(moments), load], forces, drifts)
         return function, [row[1:] for row in rows]
+
+    def turned(self, phase: Phase) -> tuple[Any, Array]:
+        """Heights of what is watched where the robot is turned about its feet, a function of (y, v, a); the least, m.
+
+        The robot is turned by the pitch error either way, as a rigid body, about the contact that is then the lowest:
+        of those that stand the last one on the side to which it turns. A point at (x, z) from the contact's spot is
+        then at ``z cos e + x sin e`` above it, for errors e of both signs.
+        """
+        model, error = self.model, self.bounds.pitch_error
+        chosen = np.flatnonzero(np.isfinite(self.watched.touchdown)).tolist()
+        spots = [self.watched.spots[at] for at in chosen]
+        end = self.ends[0 if phase.side == "takeoff" else 1]
+        along = heights_over_com(model.robot, [contact.spots[0] for contact in phase.contacts], end).real
+        heights = []
+        for pivot, sign in ((int(along.argmin()), 1.0), (int(along.argmax()), -1.0)):
+            contact = phase.contacts[pivot]
+            x, z = model.places(model.weights(spots, contact.spots[0]._replace(radius=0.0)))
+            heights.append(z * np.cos(error) + sign * x * np.sin(error) + contact.depth)
+        return model.function("turned", [casadi().vertcat(*heights)]), np.tile(self.watched.touchdown[chosen], 2)
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
         """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
