@@ -21,7 +21,6 @@ from rich.console import Console
 
 import floatplan as fp
 from floatplan.cli import summary
-from floatplan.planning import repair
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf"
@@ -118,19 +117,6 @@ class TestPlan:
         one, two = (json.loads(Path(folder, "plan.json").read_text()) for folder in ("one", "two"))
         np.testing.assert_allclose(one["coefficients"], two["coefficients"], rtol=1e-9, atol=1e-9)
         assert one["solver"]["seed"] == 3
-
-    @pytest.mark.parametrize(
-        ("verdict", "options", "code"),
-        [("proved", ["--prove"], 0), ("undecided", [], 0), ("undecided", ["--prove"], 1)],
-    )
-    def test_a_missing_proof_is_an_exit_code_only_where_it_is_asked_for(
-        self, verdict: str, options: list[str], code: int, floatplan: Command, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        prove = repair.certify
-        monkeypatch.setattr(repair, "certify", lambda plan: replace(prove(plan), verdict=verdict))
-        run = floatplan("plan", PROBLEMS / "backflip.toml", "-o", "out", "--json", *options)
-        answer = json.loads(run.stdout)
-        assert (answer["ok"], answer["certificate"]["verdict"], run.code) == (True, verdict, code)
 
     def test_of_a_flight_in_space_a_proof_is_missing(self, floatplan: Command) -> None:
         assert floatplan("plan", PROBLEMS / "space" / "cat.toml", "-o", "out", "--quiet").code == 0

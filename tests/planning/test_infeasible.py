@@ -334,7 +334,7 @@ def test_a_limit_that_is_hardly_missed_is_no_reason_for_more_freedom() -> None:
 @pytest.mark.parametrize("kind", ["torque", "velocity", "acceleration"])
 @pytest.mark.parametrize("short", [(2e-5, 1e-5), (3e-6, 4e-5), (0.0, 2e-5)])
 def test_what_would_make_a_plan_names_every_limit_that_is_exceeded(kind: str, short: tuple[float, float]) -> None:
-    """Next to no other motion reaches the goal: with what is said added to the limits, the nearest exceeds none of them."""
+    """Next to no other motion reaches the goal; with what is said added to the limits, it exceeds none of them."""
     problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
     free = fp.plan(problem)
     state = free.at(np.linspace(0.0, free.duration, 40001))
