@@ -303,7 +303,7 @@ def end_errors(
         off_position, off_rate, off_acceleration = BOUNDARY
         if not inside >= -off_position:
             degrees, lowest, highest = map(math.degrees, (position, low, high))
-            reason = f"{position:.6g} rad is {-inside:.2g} rad outside the joint's range [{low:.6g}, {high:.6g}]"
+            reason = f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}] by {-inside:.2g} rad"
             reason += f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})"
             advice = "move it inside, or widen the range with limits.position"
             yield InputError(reason, element=f"{element}.positions.{joint}", advice=advice)
