@@ -232,7 +232,7 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
         _table(PHASES, phase_lines(view)),
         *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(", ".join(words), "red") for words in broken),
-        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
+        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings),
         _table(STANCES, held),
         _named([*written, Row("next", f"{program} show {shlex.quote(str(files[0]))} --scene    # the jump in 3-D")]),
         Text(CHECKED, "dim"),

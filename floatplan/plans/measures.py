@@ -5,7 +5,7 @@ asked for or not: it is a warning beside the verdict.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -15,6 +15,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import Peaks
 from floatplan.motion.flight import FAST, Contact
+from floatplan.plans.overlaps import Overlap, overlaps
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
@@ -24,7 +25,7 @@ from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, R
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal[
-    "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+    "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak", "overlap"
 ]
 
 ROUNDING = 1e-9  # [rad] of joint ranges
@@ -39,8 +40,9 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns" or "leak"
-    subject : link, joint, or the frame that cannot be at rest
+    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+        or "overlap"
+    subject : link, both links, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
     message : a sentence: what, when, and what to do
@@ -166,6 +168,7 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
     problem = plan.problem
     return (
         *_ground(plan),
+        *overlap_warnings(problem, lambda times: plan.joint_motion(times)[0], plan.duration),
         *_contacts(plan, contacts),
         *_ranges_and_rates(problem.robot, plan.peaks),
         *_torques(plan),
@@ -201,6 +204,41 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 f": feet of jumps may be {POINT_FEET:g} m." if jump else advice
             )
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
+
+
+def overlap_warnings(problem: Problem, positions: Callable[[Array], Array], duration: float) -> tuple[PlanWarning, ...]:
+    """Return what is said of links that a motion brings into one another, asked for or not.
+
+    Parameters
+    ----------
+    problem : Problem
+        Pairs of its ``self_clearances`` are kept apart, and are not looked at.
+    positions : planned positions (N, n), rad, at times (N,), s, from 0 to ``duration``
+    duration : s
+    """
+    robot = problem.robot
+    aside = [frozenset(pair.links) for pair in problem.self_clearances]
+    try:
+        found = overlaps(robot, positions, duration, aside)
+    except InputError as error:
+        message = f"Whether links overlap could not be measured: {error}."
+        return (PlanWarning("overlap", robot.joint_tree.root, None, 0.0, "m", None, message),)
+    return tuple(_overlap_warning(robot, overlap) for overlap in found)
+
+
+def _overlap_warning(robot: Robot, overlap: Overlap) -> PlanWarning:
+    first, second = overlap.links
+    at_rest = f", at rest {overlap.at_rest:.2g} m" if overlap.at_rest > 0 else ""
+    drawn = "" if robot.has_shapes else ", as the bars that are drawn, since the file gives no shapes"
+    if overlap.joint is not None:
+        advice = f"a narrower limits.position of {overlap.joint} keeps them apart"
+    elif robot.in_plane is None:
+        advice = "a narrower limits.position, or another posture, may keep them apart"
+    else:
+        advice = "[[self_clearance]] keeps them apart"
+    message = f"{first} is {overlap.depth:.2g} m inside {second} at {overlap.instant:.3g} s{at_rest}{drawn}; {advice}."
+    subject = f"{first} {second}"
+    return PlanWarning("overlap", subject, overlap.depth, overlap.at_rest, "m", overlap.instant, message)
 
 
 def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[PlanWarning]:

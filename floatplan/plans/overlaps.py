@@ -87,7 +87,7 @@ def overlaps(
         worst[bodies] = Overlap(
             links=pairs.links(pair),
             depth=depth,
-            at_rest=-float(resting[column]),
+            at_rest=max(-float(resting[column]), 0.0),
             instant=instant,
             joint=pairs.pairs[pair].joint,
         )
@@ -103,9 +103,7 @@ def _near(pairs: LinkPairs, sampled: Array, aside: Collection[frozenset[str]]) -
     return np.array(kept, dtype=np.int64)
 
 
-def _confirmed(
-    pairs: LinkPairs, pair: int, positions: Callable[[Array], Array], instants: list[float]
-) -> float | None:
+def _confirmed(pairs: LinkPairs, pair: int, positions: Callable[[Array], Array], instants: list[float]) -> float | None:
     """The first of some instants at which a pair overlaps: of meshes the surfaces have to meet, not the hulls alone."""
     if not pairs.is_mesh(pair):
         return instants[0]

@@ -32,6 +32,7 @@ from floatplan.robot.shapes.solids import evenly, link_geometries, link_lines
 
 ROUND_CORNERS = 60  # [-] of the polyhedron inside a ball: it is 5 % of the radius smaller
 AWAY = 0.5  # [-] of a body's reach from a joint, along its middle: the half beyond that counts against its neighbour
+UPWARDS = np.array([0.0, 0.0, 1.0])  # the axis of Coal's and URDF's capsules
 PAIRS_AT_ONCE = 4096  # [-] whose bounding balls are compared in one array
 
 
@@ -240,7 +241,7 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
     """The shapes of all links; bars of a robot without any."""
     tree = robot.joint_tree
     given = list(link_geometries(robot.model, tree, robot.path.parent, robot.meshes))
-    if any(link.collisions for link in tree.links.values()):
+    if robot.has_shapes:
         for link, body, placement, geometries in given:
             for geometry in geometries:
                 piece = _of_geometry(link, body, placement, geometry)
@@ -253,13 +254,11 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
         for line in link_lines(tree, link)
         if len(line) > 1  # else a point, of a link that ends at its joint
     ]
-    radius = LINE_RADIUS * float(np.median([np.linalg.norm(line[1] - line[0]) for *_, line in lines] or [0.0]))
-    for link, body, placement, line in lines:
-        length = float(np.linalg.norm(line[1] - line[0]))
-        along = pin.SE3(
-            pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), line[1] - line[0]).matrix(), line.mean(0)
-        )
-        bar = Geometry("capsule", along, np.array([radius, radius, length]))
+    lengths = [float(np.linalg.norm(line[1] - line[0])) for *_, line in lines]
+    radius = LINE_RADIUS * float(np.median(lengths or [0.0]))
+    for (link, body, placement, line), length in zip(lines, lengths, strict=True):
+        rotation = pin.Quaternion.FromTwoVectors(UPWARDS, line[1] - line[0]).matrix()
+        bar = Geometry("capsule", pin.SE3(rotation, line.mean(axis=0)), np.array([radius, radius, length]))
         piece = _of_geometry(link, body, placement, bar)
         if piece is not None:
             yield piece

@@ -370,6 +370,11 @@ class Robot:
         return self._shapes[0]
 
     @property
+    def has_shapes(self) -> bool:
+        """Whether any link has collision geometry; else all are lines."""
+        return any(link.collisions for link in self.joint_tree.links.values())
+
+    @property
     def link_hulls(self) -> Mapping[str, Sequence[LinkCapsule]]:
         """Convex hulls of the links that have a shape: capsules whose ends are its corners; errors as of ``shapes``."""
         return self._shapes[1]

@@ -271,9 +271,9 @@ def proved(plan: Plan) -> dict[str, Any]:
     return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
-def warned(plan: Plan) -> list[dict[str, Any]]:
-    """Return the table of a plan's warnings, if there are any."""
-    rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+def warned(shown: Plan | JumpView) -> list[dict[str, Any]]:
+    """Return the table of the warnings of a plan or a jump, if there are any."""
+    rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in shown.warnings]
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
 
 
@@ -324,7 +324,7 @@ def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, A
         *of_both,
         {"title": "Flight", **proved(view.flight)},
         {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
-        *warned(view.flight),
+        *warned(view),
     ]
 
 
