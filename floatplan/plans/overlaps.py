@@ -60,7 +60,7 @@ def overlaps(
     if not len(chosen):
         return ()
     resting = np.minimum(pairs.distances(robot.resting[None], chosen)[0], 0.0)
-    slight = min(SLIGHT, SLIGHT_SHARE * pairs.size)
+    slight = allowance(pairs)
 
     room = pairs.distances(sampled, chosen) - resting
     step = np.abs(np.diff(room, axis=0)).max(axis=0)
@@ -87,11 +87,16 @@ def overlaps(
         worst[bodies] = Overlap(
             links=pairs.links(pair),
             depth=depth,
-            at_rest=max(-float(resting[column]), 0.0),
+            at_rest=abs(float(resting[column])),
             instant=instant,
             joint=pairs.pairs[pair].joint,
         )
     return tuple(worst.values())
+
+
+def allowance(pairs: LinkPairs) -> float:
+    """By how much deeper than at rest a robot's links may be in one another without being said to overlap, m."""
+    return min(SLIGHT, SLIGHT_SHARE * pairs.size)
 
 
 def _near(pairs: LinkPairs, sampled: Array, aside: Collection[frozenset[str]]) -> IntArray:

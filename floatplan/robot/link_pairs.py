@@ -115,6 +115,11 @@ class LinkPairs:
     pieces: tuple[Piece, ...]
     pairs: tuple[Pair, ...]
 
+    @property
+    def thickness(self) -> float:
+        """Of links that are lines in the plane and bars here, m; 0 where links have shapes."""
+        return 0.0 if self.robot.has_shapes or not self.pieces else 2 * float(self.pieces[0].shape.radius)
+
     @cached_property
     def size(self) -> float:
         """Of the robot, m: the diagonal of a box around its pieces in the reference posture."""
