@@ -53,10 +53,14 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
     way = "backwards" if turn * robot.plane.turn > 0 else "forwards"
     does = "jumps" if not turn else f"flips {way}" if times == 1 else f"turns {way} {times} times"
     what = f"{name} stands, {does} and stands again: floatplan jump {path.name}"
-    used = [f"{found.check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items()]
+    check = found.check
+    used = [
+        f"{check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items() if key not in check.unlimited
+    ]
+    shares = f"take {' and '.join(used)}" if used else "hold"
     checked = (
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
-        f" found too, and checked 2000 times a second: they take {' and '.join(used)}."
+        f" found too, and checked 2000 times a second: they {shares}."
     )
     return [*_comment(what), *_comment(checked), *_comment(" ".join(flight.reasons))]
 
@@ -103,7 +107,7 @@ def _joints(robot: Robot) -> list[str]:
         motor = robot.motors.index(joint)
         limits = robot.motor_velocity_limits[motor], robot.motor_torque_limits[motor]
         rate, torque = (f"{limit:.4g}" if math.isfinite(limit) else "no limit" for limit in limits)
-        reach = f"{low:.0f} to {high:.0f}" if np.isfinite([low, high]).all() else "any"
+        reach = f"{low:.0f} to {high:.0f}" if np.isfinite([low, high]).all() else "no limit"
         rows.append((joint, reach, rate, torque, f"{rest:.0f}"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     cells = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
