@@ -302,10 +302,25 @@ def _read(path: Path) -> Any:
     except InputError as error:
         raise InputError(error.reason, source=path, advice=NOTHING_REMOVED) from None
     try:
-        return read_table(content)
+        return decoded(content)
     except (MemoryError, pa.ArrowNotImplementedError) as error:
         reason = str(error) or "memory ran out"
         raise InputError(f"cannot be read: {reason}", source=path, advice=NOTHING_REMOVED) from None
+
+
+def decoded(content: bytes) -> Any:
+    """A table from a Parquet file's content, or None where that is damaged.
+
+    Raises
+    ------
+    MemoryError, pyarrow.ArrowNotImplementedError
+        Memory runs out, or this pyarrow lacks what the file was written with.
+    """
+    pa, _ = arrow()
+    try:
+        return read_table(content)
+    except (MemoryError, pa.ArrowNotImplementedError):
+        raise
     except (OSError, pa.ArrowException):
         return None
 
