@@ -61,6 +61,33 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
     return content
 
 
+def check_readable(path: Path, otherwise: str) -> None:
+    """Refuse a file that is there and cannot be read: what it holds is not known, so that it must not be lost.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or nothing.
+    otherwise : str
+        What is not done to the file, for the message: "is not replaced".
+
+    Raises
+    ------
+    InputError
+        The system refuses to read it.
+    """
+    try:
+        if path.is_file():
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                os.read(descriptor, 1)
+            finally:
+                os.close(descriptor)
+    except OSError as error:
+        reason = f"cannot be read: {error.strerror or error}; it {otherwise}"
+        raise InputError(reason, source=path, advice="make it readable, or move it away") from None
+
+
 def check_hash(content: bytes, digest: str, path: Path) -> None:
     """Refuse the content of a file whose SHA-256 is not the one that a plan recorded."""
     if hashlib.sha256(content).hexdigest() != digest:
@@ -224,7 +251,8 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
     Raises
     ------
     InputError
-        The system refuses it, such as on a full disk, or there is something else than a file.
+        The system refuses it, such as on a full disk, or there is something else than a file, or a file that cannot be
+        read.
     """
     return write_together({Path(path): content})[0]
 
@@ -272,6 +300,7 @@ def _written_beside(path: Path, content: str | bytes) -> Path:
     """A new file under a temporary name beside ``path``."""
     if path.exists() and not path.is_file():
         raise InputError("is not a regular file, and is not replaced", source=path, advice="choose another name")
+    check_readable(path, "is not replaced")
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path.parent)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f"{_temporary_of_here()}{os.getpid()}-")
