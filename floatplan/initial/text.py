@@ -62,7 +62,8 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
         f" found too, and checked 2000 times a second: they {shares}."
     )
-    return [*_comment(what), *_comment(checked), *_comment(" ".join(flight.reasons))]
+    told = [line for warning in flight.plan.warnings for line in _comment(f"Warning: {warning.message}")]
+    return [*_comment(what), *_comment(checked), *told, *_comment(" ".join(flight.reasons))]
 
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
