@@ -235,23 +235,42 @@ class NodeRows:
         return function, [row[1:] for row in rows]
 
     def turned(self, phase: Phase) -> tuple[Any, Array]:
-        """Heights of what is watched where the robot is turned about its feet, a function of (y, v, a); the least, m.
+        """Heights of what is watched where the robot is turned about a foot, a function of (y, v, a); the least, m.
 
-        The robot is turned by the pitch error either way, as a rigid body, about the contact that is then the lowest:
-        of those that stand the last one on the side to which it turns. A point at (x, z) from the contact's spot is
-        then at ``z cos e + x sin e`` above it, for errors e of both signs.
+        The robot is turned by the pitch error either way, as a rigid body, until a foot is on the ground. No foot is
+        lower than that, so that it is enough to look at one: parts of a leg are measured from its own foot, others from
+        what stands. Of several, as heel and toe, it is the last one on the side to which it turns. A point at (x, z)
+        from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
         """
         model, error = self.model, self.bounds.pitch_error
-        chosen = np.flatnonzero(np.isfinite(self.watched.touchdown)).tolist()
-        spots = [self.watched.spots[at] for at in chosen]
         end = self.ends[0 if phase.side == "takeoff" else 1]
-        along = heights_over_com(model.robot, [contact.spots[0] for contact in phase.contacts], end).real
+        spots, least = list[Spot](), list[float]()
+        for spot, height in zip(self.watched.spots, self.watched.touchdown.tolist(), strict=True):
+            if np.isfinite(height):
+                spots.append(spot)
+                least.append(height)
         heights = []
-        for pivot, sign in ((int(along.argmin()), 1.0), (int(along.argmax()), -1.0)):
-            contact = phase.contacts[pivot]
-            x, z = model.places(model.weights(spots, contact.spots[0]._replace(radius=0.0)))
-            heights.append(z * np.cos(error) + sign * x * np.sin(error) + contact.depth)
-        return model.function("turned", [casadi().vertcat(*heights)]), np.tile(self.watched.touchdown[chosen], 2)
+        for spot in spots:
+            feet = self._feet_of_leg(spot.body) or phase.contacts
+            along = heights_over_com(model.robot, [contact.spots[0] for contact in feet], end).real
+            for pivot, sign in ((int(along.argmin()), 1.0), (int(along.argmax()), -1.0)):
+                contact = feet[pivot]
+                x, z = model.places(model.weights([spot], contact.spots[0]._replace(radius=0.0)))
+                heights.append(z * np.cos(error) + sign * x * np.sin(error) + contact.depth)
+        return model.function("turned", [casadi().vertcat(*heights)]), np.repeat(least, 2)
+
+    def _feet_of_leg(self, body: int) -> list[Contact]:
+        """Contacts of the legs of which a body is a part; none of the base, which no leg has for its own."""
+        parent = self.model.robot.tree.parent
+        found = []
+        for contact in self.feet:
+            for spot in contact.spots:
+                above = spot.body
+                while above > 0 and above != body:
+                    above = int(parent[above])
+                if above == body > 0 and contact not in found:
+                    found.append(contact)
+        return found
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
         """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
