@@ -122,6 +122,11 @@ class JumpCheck:
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
     """Check the stances of a jump at 2 kHz, independently of the program that found them."""
+    with np.errstate(all="ignore"):  # what files may hold overflows: such figures are infinite, and do not hold
+        return _checked(jump)
+
+
+def _checked(jump: JumpMotion) -> JumpCheck:
     assert jump.flight is not None
     grounds = [stance.ground for stance in jump.stances]
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
@@ -138,7 +143,10 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
 def _worst(found: Iterable[Value]) -> dict[str, float]:
     figures: dict[str, float] = {}
     for name, value in found:
-        figures[name] = (min if FIGURES[name].least else max)(figures.get(name, float(value)), float(value))
+        least = FIGURES[name].least
+        if np.isnan(value):  # of numbers beyond all sense, as files may hold: nothing holds of them
+            value = -np.inf if least else np.inf
+        figures[name] = (min if least else max)(figures.get(name, float(value)), float(value))
     return figures
 
 
@@ -164,7 +172,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     model, weight = robot.model, robot.mass * stance.gravity
     standing = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(standing) - stance.ground
-    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * height]).max()
+    lever = height if height > 0 else float(np.finfo(float).tiny)  # what is not above the ground does not stand on it
+    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * lever]).max()
     yield from ((name, shares.max(initial=0.0)) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
     joints, (low, high) = state.planned(robot)[0, 1:].T, np.asarray(problem.position_limits).T

@@ -102,7 +102,8 @@ class JumpMotion(MotionInFile):
         """Raise InputError where there is no jump to "fly", say."""
         if self.flight is None:
             reason = f"no jump was found, so there is nothing to {action}"
-            raise InputError(reason, source=self.problem.name, element="status")
+            advice = "plan it with other limits, durations or friction"
+            raise InputError(reason, element="status", advice=advice)
 
     @one_thread
     def at(self, times: npt.ArrayLike) -> JumpState:

@@ -231,7 +231,8 @@ def _refuse_what_is_not_kept(problem: Problem, turns: int) -> None:
     """Refuse what a flight is asked for and a jump around it would not do, since it stands level at both ends."""
     flight = problem.flight
     missed = problem.final.orientation - problem.initial.orientation - TURN * turns
-    if abs(missed) > FARTHEST_TURN:
+    stands_level = problem.takeoff_frame.body != 0  # else its orientation is the goal's, less whole turns
+    if stands_level and abs(missed) > FARTHEST_TURN:
         reason = f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
         advice = "ask for whole turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
