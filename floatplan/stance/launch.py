@@ -1,5 +1,6 @@
 """Whether a robot can bring itself to a plan's takeoff, or to rest after its landing: the least limits that do."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,13 +26,14 @@ from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import Room, Setup, corrected, side_setup
+from floatplan.stance.setup import TURN, Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE
 
 STARTS = 3
 ITERATIONS = 250  # of IPOPT, of each program
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
+FAR_TURNED = math.pi / 2  # [rad] from standing, beyond which the other way around is tried too
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 SAME = 1e-5  # [rad] solutions of starts that are nearer are one
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
@@ -124,10 +126,11 @@ def launch(
         return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
-    answers, found = list[Launch](), list[Array]()
-    program = partial(setup.program, iterations=ITERATIONS)
-    first = program(ROOM)
-    for start in range(starts):
+    answers: list[Launch] = []
+    found: list[Array] = []
+    ways = [partial(way.program, iterations=ITERATIONS) for way in _turned_either_way(setup, end)]
+    firsts = [program(ROOM) for program in ways]
+    for start, (program, first) in itertools.product(range(starts), zip(ways, firsts, strict=True)):
         say(f"start {start + 1} of {starts}")
         drawn = np.random.default_rng((seed, start)).uniform(*DRAWN, len(first.phases) - 1)
         guess = plainest(first, met, v, drawn if start >= len(LASTS) else LASTS[start])
@@ -140,6 +143,20 @@ def launch(
     none = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
     answer = min(answers, key=lambda each: (not each.ok, bool(each.broken), each.ratio), default=none)
     return replace(answer, sentences=(*answer.sentences, told))
+
+
+def _turned_either_way(setup: Setup, end: End) -> list[Setup]:
+    """Return the setup; and where the flight is met far from standing, one that comes to stand by the other way around.
+
+    A robot that takes off upside down may have turned there forwards or backwards: it stood a whole turn apart.
+    """
+    stands, meets = (0, -1) if end == "takeoff" else (-1, 0)
+    turned = float(setup.standing[meets, 0] - setup.standing[stands, 0])
+    if abs(turned) < FAR_TURNED:
+        return [setup]
+    standing = setup.standing.copy()
+    standing[stands, 0] += math.copysign(TURN, turned)
+    return [setup, replace(setup, standing=standing)]
 
 
 def launches(
@@ -208,8 +225,7 @@ def _answer(
         first = f"reachable, with {1 - ratio:.0%} to spare ({named})" if ratio > 0 else "reachable; nothing is limited"
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
-    mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")}  # by more nodes
-    return answer, ({} if ratio > 1 else mended) if broken else None  # beyond the limits the least factor is asked
+    return answer, ({} if ratio > 1 else rest) if broken else None  # beyond the limits the least factor is asked
 
 
 def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Launch | None]:
