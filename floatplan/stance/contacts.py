@@ -7,6 +7,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
+from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.stance.model import Spot, spot_weights
 from floatplan.tables import POINT_FEET
@@ -22,6 +23,7 @@ COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
 UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
+LEVEL_LINE = 1e-9  # [-] slope of a line that is as good as level
 BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
 NAMED, TIP = (".heel", ".toe"), ".tip"
 
@@ -82,6 +84,18 @@ def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[floa
     angles, (one, two) = robot.tree.absolute_angles(y[0], y[1:]), spot_weights(robot, [first, second])
     way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
     return float(way.real), float(way.imag)
+
+
+def is_ground(obstacle: Obstacle, ground: float) -> bool:
+    """Whether an obstacle is the ground at a height, m, on which a robot stands, or below that.
+
+    It is a half-plane with a level line that is at rest. Nothing but feet touches the ground of a jump, and these stand
+    on it, which the capsules around them, thicker than the feet, would not allow of an obstacle.
+    """
+    if not isinstance(obstacle, HalfPlane) or any(obstacle.velocity):
+        return False
+    across, up = obstacle.normal
+    return abs(across) <= LEVEL_LINE * up and obstacle.point[1] <= ground + POINT_FEET
 
 
 def links_of(robot: Robot, contacts: Iterable[Contact]) -> set[str | None]:

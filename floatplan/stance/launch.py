@@ -117,8 +117,14 @@ def launch(
     say = optional(function)(progress, "progress") or (lambda _: None)
     margins = replace(request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0)
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
-    setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
+    meeting = np.append(state.orientation, state.positions)
+    setup = side_setup(plan.problem, margins, end, meeting)
     met = _meeting(plan, setup, end)
+    if met.v is None and margins.feet == "auto":
+        # round feet do not roll with these rates; of a flight whose frame is at rest they are points
+        on_points = side_setup(plan.problem, replace(margins, feet="points"), end, meeting)
+        other = _meeting(plan, on_points, end)
+        setup, met = (on_points, other) if other.v is not None else (setup, met)
     v, shown = _least(plan, setup, met, end)
     standing = zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True)
     posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
