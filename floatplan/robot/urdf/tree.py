@@ -21,10 +21,12 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, install_advice
-from floatplan.files import is_file, parsed_xml
+from floatplan.files import LARGEST_URDF, is_file, parsed_xml, read_regular
 from floatplan.robot.urdf.packages import ADDRESS, description_path, robot_content
 from floatplan.tables import RobotKind
 
+XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}", "{http://ros.org/wiki/xacro}")
+OF_SRDF = ("group", "group_state", "end_effector", "virtual_joint", "disable_collisions", "rotor_params")
 ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
@@ -212,12 +214,27 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
 
 
 def urdf_text(path: Path, content: bytes, root: Element) -> UrdfText:
-    """Return a URDF file as read, from its content and root element."""
+    """Return a URDF file as read, from its content and root element; InputError where that has no link."""
+    if root.find("link") is None:
+        raise InputError("has no <link>", source=path, advice=_why_no_links(path, root))
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:  # in another encoding: written anew
         text = tostring(root, encoding="unicode")
     return UrdfText(path, text, hashlib.sha256(content).hexdigest(), root)
+
+
+def _why_no_links(path: Path, root: Element) -> str:
+    """What to do about a file without links, by what it is: xacro's, with or without its ending, or an SRDF."""
+    if path.suffix.lower() == ".xacro":
+        macros = b":macro" in read_regular(path, LARGEST_URDF, "a xacro file")
+        reason = "it only defines macros" if macros else "it makes none by itself"
+        return f"xacro makes a robot without links of it, as {reason}: give the file that calls them"
+    if any(element.tag.startswith(XACRO) for element in root.iter()):
+        return "it is a xacro file: let its name end in .xacro"
+    if any(element.tag in OF_SRDF for element in root):
+        return "it is an SRDF, which says more about a robot: give the URDF itself"
+    return "a URDF has one for each part of the robot"
 
 
 def only(place: str, element: Element, tag: str) -> Element | None:
