@@ -94,7 +94,9 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
+    carried = [f"{each['mass']:g} kg on {each['link']} at {shortened(each['at'])} m" for each in facts["payload"]]
     rest = [
+        *([("payload", "; ".join(carried))] if carried else []),
         ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
         ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         *([] if plane is None else _named_in_plane(facts, shapes)),

@@ -83,6 +83,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         places = {name: robot.locked[name] for name in choices["locked"]}
         told = {name: _degrees(at) if robot.layout.tree.joint[name].turns else at for name, at in places.items()}
         lines.append(f"locked = {_value(told)}")
+    if robot.balance_inertias:
+        lines.append("balance_inertias = true  # of links whose inertia no body can have")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     turning = [name for name in robot.locked if name not in sliding]
     for words, names in (("Locked", turning), ("Held, because joints that slide are not planned", sliding)):

@@ -103,7 +103,7 @@ def with_free_base(tree: UrdfTree, with_role: Collection[str] = ()) -> UrdfTree:
     frames = {joint.parent for joint in tree.path(base[-1].child)}
     links = {name: replace(link, frame=True) if name in frames else link for name, link in tree.links.items()}
     joints = tuple(_fixed(joint) if joint.name in names else joint for joint in tree.joints)
-    warning = f"read as the free base: {', '.join(names)}, by which the file lets the robot float; they stay at zero"
+    warning = f"read as the free base, and held at zero: {', '.join(names)}, by which the file lets the robot float"
     return replace(tree, links=links, joints=joints, warnings=(*tree.warnings, warning))
 
 
