@@ -34,6 +34,7 @@ LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placehol
 MOST_JOINTS = 150  # [-] that move: Pinocchio's workspace grows as their cube, and thousands exhaust the memory
 MOST_FIXED_JOINTS = 2000  # [-] ten times those of any robot; URDF readers that call themselves link by link bear 3000
 JOINT_TYPES = (*MOVING, "fixed", *FREE_TYPES)
+LIMITS = "limits of"  # how the warnings about limits that are taken as not given begin
 AXISLESS = ("fixed", "floating")  # types of joints
 WITHOUT_RANGE = ("continuous", *AXISLESS, "planar")
 DYNAMICS = ("armature", "damping", "friction")  # attributes of a joint's <dynamics>
@@ -80,6 +81,8 @@ def taken_urdf(text: UrdfText, changes: Changes) -> tuple[UrdfText, UrdfTree]:
     """
     read = _read(text.root)
     tree = _changed(read, changes)
+    if text.kind == "urdf":  # in that of an MJCF zeros are written where it gives no limit
+        tree = replace(tree, warnings=(*tree.warnings, *_zero_limits(tree, text.root)))
     root = urdf_of(tree, read, text.root)
     if root is not text.root:
         text = replace(text, root=root, xml=tostring(root, encoding="unicode"))
@@ -242,6 +245,25 @@ def _read_mimic(place: str, name: str, mimic: Element | None, joints: Collection
     return Mimic(leader, number(place, mimic, "multiplier", 1.0), number(place, mimic, "offset", 0.0))
 
 
+def _zero_limits(tree: UrdfTree, root: Element) -> list[str]:
+    """The warnings about limits of joints that move which are written as zero, or left out of their ``<limit>``."""
+    zero: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
+    for element in root.iterfind("joint[limit]"):
+        joint, limits = tree.joint[element.get("name", "")], element.find("limit")
+        if not joint.moves or limits is None:
+            continue
+        ranged = joint.type not in WITHOUT_RANGE
+        keys = {"position": ("lower", "upper") if ranged else (), "velocity": ("velocity",), "effort": ("effort",)}
+        for kind, names in keys.items():
+            if names and all(float(limits.get(name, "0")) == 0.0 for name in names):
+                zero[kind].append(joint.name)
+    return [
+        f"{LIMITS} {kind} that are zero, taken as not given: {', '.join(names)}"
+        for kind, names in zero.items()
+        if names
+    ]
+
+
 def _without_placeholders(tree: UrdfTree) -> UrdfTree:
     """Make limits infinite that are too large to be meant, with a warning for each kind."""
     kept: list[UrdfJoint] = []
@@ -256,7 +278,7 @@ def _without_placeholders(tree: UrdfTree) -> UrdfTree:
         for kind, large in zip(dropped, (wide, fast, strong), strict=True):
             dropped[kind] += [joint.name] if large else []
     warnings = (
-        f"limits of {kind} too large to be meant, taken as not given: {', '.join(names)}"
+        f"{LIMITS} {kind} too large to be meant, taken as not given: {', '.join(names)}"
         for kind, names in dropped.items()
         if names
     )
