@@ -71,7 +71,7 @@ def check_urdf(root: Element, with_role: Collection[str] = ()) -> UrdfTree:
         limits are crossed, a joint's type is unknown, there are too many joints, or links and joints do not form one
         tree.
     """
-    return _without_placeholders(_changed(_read(root), Changes(with_role=with_role)))
+    return _without_placeholders(_changed(read_tree(root), Changes(with_role=with_role)))
 
 
 def taken_urdf(text: UrdfText, changes: Changes) -> tuple[UrdfText, UrdfTree]:
@@ -79,7 +79,7 @@ def taken_urdf(text: UrdfText, changes: Changes) -> tuple[UrdfText, UrdfTree]:
 
     The URDF is the file's own where it says all of it.
     """
-    read = _read(text.root)
+    read = read_tree(text.root)
     tree = _changed(read, changes)
     if text.kind == "urdf":  # in that of an MJCF zeros are written where it gives no limit
         tree = replace(tree, warnings=(*tree.warnings, *_zero_limits(tree, text.root)))
@@ -95,8 +95,8 @@ def _changed(tree: UrdfTree, changes: Changes) -> UrdfTree:
     return with_payload(tree, changes.payload)
 
 
-def _read(root: Element) -> UrdfTree:
-    """Links and joints as they are written."""
+def read_tree(root: Element) -> UrdfTree:
+    """Return links and joints as they are written, whose inertias are not looked at; errors as :func:`check_urdf`."""
     joint_elements = root.findall("joint")
     _check_counts(joint_elements)
     link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
@@ -246,17 +246,21 @@ def _read_mimic(place: str, name: str, mimic: Element | None, joints: Collection
 
 
 def _zero_limits(tree: UrdfTree, root: Element) -> list[str]:
-    """The warnings about limits of joints that move which are written as zero, or left out of their ``<limit>``."""
+    """The warnings about joints that move, and whose range is written as 0 to 0 or left out of their ``<limit>``.
+
+    Exporters write all four numbers as zero where nobody gave them. Of a joint with a range, zero as a rate or torque
+    is the usual way to write that there is no such limit, and no warning.
+    """
     zero: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
     for element in root.iterfind("joint[limit]"):
         joint, limits = tree.joint[element.get("name", "")], element.find("limit")
-        if not joint.moves or limits is None:
+        if not joint.moves or joint.type in WITHOUT_RANGE or limits is None:
             continue
-        ranged = joint.type not in WITHOUT_RANGE
-        keys = {"position": ("lower", "upper") if ranged else (), "velocity": ("velocity",), "effort": ("effort",)}
-        for kind, names in keys.items():
-            if names and all(float(limits.get(name, "0")) == 0.0 for name in names):
-                zero[kind].append(joint.name)
+        nothing = {key: float(limits.get(key, "0")) == 0.0 for key in ("lower", "upper", "velocity", "effort")}
+        if nothing["lower"] and nothing["upper"]:
+            zero["position"].append(joint.name)
+            for kind in ("velocity", "effort"):
+                zero[kind] += [joint.name] if nothing[kind] else []
     return [
         f"{LIMITS} {kind} that are zero, taken as not given: {', '.join(names)}"
         for kind, names in zero.items()
