@@ -127,6 +127,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
         **{name: getattr(robot, name) for name in OF_ROBOT},
         "locked": dict(robot.locked),
         **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+        "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
         "balance_inertias": robot.balance_inertias,
         "payload": [asdict(each) for each in robot.payload],
         "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},

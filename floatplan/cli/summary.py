@@ -98,6 +98,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     carried = [f"{each['mass']:g} kg on {each['link']} at {shortened(each['at'])} m" for each in facts["payload"]]
     rest = [
         *([("payload", "; ".join(carried))] if carried else []),
+        *_rotors(facts),
         ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
         ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         *([] if plane is None else _named_in_plane(facts, shapes)),
@@ -115,6 +116,15 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         *map(Text, facts["wheels"]),
         *warnings,
     )
+
+
+def _rotors(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The row about rotors that an SRDF file gives."""
+    if facts["rotor_file"] is None:
+        return []
+    of_joints = ", ".join(f"{joint} = {inertia:.4g}" for joint, inertia in facts["armature"].items())
+    said = f"{of_joints or 'none of joints that are planned'}; rotor_params of {Path(facts['rotor_file']).name}"
+    return [("armature, kg m^2", f"{said}, unless armature is given")]
 
 
 def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, str]]:

@@ -14,7 +14,8 @@ from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import Changes, taken_urdf
-from floatplan.robot.urdf.tree import reference_postures, urdf_path
+from floatplan.robot.urdf.srdf import reference_postures
+from floatplan.robot.urdf.tree import urdf_path
 
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin

@@ -29,7 +29,8 @@ from floatplan.robot.shapes.solids import LinkSolid, link_solids
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import Changes, check_urdf, taken_urdf
 from floatplan.robot.urdf.inertias import Payload, payloads
-from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
+from floatplan.robot.urdf.srdf import reference_posture, with_rotors
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, urdf_path
 from floatplan.tables import Base, RobotKind, Unit
 
 
@@ -123,6 +124,7 @@ class Robot:
     files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
     balance_inertias : whether inertias that no body can have are balanced
     payload : point masses that links carry
+    rotor_file : the SRDF file whose ``<rotor_params>`` the rotors' inertias are from, None where none are
     """
 
     name: str
@@ -155,6 +157,7 @@ class Robot:
     files: Mapping[str, str] = field(default_factory=dict)
     balance_inertias: bool = False
     payload: tuple[Payload, ...] = ()
+    rotor_file: Path | None = None
 
     @classmethod
     def from_urdf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
@@ -184,8 +187,8 @@ class Robot:
         armature : float or mapping, optional
             Inertia of the motors' rotors as the joints feel it (the rotor's own, times the gear's ratio squared),
             kg m^2: of every motor, or by joint. A joint that is left out has that of the file's ``<dynamics
-            armature="..">``, or none. Where nothing at all is given, those of ``<rotor_params>`` in an SRDF file beside
-            the URDF come before that; 0 is none. It counts in torques; the momentum does not count it.
+            armature="..">``, or none. Where the argument is left out, joints without that have what ``<rotor_params>``
+            of an SRDF file beside the URDF says; 0 is none. It counts in torques; the momentum does not count it.
         damping : float or mapping, optional
             Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
             Simulators alone know it, as the file's ``friction``.
@@ -247,6 +250,9 @@ class Robot:
             )
             text, tree = taken_urdf(read_source(path, kind, changes.balance_inertias), changes)
             tree = replace(tree, warnings=(*text.warnings, *tree.warnings))
+            rotor_file = None
+            if text.kind == "urdf" and choices["armature"] is None:
+                tree, rotor_file = with_rotors(tree, text.path)
             posture = None if reference is None else reference_posture(reference, tree, text)
             locked = in_radians(tree, choices["locked"] or {}, choices["angles"])
             choose = partial(choose_joints, tree, base=choices["base"], locked=locked, posture=posture)
@@ -261,6 +267,7 @@ class Robot:
                 reference_name=reference,
                 balance_inertias=changes.balance_inertias,
                 payload=changes.payload,
+                rotor_file=rotor_file,
             )
 
     @classmethod

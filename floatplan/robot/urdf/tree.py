@@ -279,62 +279,6 @@ def _parsed(place: str, text: str, largest: float) -> float:
     return value
 
 
-def reference_posture(name: str, tree: UrdfTree, text: UrdfText) -> Mapping[str, float]:
-    """Return positions, rad or m, of the joints that the SRDF state, or the keyframe of an MJCF, called ``name`` gives.
-
-    SRDF files are searched in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
-    comes before others. A state counts where the URDF has most of its joints; those it does not have, and those that do
-    not move, are left out. States of one name for several groups of joints add up.
-
-    Raises
-    ------
-    InputError
-        If no such state is found, or a position is not a number.
-    """
-    known = reference_postures(tree, text)
-    if name not in known:
-        write = {
-            "urdf": "put an SRDF file of this robot beside its URDF",
-            "mjcf": "write it as a <key> of a <keyframe>",
-        }
-        advice = f"known are {', '.join(known)}" if known else write[text.kind]
-        raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
-    return known[name]
-
-
-def reference_postures(tree: UrdfTree, text: UrdfText) -> Mapping[str, Mapping[str, float]]:
-    """Return all reference postures by their names, see :func:`reference_posture`."""
-    if text.kind == "mjcf":
-        return text.keyframes
-    urdf = text.path
-    paths = [path for folder in (urdf.parent, urdf.parent.parent / "srdf") for path in sorted(folder.glob("*.srdf"))]
-    known: dict[str, dict[str, float]] = {}
-    for path in sorted(paths, key=lambda path: path.stem != urdf.stem):
-        of_file: dict[str, dict[str, float]] = {}
-        for name, positions in _states(path, tree):
-            of_file.setdefault(name, {}).update(positions)
-        known |= {name: positions for name, positions in of_file.items() if name not in known}
-    return known
-
-
-def _states(path: Path, tree: UrdfTree) -> Iterator[tuple[str, dict[str, float]]]:
-    """Names and positions of the states in one SRDF file, less those of other robots."""
-    _, root = read_xml(path)
-    if root.tag != "robot":
-        raise InputError(f"is not an SRDF: its root element is <{root.tag}>, not <robot>", source=path)
-    for state in root.iterfind("group_state"):
-        name = state.get("name", "")
-        joints = {joint.get("name", ""): joint for joint in state.iterfind("joint")}
-        moving = {
-            joint: element
-            for joint, element in joints.items()
-            if joint in tree.joint and tree.joint[joint].moves and len(element.get("value", "").split()) <= 1
-        }
-        if 2 * sum(joint in tree.joint for joint in joints) > len(joints):
-            place = f'{path.name}: state "{name}": joint'
-            yield name, {joint: number(f'{place} "{joint}"', each, "value", None) for joint, each in moving.items()}
-
-
 def is_address(source: object) -> bool:
     """Whether a robot's file is named by the package that it is in, not by a path."""
     return isinstance(source, str) and (source.startswith(PREFIX) or ADDRESS.fullmatch(source) is not None)
