@@ -290,12 +290,12 @@ def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[
             raise InputError(reason, source=path, element=where, advice=advice)
         return Geometry(shape.tag, placement, scale, mesh)
     if shape.tag == "box":
-        size = triple(f"{where}: size", shape, "size", (0.0, 0.0, 0.0))
+        size = _triple(where, shape, "size")
         if size.min() < 0.0:
             raise InputError("is negative", element=f"{where}: size")
         return Geometry(shape.tag, placement, size)
     if shape.tag == "ellipsoid":  # of an MJCF
-        return Geometry(shape.tag, placement, triple(f"{where}: radii", shape, "radii", (0.0, 0.0, 0.0)))
+        return Geometry(shape.tag, placement, _triple(where, shape, "radii"))
     if shape.tag not in KINDS:
         return None
     radius = _length(where, shape, "radius")
@@ -324,6 +324,12 @@ def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:
     else:
         rim = radius * along * (thickness * AROUND.real + 1j * AROUND.imag)
     return Outline.convex((placed(ends)[:, None] + rim[None, :]).ravel())
+
+
+def _triple(where: str, shape: Element, key: str) -> Array:
+    if shape.get(key) is None:
+        raise InputError(f"has no {key}", element=where, advice="give three numbers")
+    return triple(f"{where}: {key}", shape, key, (0.0, 0.0, 0.0))
 
 
 def _length(where: str, shape: Element, key: str) -> float:

@@ -228,8 +228,9 @@ def _why_no_links(path: Path, root: Element) -> str:
     """What to do about a file without links, by what it is: xacro's, with or without its ending, or an SRDF."""
     if path.suffix.lower() == ".xacro":
         macros = b":macro" in read_regular(path, LARGEST_URDF, "a xacro file")
-        reason = "it only defines macros" if macros else "it makes none by itself"
-        return f"xacro makes a robot without links of it, as {reason}: give the file that calls them"
+        if macros:
+            return "xacro makes a robot without links of it, as it only defines macros: give the file that calls them"
+        return "xacro makes a robot without links of it: give the file that has them, or includes those that do"
     if any(element.tag.startswith(XACRO) for element in root.iter()):
         return "it is a xacro file: let its name end in .xacro"
     if any(element.tag in OF_SRDF for element in root):
