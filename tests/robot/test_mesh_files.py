@@ -171,7 +171,7 @@ def test_a_symmetric_mesh_is_merged(tmp_path):
 
 @pytest.mark.parametrize("triangles", [sphere(120), rim(8_000)], ids=["sphere", "rim"])
 def test_memory_grows_with_the_file_and_no_faster(tmp_path, triangles):
-    """Reading it, its capsules and its hull take so many times the bytes of the file, and little besides, whatever its shape."""
+    """Reading it, its capsules and its hull take so many times the bytes of the file and a constant."""
     content = binary_stl(triangles)
     tracemalloc.start()
     mesh = read(tmp_path, "stl", content)
