@@ -127,6 +127,9 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
         **{name: getattr(robot, name) for name in OF_ROBOT},
         "locked": dict(robot.locked),
         **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+        "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
+        "balance_inertias": robot.balance_inertias,
+        "payload": [asdict(each) for each in robot.payload],
         "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
         **(_facts_in_plane(robot) if robot.in_plane else {"base": robot.base, "frames": sorted(robot.frame_names)}),
         "wheels": explain_wheels(robot),
@@ -205,7 +208,7 @@ def init(
         )
 
     given = typed.robot_choices(choices, degrees)
-    words = {name: f"--{name} {text}" for name, text in choices.items()}
+    words = {name: _typed(name, value) for name, value in choices.items()}
     asked = Asked(
         takeoff=takeoff,
         landing=landing,
@@ -224,6 +227,11 @@ def init(
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)
+
+
+def _typed(name: str, value: str | bool) -> str:
+    """An option of the robot as it was typed."""
+    return common.typed_option(name) if value is True else f"{common.typed_option(name)} {value}"
 
 
 def bounds(
