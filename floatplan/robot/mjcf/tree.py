@@ -1,15 +1,19 @@
 """Which bodies of a compiled MJCF are the robot, what they are called, and what of them is no tree of rigid links."""
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import import_mujoco
 
 SKEW = 1e-9  # [-] between axes of unit length that are at right angles but for rounding
+DIGITS = 12  # of a unit vector; the rest is rounding of the quaternion that turned it
 LOSSES = ("dof_armature", "dof_damping", "dof_frictionloss")
 TENDON_ACTS = ("limited", "actfrclimited", "stiffness", "damping", "frictionloss", "armature")  # where one is not zero
 
@@ -54,6 +58,16 @@ class MjcfTree:
         """Names of all joints by their numbers; one without is called after its body."""
         bodies = self.model.jnt_bodyid.tolist()
         return self._names("joint", self.model.njnt, lambda joint: f"{self.body_names[bodies[joint]]}_joint")
+
+    @property
+    def gravity_direction(self) -> Array | None:
+        """Unit vector (3,) along gravity, in the base's axes as the file draws it; None where the file has none."""
+        gravity = np.array(self.model.opt.gravity)
+        strength = float(np.linalg.norm(gravity))
+        if not 0.0 < strength < math.inf:
+            return None
+        turned = pin.Quaternion(*self.model.body_quat[self.bodies[0]].tolist()).normalized().inverse()
+        return read_only((turned * (gravity / strength)).round(DIGITS) + 0.0)
 
     def slides(self, joint: int) -> bool:
         """Whether a joint slides; it turns otherwise."""

@@ -56,6 +56,7 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
         files={name: hashlib.sha256(each).hexdigest() for name, each in text.files.items()},
         keyframes={key: {name: float(q[entry]) for name, entry in entries.items()} for key, q in keys.items() if key},
         warnings=(*tree.warnings, *of_motors, *balanced),
+        gravity_direction=tree.gravity_direction,
     )
 
 

@@ -186,7 +186,8 @@ class UrdfText:
     """A robot's file as read: as a URDF, the text and its root element; the SHA-256 of its bytes.
 
     Of an MJCF, ``files`` are the SHA-256 of what it is read with, by their paths from its folder, ``keyframes`` its
-    reference postures, and ``warnings`` say what it has and a URDF has not.
+    reference postures, ``gravity_direction`` is as of :class:`~floatplan.robot.robot.Robot`, and ``warnings`` say what
+    it has and a URDF has not.
     """
 
     path: Path
@@ -197,6 +198,7 @@ class UrdfText:
     files: Mapping[str, str] = field(default_factory=dict)
     keyframes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    gravity_direction: Array | None = None
 
 
 def read_xml(path: Path) -> tuple[bytes, Element]:
