@@ -15,7 +15,6 @@ from floatplan.robot.urdf.check import read_tree
 from floatplan.robot.urdf.tree import MOVING, read_xml
 
 MOST_NAMED = 8  # in a message
-FREE = 7  # numbers of a free joint's configuration
 
 
 @dataclass(frozen=True)
@@ -86,9 +85,15 @@ def _in_urdf(root: Element) -> ModelNames:
 def _in_mjcf(root: Element, path: Path) -> ModelNames:
     with naming(path):
         model = compiled_mjcf(whole_mjcf(root, path))
-    base = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=1).argmax()  # it carries most joints
-    bodies = (model.body(body).name for body in np.flatnonzero(model.body_rootid == base))
-    joints = [model.joint(joint) for joint in np.flatnonzero(model.body_rootid[model.jnt_bodyid] == base)]
-    free = [joint.name for joint in joints if len(joint.qpos0) == FREE]
-    moving = (joint.name for joint in joints if joint.bodyid[0] != base)
-    return ModelNames(tuple(moving), tuple(name for name in bodies if name), free[0] if free else "")
+    roots = model.body_rootid[model.jnt_bodyid]  # of each joint
+    base = np.bincount(roots, minlength=1).argmax()  # it carries most joints
+    bodies = [model.names["body"][body] for body in np.flatnonzero(model.body_rootid == base)]
+    of_base = roots == base
+    moving = np.flatnonzero(of_base & (model.jnt_bodyid != base))
+    free = np.flatnonzero(of_base & (model.jnt_type == model.constants["mjJNT_FREE"]))
+    names = model.names["joint"]
+    return ModelNames(
+        joints=tuple(names[joint] for joint in moving),
+        bodies=tuple(name for name in bodies if name),
+        root=names[free[0]] if len(free) else "",
+    )

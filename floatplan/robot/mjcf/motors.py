@@ -1,12 +1,11 @@
 """What the actuators of a compiled MJCF can, and what their joints feel of them."""
 
 import math
-from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.mjcf.compiled import CompiledMjcf
 from floatplan.robot.mjcf.tree import MjcfTree
 
 UNLIMITED = np.array([-math.inf, math.inf])
@@ -20,7 +19,7 @@ def joint_motors(tree: MjcfTree) -> tuple[dict[int, dict[str, float]], list[str]
     where the joint is driven in one direction only.
     """
     model, motors = tree.model, {}
-    of_joints = model.actuator_trntype <= int(import_mujoco().mjtTrn.mjTRN_JOINTINPARENT)
+    of_joints = model.actuator_trntype <= model.constants["mjTRN_JOINTINPARENT"]
     others = [f"number {1 + each}" for each in np.flatnonzero(~of_joints)]
     idle, uneven = [], []
     for joint in tree.moving:
@@ -46,14 +45,14 @@ def joint_motors(tree: MjcfTree) -> tuple[dict[int, dict[str, float]], list[str]
     return motors, [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
 
 
-def _torques(model: Any, number: int) -> Array:
+def _torques(model: CompiledMjcf, number: int) -> Array:
     """Least and largest torque of an actuator on its joint: by its range of forces, and of control where known."""
-    mujoco, gear = import_mujoco(), model.actuator_gear[number, 0]
+    constants, gear = model.constants, model.actuator_gear[number, 0]
     forces = model.actuator_forcerange[number] if model.actuator_forcelimited[number] else UNLIMITED
     by_control = (
-        model.actuator_gaintype[number] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[number] == mujoco.mjtBias.mjBIAS_NONE
-        and model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_NONE
+        model.actuator_gaintype[number] == constants["mjGAIN_FIXED"]
+        and model.actuator_biastype[number] == constants["mjBIAS_NONE"]
+        and model.actuator_dyntype[number] == constants["mjDYN_NONE"]
     )
     if by_control and model.actuator_ctrllimited[number]:
         forces = np.clip(np.sort(model.actuator_gainprm[number, 0] * model.actuator_ctrlrange[number]), *forces)
