@@ -383,7 +383,7 @@ def test_the_command_tells_of_another_order(
     assert "in the same order as in the robot's file" in run.stderr
     run = floatplan("export", plan_file, "-f", "ros", "--model", model)
     assert run.code == 2
-    assert "no room for the order of a model; take one of isaac-amp, motion-csv, loco-mujoco" in run.stderr
+    assert "no room for the order of a model; take one of mujoco, isaac-amp, motion-csv, loco-mujoco" in run.stderr
 
 
 def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

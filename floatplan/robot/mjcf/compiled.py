@@ -21,6 +21,8 @@ from floatplan.robot.mjcf.text import MjcfText
 ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
 BALANCE = "have it balanced: balance_inertias = true under [robot], or --balance-inertias"
 PLACES = re.compile(r",? line \d+(, column \d+)?|,? id \d+|Element name ''")  # in a text that nobody has seen
+# Their Newton solver factors a sparse Hessian wrongly: https://github.com/google-deepmind/mujoco/releases/tag/4.0.1.
+WRONG_VERSIONS = ("4.0.0",)
 MOST_CACHED = 16  # [-] compiled files; a command reads few, and some of them many times
 ARRAYS = (  # of an MjModel, as far as its version has them
     *("body_rootid", "body_parentid", "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
@@ -28,7 +30,7 @@ ARRAYS = (  # of an MjModel, as far as its version has them
     *("geom_bodyid", "geom_type", "geom_size", "geom_pos", "geom_quat", "geom_dataid", "geom_contype"),
     *("geom_conaffinity", "pair_geom1", "pair_geom2", "mesh_pos", "mesh_quat", "mesh_scale", "qpos0", "key_qpos"),
     *("jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_dofadr", "jnt_axis", "jnt_pos", "jnt_limited", "jnt_range"),
-    *("jnt_actfrclimited", "jnt_actfrcrange", "jnt_stiffness"),
+    *("jnt_actfrclimited", "jnt_actfrcrange", "jnt_stiffness", "qpos_spring"),
     *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_dyntype", "actuator_gaintype"),
     *("actuator_gainprm", "actuator_biastype", "actuator_biasprm", "actuator_ctrllimited", "actuator_ctrlrange"),
     *("actuator_forcelimited", "actuator_forcerange", "actuator_armature", "actuator_damping"),
@@ -65,9 +67,18 @@ class CompiledMjcf:
 
 
 def import_mujoco(element: str = "engine", extra: str = "replay") -> ModuleType:
-    """Return the module, which then writes no log of its warnings; InputError where it is not installed."""
+    """Return the module, which then writes no log of its warnings.
+
+    Raises
+    ------
+    InputError
+        It is not installed, or in a version that computes wrong accelerations.
+    """
     with ONE_AT_A_TIME:
         mujoco = import_optional("mujoco", name="MuJoCo", element=element, extra=extra)
+        if mujoco.__version__ in WRONG_VERSIONS:
+            reason = f"MuJoCo {mujoco.__version__} computes wrong accelerations under contacts"
+            raise InputError(reason, element=element, advice=install_advice(extra))
         if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
             mujoco.set_mju_user_warning(_ignore)
     return mujoco

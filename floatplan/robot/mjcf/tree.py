@@ -50,14 +50,13 @@ class MjcfTree:
 
     @cached_property
     def body_names(self) -> dict[int, str]:
-        """Names of all bodies by their numbers; one without is called ``body`` and its number."""
-        return self._names("body", lambda body: f"body{body}")
+        """Names of all bodies by their numbers, see :func:`body_names`."""
+        return body_names(self.model)
 
     @cached_property
     def joint_names(self) -> dict[int, str]:
-        """Names of all joints by their numbers; one without is called after its body."""
-        bodies = self.model.jnt_bodyid.tolist()
-        return self._names("joint", lambda joint: f"{self.body_names[bodies[joint]]}_joint")
+        """Names of all joints by their numbers, see :func:`joint_names`."""
+        return joint_names(self.model)
 
     @property
     def gravity_direction(self) -> Array | None:
@@ -73,11 +72,6 @@ class MjcfTree:
     def slides(self, joint: int) -> bool:
         """Whether a joint slides; it turns otherwise."""
         return bool(self.model.jnt_type[joint] == self.model.constants["mjJNT_SLIDE"])
-
-    def _names(self, kind: str, otherwise: Callable[[int], str]) -> dict[int, str]:
-        given = dict(enumerate(self.model.names[kind]))
-        taken = set(given.values())
-        return {number: name or new_name(otherwise(number), taken) for number, name in given.items()}
 
     def _check_base(self) -> None:
         """The base is free, or its joints let it move as freely in a plane or in space, or nothing at all holds it."""
@@ -138,6 +132,23 @@ class MjcfTree:
             names = ", ".join(self.joint_names[joint] for joint in self.joints[base])
             held = [f"read as the free base: {names}, by which the file lets the robot float"]
         return [*held, *([f"left out: {'; '.join(left_out)}"] if left_out else [])]
+
+
+def body_names(model: CompiledMjcf) -> dict[int, str]:
+    """Return names of all bodies by their numbers; one without is called ``body`` and its number."""
+    return _names(model, "body", lambda body: f"body{body}")
+
+
+def joint_names(model: CompiledMjcf) -> dict[int, str]:
+    """Return names of all joints by their numbers; one without is called after its body."""
+    bodies, of_bodies = model.jnt_bodyid.tolist(), body_names(model)
+    return _names(model, "joint", lambda joint: f"{of_bodies[bodies[joint]]}_joint")
+
+
+def _names(model: CompiledMjcf, kind: str, otherwise: Callable[[int], str]) -> dict[int, str]:
+    given = dict(enumerate(model.names[kind]))
+    taken = set(given.values())
+    return {number: name or new_name(otherwise(number), taken) for number, name in given.items()}
 
 
 def new_name(name: str, taken: set[str]) -> str:

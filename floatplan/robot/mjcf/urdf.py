@@ -16,10 +16,10 @@ import pinocchio as pin
 
 from floatplan.robot.mjcf.compiled import CompiledMjcf, compiled_mjcf
 from floatplan.robot.mjcf.motors import joint_motors
-from floatplan.robot.mjcf.text import whole_mjcf
+from floatplan.robot.mjcf.text import MjcfText, whole_mjcf
 from floatplan.robot.mjcf.tree import MjcfTree, new_name
 from floatplan.robot.urdf.inertias import balanced_warning
-from floatplan.robot.urdf.tree import UrdfText
+from floatplan.robot.urdf.tree import UrdfText, read_xml
 
 FULL = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of MuJoCo's fullinertia
 
@@ -38,8 +38,7 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
     """
     name = (root.get("model") or "").strip() or path.stem
     text = whole_mjcf(root, path)
-    balanced = _with_balanced_inertias(text.root) if balance_inertias else []
-    model = compiled_mjcf(text)
+    model, balanced = _compiled(text, balance_inertias)
     tree = MjcfTree(model)
     motors, of_motors = joint_motors(tree)
     meshes = {number: text.meshes[mesh] for number, mesh in enumerate(model.names["mesh"])}
@@ -58,6 +57,17 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
         warnings=(*tree.warnings, *of_motors, *balanced),
         gravity_direction=tree.gravity_direction,
     )
+
+
+def compiled_file(robot_file: Path, balance_inertias: bool = False) -> CompiledMjcf:
+    """Return an MJCF file as MuJoCo compiles it; errors as of :func:`read_mjcf`, of what the robot is apart."""
+    _, root = read_xml(robot_file)
+    return _compiled(whole_mjcf(root, robot_file), balance_inertias)[0]
+
+
+def _compiled(text: MjcfText, balance_inertias: bool) -> tuple[CompiledMjcf, list[str]]:
+    balanced = _with_balanced_inertias(text.root) if balance_inertias else []
+    return compiled_mjcf(text), balanced
 
 
 def _with_balanced_inertias(root: Element) -> list[str]:
