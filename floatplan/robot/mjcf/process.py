@@ -96,6 +96,10 @@ class CompilerProcess:
         with suppress(ProcessLookupError):
             self._process.kill()
         self._process.wait()
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Close this process's ends of the pipes."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 with suppress(OSError):
@@ -122,6 +126,9 @@ def compiler_answer(request: Mapping[str, Any], xml: bytes, files: Mapping[str, 
     """Return what the one process of this one answers, started where there is none; errors as of its ``ask``."""
     global _process
     with _lock:
-        if _process is None or not _process.usable:
+        if _process is not None and not _process.usable:
+            _process.let_go()
+            _process = None
+        if _process is None:
             _process = CompilerProcess()
         return _process.ask(request, xml, files)
