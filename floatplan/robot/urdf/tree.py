@@ -7,6 +7,7 @@ import difflib
 import hashlib
 import math
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -32,7 +33,12 @@ MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 PREFIX = "example-robot-data:"
 FOLDER = Path("share", "example-robot-data", "robots")
+FOLDER_NAME = re.compile("(_description|_data)$")  # what folders there end with, after the robot's name
 FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
+NO_ROBOTS = {  # what else is given where a robot's file is to be
+    ".toml": "give the file that its key robot.urdf or robot.mjcf names",
+    ".json": "give the URDF or MJCF that it was made with",
+}
 INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
 
 
@@ -220,6 +226,10 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
     InputError
         If the file is missing, a directory, unreadable, empty, binary, truncated, or not XML.
     """
+    if path.suffix.lower() in NO_ROBOTS and is_file(path):
+        raise InputError(
+            f"is a {path.suffix[1:].upper()} file, not a robot's", source=path, advice=NO_ROBOTS[path.suffix.lower()]
+        )
     content = robot_content(path)
     if not content.strip():
         raise InputError("is empty", source=path)
@@ -241,8 +251,9 @@ def _why_no_links(path: Path, root: Element) -> str:
     """What to do about a file without links, by what it is: xacro's, with or without its ending, or an SRDF."""
     if path.suffix.lower() == ".xacro":
         macros = b":macro" in read_regular(path, LARGEST_URDF, "a xacro file")
-        reason = "it only defines macros" if macros else "it makes none by itself"
-        return f"xacro makes a robot without links of it, as {reason}: give the file that calls them"
+        if macros:
+            return "xacro makes a robot without links of it, as it only defines macros: give the file that calls them"
+        return "xacro makes a robot without links of it: give the file that has them, or includes those that do"
     if any(element.tag.startswith(XACRO) for element in root.iter()):
         return "it is a xacro file: let its name end in .xacro"
     if any(element.tag in OF_SRDF for element in root):
@@ -309,6 +320,7 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
         If the package is not installed, or holds no such file.
     """
     if not isinstance(source, str) or not is_address(source):
+        refuse_bare_name(Path(source))
         return Path(source)
     if not source.startswith(PREFIX):
         return description_path(source, kind)
@@ -321,6 +333,28 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
     if Path(name).is_absolute() or ".." in Path(name).parts or not is_file(path):
         raise InputError(f"example-robot-data has no file {name!r}", source=source, advice=_similar(folder, name))
     return path
+
+
+def refuse_bare_name(path: Path) -> None:
+    """Refuse what is no file but the bare name of a robot of example-robot-data, whose address is then told.
+
+    Raises
+    ------
+    InputError
+        There is no such file, and a robot of that name.
+    """
+    meant = None if path.suffix or len(path.parts) != 1 or path.exists() else _address_of(path.name)
+    if meant is not None:
+        advice = f'did you mean "{meant}"? floatplan robots lists all'
+        raise InputError("no such file", source=path, advice=advice)
+
+
+def _address_of(name: str) -> str | None:
+    """The address of a robot of example-robot-data whose file or folder has a name; None where there is none."""
+    word = name.lower()
+    by_file = [known for known in example_urdfs() if word == Path(known).stem.lower()]
+    by_folder = [known for known in example_urdfs() if word == FOLDER_NAME.sub("", Path(known).parts[0].lower())]
+    return next((f"{PREFIX}{known}" for known in (*by_file, *by_folder)), None)
 
 
 def robots_folder() -> Path | None:
