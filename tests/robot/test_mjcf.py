@@ -319,8 +319,13 @@ def test_files_are_not_without_number(tmp_path, monkeypatch):
     monkeypatch.setattr(mjcf_text, "MOST_FILES", 1)
     for name in ("one.xml", "two.xml"):
         (tmp_path / name).write_text("<mujocoinclude/>")
+    path = mjcf(tmp_path, '<include file="one.xml"/><include file="two.xml"/>')
     with pytest.raises(InputError, match="is read with more than 1 other files"):
-        fp.Robot.from_mjcf(mjcf(tmp_path, '<include file="one.xml"/><include file="two.xml"/>'))
+        fp.Robot.from_mjcf(path)
+    monkeypatch.undo()
+    monkeypatch.setattr(mjcf_text, "LARGEST_TOTAL", 20)
+    with pytest.raises(InputError, match=r"robot\.xml: is read with more than 0 MB of other files"):
+        fp.Robot.from_mjcf(path)
 
 
 def test_a_file_of_another_kind_is_refused_as_such():

@@ -9,6 +9,7 @@ import os
 import resource
 import sys
 import warnings
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -58,14 +59,22 @@ def answered(mujoco: Any, stream: BinaryIO) -> dict[str, Any] | None:
     xml = stream.read(request["xml"]).decode()
     files = {name: stream.read(size) for name, size in request["files"].items()}
     used = resource.getrusage(resource.RUSAGE_SELF)
-    longest = int(used.ru_utime + used.ru_stime + request["seconds"]) + SLACK
-    resource.setrlimit(resource.RLIMIT_CPU, (longest, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+    bound(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + request["seconds"]) + SLACK)
     try:
         return compiled(mujoco, request, xml, files)
     except MemoryError:
         return {"error": "it takes too much memory"}
     except Exception as error:  # of several kinds, its own among them
         return {"error": str(error) or type(error).__name__}
+
+
+def bound(limit: int, most: int) -> None:
+    """Set a limit of this process, as far as the system lets it."""
+    hard = resource.getrlimit(limit)[1]
+    if hard != resource.RLIM_INFINITY:
+        most = min(most, hard)
+    with suppress(OSError, ValueError):  # macOS knows no limit of address space
+        resource.setrlimit(limit, (most, hard))
 
 
 def main() -> None:
@@ -80,8 +89,8 @@ def main() -> None:
             return
         mujoco.set_mju_user_warning(lambda _: None)  # else it writes a log
         warnings.simplefilter("ignore")  # about what newer versions will no longer read
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # and no file at all
+        bound(resource.RLIMIT_AS, memory)
+        bound(resource.RLIMIT_FSIZE, 0)  # it writes no file at all
         while (answer := answered(mujoco, sys.stdin.buffer)) is not None:
             answers.write(json.dumps(answer).encode() + b"\n")
             answers.flush()

@@ -15,6 +15,7 @@ from floatplan.robot.shapes.collisions import LARGEST_MESH
 
 MOST = {"*": 20_000, "body": 1000}  # [-] elements of a file with its includes: many times those of any robot
 MOST_FILES = 200  # [-] included files, and meshes
+LARGEST_TOTAL = 500_000_000  # [bytes] of all of them, which are held at once
 FOLDERS = ("meshdir", "assetdir", "texturedir", "strippath")  # of a <compiler>: where files are
 LEFT_OUT = (
     *("size", "visual", "statistic", "custom", "sensor", "texture", "material", "hfield", "skin"),
@@ -143,6 +144,8 @@ def _content(text: MjcfText, name: str, largest: int, element: Element) -> bytes
         by = "" if element.tag == "include" else ", and of the <compiler>'s meshdir or assetdir"
         advice = error.advice or f"its path is from the folder of {text.path.name}{by}"
         raise text.refused(reason, element, advice) from None
+    if sum(map(len, text.files.values())) > LARGEST_TOTAL:
+        raise InputError(f"is read with more than {LARGEST_TOTAL // 1_000_000} MB of other files, as no robot is")
     return text.files[name]
 
 
