@@ -18,6 +18,7 @@ import numpy as np
 
 from floatplan.simulation import contact_model, jump_flight
 from floatplan.simulation.forward import first_gains
+from floatplan.simulation.jump_landings import PERIOD
 from floatplan.simulation.perturbation import given_perturbation
 from floatplan.stance.jump import load_jump
 
@@ -37,13 +38,13 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
             self.model.opt.timestep = step
 
         def move(self, torques: Any, steps: int) -> bool:
-            moved = super().move(torques, round(jump_flight.PERIOD / step))
+            moved = super().move(torques, round(PERIOD / step))
             mujoco.mj_subtreeVel(self.model, self.data)
             momentum = float(self.data.subtree_angmom[1] @ self.robot.plane.normal)
             rows.append((self.data.time, momentum, bool(self.data.ncon)))
             return moved
 
-    jump_flight.ContactRobot = Recorded  # type: ignore[misc]
+    vars(jump_flight)["ContactRobot"] = Recorded
     control = jump_flight.JumpControl(jump, first_gains(jump), None)
     control.fly(given_perturbation(""), jump.request.friction, SEED, correct=False)
     return rows
@@ -54,6 +55,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("jump", type=Path, help="jump.json")
     jump = load_jump(parser.parse_args().jump)
+    assert jump.flight is not None  # as load_jump saw
     begin, duration = jump.takeoff_time, jump.flight.duration
     inertia = np.abs(jump.flight.angular_momentum) / np.abs(jump.flight.problem.final.orientation) * duration
     for step in (contact_model.STEP, contact_model.STEP / 4):
@@ -61,7 +63,7 @@ def main() -> None:
             rows = [row for row in flown(jump, integrator, step) if begin + WHEN < row[0] < begin + duration]
             in_air = [momentum for _, momentum, touches in rows if not touches]
             drift = (max(in_air) - min(in_air)) / abs(in_air[0])
-            turned = math.degrees(abs(np.mean(in_air) - in_air[0]) * len(in_air) * jump_flight.PERIOD / inertia)
+            turned = math.degrees(abs(np.mean(in_air) - in_air[0]) * len(in_air) * PERIOD / inertia)
             print(
                 f"{integrator:13} {step:.3g} s  h {in_air[0]:.5g}, drift {100 * drift:.2g} %, turned {turned:.2g} deg"
             )

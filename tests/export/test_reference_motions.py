@@ -434,8 +434,10 @@ def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path: Path) -> None:
         near(content["body_positions"][frame], data.xpos[1:])
     same = export(motion, "isaac-amp", tmp_path / "same", rate=RATE, model=path)
     assert same.read_bytes() == (tmp_path / "amp").read_bytes()
-    with pytest.raises(InputError, match="has no free joint with a name"):
-        export(motion, "loco-mujoco", tmp_path / "loco", model=path)
+    loco = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE, model=path))
+    own = mujoco.MjModel.from_xml_path(str(path))
+    assert loco["joint_names"].tolist() == [own.joint(number).name for number in range(own.njnt)]
+    assert loco["qpos"].shape[1] == own.nq
 
 
 def test_a_model_is_read_whole_and_safely(pair: fp.Plan, tmp_path: Path) -> None:
