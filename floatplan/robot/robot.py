@@ -125,6 +125,9 @@ class Robot:
     files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
     balance_inertias : whether inertias that no body can have are balanced
     payload : point masses that links carry
+    gravity_direction : (3,) unit vector along gravity, where the file says which way it points
+        In the root link's axes, in the posture that an MJCF draws. None of a URDF, which does not say it, and of an
+        MJCF without gravity.
     rotor_file : the SRDF file whose ``<rotor_params>`` the rotors' inertias are from, None where none are
     """
 
@@ -159,6 +162,7 @@ class Robot:
     balance_inertias: bool = False
     payload: tuple[Payload, ...] = ()
     rotor_file: Path | None = None
+    gravity_direction: Array | None = None
 
     @classmethod
     def from_urdf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
@@ -256,7 +260,14 @@ class Robot:
                 tree, rotor_file = with_rotors(tree, text.path)
             posture = None if reference is None else reference_posture(reference, tree, text)
             locked = in_radians(tree, choices["locked"] or {}, choices["angles"])
-            choose = partial(choose_joints, tree, base=choices["base"], locked=locked, posture=posture)
+            choose = partial(
+                choose_joints,
+                tree,
+                base=choices["base"],
+                locked=locked,
+                posture=posture,
+                gravity_direction=text.gravity_direction,
+            )
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
                 plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
@@ -269,6 +280,7 @@ class Robot:
                 balance_inertias=changes.balance_inertias,
                 payload=changes.payload,
                 rotor_file=rotor_file,
+                gravity_direction=text.gravity_direction,
             )
 
     @classmethod
