@@ -49,16 +49,16 @@ SHARES = ("torque", "torque_speed", "velocity", "held_torque")  # figures that a
 FIGURES = {
     "residual": Figure("forces are out of balance by {:z.2g} of the weight", 1e-3),
     "torque": Figure(
-        "torques take {:.0%} of their limits",
+        "torques take {:z.0%} of their limits",
         lambda request: request.margin["torque"],
         unlimited="torques have no limit",
     ),
     "torque_speed": Figure(
-        "torques and rates take {:.0%} of the motors' curves", lambda request: request.margin["torque"]
+        "torques and rates take {:z.0%} of the motors' curves", lambda request: request.margin["torque"]
     ),
-    "held_torque": Figure("joints that are held take {:.0%} of their efforts", 1.0),
+    "held_torque": Figure("joints that are held take {:z.0%} of their efforts", 1.0),
     "velocity": Figure(
-        "rates take {:.0%} of their limits",
+        "rates take {:z.0%} of their limits",
         lambda request: request.margin["velocity"],
         unlimited="rates have no limit",
     ),
@@ -73,7 +73,7 @@ FIGURES = {
     "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", SEAM),
     "rest": Figure("at its ends it moves by {:z.2g}", SEAM),
     "level": Figure("what stands is on grounds {:z.2g} m apart", SEAM),
-    "torque_step": Figure("torques change by {:.0%} of their limits within 4 ms where contacts do", np.inf),
+    "torque_step": Figure("torques change by {:z.0%} of their limits within 4 ms where contacts do", np.inf),
     "lifted": Figure("feet that stand are up to {:z.2g} m above the ground", 0.01),
     "circle": Figure("outlines of feet that roll are circles to {:z.2g} m", POINT_FEET),
     "range": Figure("joints keep {:z.2g} rad from the ends of their ranges", 0.0, least=True),
