@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.initial.legs import Leg
 from floatplan.motion.flight import frame_from_com
 from floatplan.problem.parts import JointState
 from floatplan.problem.resolution import lowest_point
@@ -44,6 +45,19 @@ def feet(robot: Robot, asked: str | None = None) -> tuple[str, ...]:
         distinct[tuple(tree.turns[robot.frames[asked].body].tolist())] = asked
     for body, frame in sorted(legs.items(), key=lambda leg: bottom[leg[1]]):
         distinct.setdefault(tuple(tree.turns[body].tolist()), frame)
+    return tuple(sorted(distinct.values(), key=lambda frame: round(place(robot, frame).real, 3)))
+
+
+def wheel_feet(robot: Robot) -> tuple[str, ...]:
+    """Return the wheels, held by their joints, on which legs that step stand, one for each; the rearmost first."""
+    tree, bottom = robot.tree, _bottoms(robot)
+    carrying = {*tree.parent[1:].tolist()}
+    distinct: dict[tuple[float, ...], str] = {}
+    for name, link in sorted(wheels(robot).items(), key=lambda wheel: bottom.get(wheel[1], np.inf)):
+        body = robot.layout.body_of[link]
+        held = name in robot.locked and body not in carrying
+        if held and link in robot.link_hulls and Leg(robot, link, robot.resting).steps:
+            distinct.setdefault(tuple(tree.turns[body].tolist()), link)
     return tuple(sorted(distinct.values(), key=lambda frame: round(place(robot, frame).real, 3)))
 
 

@@ -257,9 +257,7 @@ def touching_links(robot: Robot, links: Sequence[str]) -> list[str]:
     geometry or below it: beside that on the same body they touch nothing.
     """
     on_geometry = {
-        link
-        for link in links
-        if (standing := robot.contact_link(link)) and robot.joint_tree.links[standing].collisions
+        link for link in links if (standing := robot.contact_link(link)) and robot.joint_tree.links[standing].collisions
     }
     bodies = {robot.layout.body_of[link] for link in on_geometry}
     return [link for link in links if link in on_geometry or robot.layout.body_of[link] not in bodies]
