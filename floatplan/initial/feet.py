@@ -67,9 +67,12 @@ def upright(robot: Robot, foot: str) -> float:
     return float(robot.tree.turn * (np.pi / 2 - np.angle(-place(robot, foot)))) if on_base else 0.0
 
 
-def standing_height(robot: Robot, foot: str) -> float:
-    """Height of the centre of mass over the ground on which the robot stands on a foot, m, in its resting posture."""
-    standing = replace(_resting(robot), orientation=upright(robot, foot))
+def standing_height(robot: Robot, foot: str, positions: Array | None = None) -> float:
+    """Height of the centre of mass over the ground on which the robot stands on a foot, m.
+
+    It is in the resting posture, or in that of planned positions (n,), rad.
+    """
+    standing = replace(_state(robot, positions), orientation=upright(robot, foot))
     return max(-lowest_point(robot, foot, standing), SMALLEST)
 
 
@@ -122,10 +125,12 @@ def _posture(robot: Robot) -> Array:
     return np.append(0.0, robot.resting)
 
 
-def _resting(robot: Robot) -> JointState:
-    return JointState(0.0, robot.resting, *np.zeros((2, len(robot.joints))))
+def _state(robot: Robot, positions: Array | None) -> JointState:
+    """The base level and all at rest, in the resting posture or in another one."""
+    at = robot.resting if positions is None else positions
+    return JointState(0.0, at, *np.zeros((2, len(robot.joints))))
 
 
-def place(robot: Robot, frame: str) -> complex:
-    """Return a frame's place relative to the centre of mass in the resting posture, m."""
-    return frame_from_com(robot, robot.frames[frame], _resting(robot))
+def place(robot: Robot, frame: str, positions: Array | None = None) -> complex:
+    """Return a frame's place relative to the centre of mass, m, in the resting posture or in another one (n,), rad."""
+    return frame_from_com(robot, robot.frames[frame], _state(robot, positions))

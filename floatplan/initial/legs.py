@@ -86,7 +86,7 @@ class Leg:
 
     @property
     def support(self) -> tuple[Spot, ...]:
-        """What is on the ground where the robot stands: the ends of the sole, or all corners, of which one is lowest."""
+        """What may be on the ground where the robot stands: the ends of the sole, or all corners of the foot."""
         return self.sole or tuple(self.corners)
 
     @cached_property

@@ -23,7 +23,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, ComplexArray
 from floatplan.initial.legs import Leg
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.stance.contacts import (
@@ -58,10 +58,12 @@ class Standing:
     Attributes
     ----------
     positions : (n,) rad, of the planned joints
-    sought : why the reference posture is none to jump from; empty where it is the one
+    own : whether it is another than the reference posture
+    sought : why the reference posture is none to jump from; empty where none was looked for
     """
 
     positions: Array
+    own: bool = False
     sought: str = ""
 
 
@@ -82,12 +84,14 @@ def standing(robot: Robot, feet: Sequence[str], limits: Array, given: Mapping[in
     reference = robot.resting.copy()
     reference[list(given)] = list(given.values())
     if not feet or any(robot.frames[foot].body == 0 for foot in feet) or not robot.link_hulls:
-        return Standing(reference)
+        return Standing(reference, own=bool(given))
     fault = posture_fault(robot, feet, reference, limits)
-    if not fault:
-        return Standing(reference)
+    if not fault or len(given) == len(reference):
+        return Standing(reference, own=bool(given), sought=fault)
     found = sought_posture(robot, feet, reference, limits, tuple(given))
-    return Standing(reference) if found is None else Standing(found, fault)
+    if found is None:
+        return Standing(reference, own=bool(given), sought=fault)
+    return Standing(found, own=True, sought=fault)
 
 
 def posture_fault(robot: Robot, feet: Sequence[str], positions: Array, limits: Array) -> str:
@@ -259,7 +263,7 @@ class _Objective:
         )
 
     @staticmethod
-    def _on_ground(places: Array, below: Array, leg: Leg) -> tuple[float, float]:
+    def _on_ground(places: ComplexArray, below: Array, leg: Leg) -> tuple[float, float]:
         """Both ends of what a foot stands on, from under the centre of mass: of a sole those, else what is lowest."""
         if leg.sole:
             return float(places.real.min()), float(places.real.max())
