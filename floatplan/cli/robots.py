@@ -189,9 +189,10 @@ def init(
 ) -> None:
     """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
 
-    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight,
-    without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
-    robot's file. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
+    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight. What
+    that does beside what is asked is a warning, here and in the file, which says what was found too: plane, joints with
+    their ranges, couplings, feet, and the limits of the robot's file. Where no jump is found, or CasADi is not
+    installed, it is a turn afloat, and the file says why.
 
     It stands in a posture of its file (a keyframe, a state of the SRDF beside it; --reference names one), in that of
     --posture, or in one that is looked for where the file has none to jump from.
@@ -233,6 +234,8 @@ def init(
     write_atomically(path, text)
     if not quiet:
         typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
+        for warning in flight.plan.warnings:
+            typer.echo(f"warning: {warning.message}", err=True)
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)

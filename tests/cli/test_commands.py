@@ -362,7 +362,7 @@ class TestBounds:
     def test_for_reading(self, floatplan: Command) -> None:
         run = floatplan("bounds", PROBLEMS / "falling_cat.toml")
         assert run.code == 0
-        assert "interval for monotonic joints" in run.stdout
+        assert "without turning back" in run.stdout
         assert "D_2" in run.stdout
 
     def test_an_h_outside_is_told(self, floatplan: Command, tmp_path: Path) -> None:

@@ -180,12 +180,12 @@ CASES = {
     ),
     "momentum far outside": Case(
         lambda: with_momentum(problem_of(B), 40.0),
-        r"40 kg m\^2/s lies outside the interval for monotonic joints",
+        r"40 kg m\^2/s lies outside the interval of motions that do not turn back",
         provable=False,
     ),
     "momentum the other way": Case(
         lambda: with_momentum(problem_of("somersault"), -9.0),
-        r"-9 kg m\^2/s lies outside the interval for monotonic joints",
+        r"-9 kg m\^2/s lies outside the interval of motions that do not turn back",
         provable=False,
     ),
 }
