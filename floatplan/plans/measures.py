@@ -54,8 +54,8 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "gravity", "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
-        or "overlap"
+    kind : "gravity", "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns",
+        "leak" or "overlap"
     subject : link, both links, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
