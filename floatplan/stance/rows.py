@@ -106,7 +106,7 @@ class Calls:
         ways = [function.size1_in(k) for k in range(function.n_in())]
         point = ca.SX.sym("point", sum(ways))
         outputs = function.call(ca.vertsplit(point, np.cumsum([0, *ways]).tolist()))
-        one = ca.Function("one", [point], [ca.vertcat(*outputs)])
+        one = ca.Function("one", [point], [ca.vertcat(*outputs)], {"cse": True})
         points = ca.vertcat(*arguments)
         symbols = ca.MX.sym("called", one.size1_out(0), points.shape[1])
         self._found.append((one, points, symbols))
