@@ -11,6 +11,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat, warnings_in_plane
+from floatplan.initial.apart import kept_apart
 from floatplan.initial.asked import GRAVITY, Asked, wrong
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
@@ -28,6 +29,7 @@ DIGITS = 6  # [-] of numbers of a jump in the problem file
 PLACES = 6  # [-] of heights there, m: micrometres
 AFLOAT_WORK = 5e7  # [instants of one body] with flights afloat, about 1 s each 6e6
 SMALLEST_TURN = math.radians(3)  # [rad] that is worth a flight
+ROUNDS = 3  # [-] in which links that overlap are kept apart: others may then do
 MOST_LEFT_OUT = 4  # [-] options without which a jump is tried, where none is found
 
 
@@ -213,6 +215,7 @@ def first_flight(
 def _first_afloat(chosen: ChosenRobot, asked: Asked, reasons: list[str], say: Callable[[str], None]) -> FirstFlight:
     """The first flight afloat that is found."""
     work = farthest = 0.0
+    overlapping: FirstFlight | None = None
     for problem in turns_afloat(chosen, asked.duration):
         turn = abs(problem.final.orientation - problem.initial.orientation)
         farthest = max(farthest, turn)
@@ -221,8 +224,14 @@ def _first_afloat(chosen: ChosenRobot, asked: Asked, reasons: list[str], say: Ca
         say(f"turn of {math.degrees(turn):.0f} degrees afloat")
         found, took = planned_afloat(problem)
         work += took
-        if found is not None:
-            return FirstFlight(*found, tuple(reasons))
+        if found is None:
+            continue
+        flight = FirstFlight(*found, tuple(reasons))
+        if not warnings_in_plane(flight.plan):
+            return flight
+        overlapping = overlapping or flight
+    if overlapping is not None:
+        return overlapping
     reasons.append(f"Afloat, its joints would turn the base by at most {math.degrees(farthest):.2g} degrees.")
     raise NoFlightError(
         f"{chosen.robot.source}: no flight was found that is proved and without warnings. {' '.join(reasons)} Write the"
@@ -251,7 +260,7 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
     """
     try:
         problem = jump_problem(chosen, turns * int(chosen.robot.plane.turn), asked)
-        found = jump(problem, seed=seed, starts=1, helps=helps)
+        found = _links_apart(jump(problem, seed=seed, starts=1, helps=helps), seed)
         if not found.ok or found.flight is None:
             return found.explanation
         problem = flight_of_jump(found, found.flight)
@@ -265,6 +274,22 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
         return f"{error}."
     if not flight.ok or flight.certificate is None or not flight.certificate.proved:
         return f"Its flight is not proved: {flight.explanation}"
-    if warnings := warnings_in_plane(flight):
+    if warnings := [each for each in warnings_in_plane(flight) if each.kind != "overlap"]:
         return warnings[0].message
     return FirstFlight(problem, flight, (), found)
+
+
+def _links_apart(found: Jump, seed: int) -> Jump:
+    """A jump whose links do not overlap, where the one that was found leads to one; else that one, with its warning."""
+    for _ in range(ROUNDS):
+        apart = kept_apart(found.problem, found.planned_positions, found.duration) if found.ok else None
+        if apart is None:
+            return found
+        try:
+            other = jump(apart, seed=seed, starts=1, helps=False, near=found)
+        except InputError:  # they are as near where the robot stands
+            return found
+        if not other.ok:
+            return found
+        found = other
+    return found

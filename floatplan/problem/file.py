@@ -21,7 +21,7 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import NOT_IN_SPACE
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
-from floatplan.robot.urdf.tree import is_address
+from floatplan.robot.urdf.tree import is_address, refuse_bare_name
 from floatplan.tables import REST, ROBOT_KINDS, Base, RobotKind, Unit
 
 Angles: TypeAlias = Annotated[Unit, Key("Unit of all angles and rates in this file")]
@@ -146,6 +146,7 @@ def load_problem(path: str | Path) -> Problem:
         The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
     """
     path = as_path(path, "path")
+    refuse_bare_name(path)
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
     content = parsed_toml(text, path)
     with naming(path):
@@ -175,6 +176,7 @@ def given_problem(problem: Problem | str | Path, element: str = "problem") -> Pr
 def load_robot(path: str | Path) -> Robot:
     """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
     path = Path(path)
+    refuse_bare_name(path)
     content = read_toml(path)
     if not set(content) <= set(RobotFile.keys):
         return load_problem(path).robot
@@ -321,6 +323,9 @@ def _robot(asked: RobotRequest, path: Path, angles: Unit) -> Robot:
     kind: RobotKind = "urdf" if asked.mjcf is None else "mjcf"
     file = asked.urdf or asked.mjcf or ""
     source = file if is_address(file) else path.parent / file
+    if isinstance(source, Path) and not source.exists():
+        advice = "paths begin at this file's folder; floatplan robots lists robots of installed packages"
+        raise InputError(f"there is no file {str(source)!r}", source=path, element=f"robot.{kind}", advice=advice)
     return robot_as_asked(source, asked.choices() | {"angles": angles}, path, "robot.", kind)
 
 

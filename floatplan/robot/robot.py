@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
@@ -370,6 +371,11 @@ class Robot:
         return self._shapes[0]
 
     @property
+    def has_shapes(self) -> bool:
+        """Whether any link has collision geometry; else all are lines."""
+        return any(link.collisions for link in self.joint_tree.links.values())
+
+    @property
     def link_hulls(self) -> Mapping[str, Sequence[LinkCapsule]]:
         """Convex hulls of the links that have a shape: capsules whose ends are its corners; errors as of ``shapes``."""
         return self._shapes[1]
@@ -427,6 +433,16 @@ class Robot:
         """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
         with naming(self.path):
             return links.link_outlines(self.layout, self.path.parent, self.meshes)
+
+    @cached_property
+    @one_thread
+    def rod_length(self) -> float:
+        """Length, m, of a thin rod of the same mass and largest moment of inertia, in the reference posture."""
+        q = self.reference.copy()
+        q[self.model.nq - self.model.nv :] += self.selection @ self.resting
+        data = self.model.createData()
+        pin.ccrba(self.model, data, q, np.zeros(self.model.nv))
+        return math.sqrt(12 * float(np.linalg.eigvalsh(data.Ig.inertia).max()) / self.mass)
 
     @property
     def mass(self) -> float:

@@ -1,7 +1,7 @@
 """Whether a jump holds between its nodes: its motion at 2 kHz, judged by Pinocchio alone."""
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -37,6 +37,7 @@ class Figure(NamedTuple):
     sentence: str
     limit: float | Callable[[JumpRequest], float]
     least: bool = False
+    unlimited: str = ""  # what is said of a share where there is no limit to share; nothing where it is empty
 
     def most(self, request: JumpRequest) -> float:
         """The limit of a jump."""
@@ -45,33 +46,41 @@ class Figure(NamedTuple):
 
 SHARES = ("torque", "torque_speed", "velocity", "held_torque")  # figures that are shares of limits
 FIGURES = {
-    "residual": Figure("forces are out of balance by {:.2g} of the weight", 1e-3),
-    "torque": Figure("torques take {:.0%} of their limits", lambda request: request.margin["torque"]),
+    "residual": Figure("forces are out of balance by {:z.2g} of the weight", 1e-3),
+    "torque": Figure(
+        "torques take {:.0%} of their limits",
+        lambda request: request.margin["torque"],
+        unlimited="torques have no limit",
+    ),
     "torque_speed": Figure(
         "torques and rates take {:.0%} of the motors' curves", lambda request: request.margin["torque"]
     ),
     "held_torque": Figure("joints that are held take {:.0%} of their efforts", 1.0),
-    "velocity": Figure("rates take {:.0%} of their limits", lambda request: request.margin["velocity"]),
-    "friction": Figure("friction is {:.2f}", lambda request: request.friction),
-    "slip": Figure("horizontal forces leave the cone by {:.2g} of the weight", SLIP),
-    "drift": Figure("feet that stand drift by {:.2g} m", 1e-3),
-    "foot_speed": Figure("feet that stand move at {:.2g} m/s", 0.02),
-    "derivative": Figure("rates and differences of places differ by {:.2g}", 1e-3),
-    "takeoff_seam": Figure("the takeoff's seam is {:.2g}", SEAM),
-    "landing_seam": Figure("the landing's seam is {:.2g}", SEAM),
-    "junction": Figure("where feet come or leave, the motion steps by {:.2g}", SEAM),
-    "gap": Figure("phases are {:.2g} s apart", SEAM),
-    "rest": Figure("at its ends it moves by {:.2g}", SEAM),
-    "level": Figure("what stands is on grounds {:.2g} m apart", SEAM),
+    "velocity": Figure(
+        "rates take {:.0%} of their limits",
+        lambda request: request.margin["velocity"],
+        unlimited="rates have no limit",
+    ),
+    "friction": Figure("friction is {:z.2f}", lambda request: request.friction),
+    "slip": Figure("horizontal forces leave the cone by {:z.2g} of the weight", SLIP),
+    "drift": Figure("feet that stand drift by {:z.2g} m", 1e-3),
+    "foot_speed": Figure("feet that stand move at {:z.2g} m/s", 0.02),
+    "derivative": Figure("rates and differences of places differ by {:z.2g}", 1e-3),
+    "takeoff_seam": Figure("the takeoff's seam is {:z.2g}", SEAM),
+    "landing_seam": Figure("the landing's seam is {:z.2g}", SEAM),
+    "junction": Figure("where feet come or leave, the motion steps by {:z.2g}", SEAM),
+    "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", SEAM),
+    "rest": Figure("at its ends it moves by {:z.2g}", SEAM),
+    "level": Figure("what stands is on grounds {:z.2g} m apart", SEAM),
     "torque_step": Figure("torques change by {:.0%} of their limits within 4 ms where contacts do", np.inf),
-    "lifted": Figure("feet that stand are up to {:.2g} m above the ground", 0.01),
-    "circle": Figure("outlines of feet that roll are circles to {:.2g} m", POINT_FEET),
-    "range": Figure("joints keep {:.2g} rad from the ends of their ranges", 0.0, least=True),
-    "pull": Figure("the least vertical force is {:.2g} of the weight", -1e-3, least=True),
-    "ground": Figure("everything else is at least {:.2g} m above the ground", -1e-6, least=True),
-    "feet": Figure("the feet's shapes are at least {:.2g} m above the ground", -POINT_FEET, least=True),
-    "obstacles": Figure("obstacles are {:.2g} m away beyond their margins", 0.0, least=True),
-    "self_distance": Figure("links are {:.2g} m apart beyond their margins", 0.0, least=True),
+    "lifted": Figure("feet that stand are up to {:z.2g} m above the ground", 0.01),
+    "circle": Figure("outlines of feet that roll are circles to {:z.2g} m", POINT_FEET),
+    "range": Figure("joints keep {:z.2g} rad from the ends of their ranges", 0.0, least=True),
+    "pull": Figure("the least vertical force is {:z.2g} of the weight", -1e-3, least=True),
+    "ground": Figure("everything else is at least {:z.2g} m above the ground", -1e-6, least=True),
+    "feet": Figure("the feet's shapes are at least {:z.2g} m above the ground", -POINT_FEET, least=True),
+    "obstacles": Figure("obstacles are {:z.2g} m away beyond their margins", 0.0, least=True),
+    "self_distance": Figure("links are {:z.2g} m apart beyond their margins", 0.0, least=True),
 }
 
 
@@ -95,11 +104,13 @@ class JumpCheck:
         rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
         s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
     sentences : for a person, what does not hold first
+    unlimited : names of figures that are shares of limits which nothing has; their values are 0
     """
 
     ok: bool
     figures: Mapping[str, float]
     sentences: tuple[str, ...]
+    unlimited: frozenset[str] = frozenset()
 
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
@@ -110,10 +121,11 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
     flown = flight_state(jump.flight, jump.takeoff_time, times)
     flight = _surroundings(jump, flown, min(grounds))
     figures = _worst([*_stances(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
-    broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
+    unlimited = _unlimited(jump.problem)
+    broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures, unlimited))
     if not jump.flight.ok:
         broken.append("the flight's plan does not hold")
-    return JumpCheck(not broken, figures, (*broken, *held))
+    return JumpCheck(not broken, figures, (*broken, *held), unlimited)
 
 
 def _worst(found: Iterable[Value]) -> dict[str, float]:
@@ -169,6 +181,16 @@ def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
     found = motors / problem.motor_torque_limits, (motors + slowed) / problem.motor_stall
     held = np.abs(state.torques[:, locked]) / efforts
     return dict(zip(SHARES, (*found, np.abs(rates) / problem.velocity_limits, held), strict=True))
+
+
+def _unlimited(problem: Problem) -> frozenset[str]:
+    """Figures that are shares of limits which nothing has."""
+    robot = problem.robot
+    efforts = np.array([robot.joint_tree.joint[name].effort for name in robot.locked])
+    torques = np.concatenate((problem.motor_torque_limits, problem.torque_limits))
+    limits = dict(zip(SHARES, (torques, problem.motor_stall, problem.velocity_limits, efforts), strict=True))
+    limits["torque_step"] = problem.motor_torque_limits
+    return frozenset(name for name, values in limits.items() if not np.isfinite(values).any())
 
 
 def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
@@ -248,13 +270,20 @@ def _step(one: JumpState, other: JumpState, unit: float) -> float:
     return float(max(steps))
 
 
-def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Words], list[Words]]:
-    """What is said of figures, of those that are there, each with its limit: what does not hold, and what does."""
+def judged(
+    request: JumpRequest, figures: Mapping[str, float], unlimited: Collection[str] = ()
+) -> tuple[list[Words], list[Words]]:
+    """What is said of figures, of those that are there, each with its limit: what does not hold, and what does.
+
+    Of those that are ``unlimited`` it is said that there is no limit.
+    """
     said: tuple[list[Words], list[Words]] = [], []
     for name, figure in FIGURES.items():
-        if name in figures:
+        if name in unlimited:
+            said[1].extend([(figure.unlimited, "-")] if figure.unlimited else [])
+        elif name in figures:
             value, most = figures[name], figure.most(request)
-            bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "without limit"
+            bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "no limit"
             holds = value >= most if figure.least else value <= most * (1 + ROUNDING)
             said[holds].append((figure.sentence.format(value), bound))
     return said

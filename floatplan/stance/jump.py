@@ -98,7 +98,7 @@ class Jump(Outputs, JumpMotion):
             return "no jump found"
         flight, _ = verdict_in_words(self.flight.ok, self.flight.certificate, False)
         stances = "stances checked" if self.check.ok else "stances not within limits"
-        return ", ".join([flight, stances, *(["with warnings"] if self.flight.warnings else [])])
+        return ", ".join([flight, stances, *(["with warnings"] if self.warnings else [])])
 
     @property
     def view(self) -> Any:
@@ -110,7 +110,13 @@ class Jump(Outputs, JumpMotion):
         told = {name: getattr(self, name) for name in ("status", "ok", "verdict", "explanation", "duration")}
         phases = [vars(phase) for phase in self.phases]
         facts: dict[str, Any] = plain(
-            {**told, "phases": phases, "figures": dict(self.check.figures), "sentences": self.check.sentences}
+            {
+                **told,
+                "warnings": [warning.to_dict() for warning in self.warnings],
+                "phases": phases,
+                "figures": dict(self.check.figures),
+                "sentences": self.check.sentences,
+            }
         )
         return facts
 

@@ -103,15 +103,16 @@ def jump(
     if answer is not None and answer.ok:
         return answer
     until = 2 * process_time() - began
+    counted = "1 start" if tried == 1 else f"{tried} starts"
     if answer is not None:
         gives = broken(asked, answer.check.figures)
     elif best is not None and helps:
         say("what stands in the way")
         gives = in_the_way(*best, asked)
         words = [sentence(each, problem) for each in gives] or [best[1].worst[1]]
-        answer = _not_found(problem, asked, f"No jump was found in {tried} starts. In the way: {'; '.join(words)}.")
+        answer = _not_found(problem, asked, f"No jump was found in {counted}. In the way: {'; '.join(words)}.")
     else:
-        return _not_found(problem, asked, f"No jump was found in {tried} starts.")
+        return _not_found(problem, asked, f"No jump was found in {counted}.")
     if not (gives and helps):
         return answer
     told = replace(answer, explanation=f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
@@ -216,8 +217,10 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
     before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
-    shares = [check.figures[name] / FIGURES[name].most(request) for name in SHARES]
-    told = f" Of what the margins leave they take {max(shares):.0%}." if request.objective == "limits" else ""
+    shares = [check.figures[name] / FIGURES[name].most(request) for name in SHARES if name not in check.unlimited]
+    told = (
+        f" Of what the margins leave they take {max(shares):.0%}." if request.objective == "limits" and shares else ""
+    )
     held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     answer = replace(found, explanation=held)
     vars(answer)["check"] = check  # the motion is the same

@@ -180,7 +180,11 @@ class Contact(Outlined):
     @property
     def brief(self) -> str:
         """The verdict in a few words."""
-        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {self._in_words}" if self.found else "flies"
+        if self.found is None:
+            return "flies"
+        if not self.found.exist:
+            return f"{self.frame} cannot {VERBS[self.end]} the ground at rest: no joint rates stop it"
+        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {self._in_words}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` prints of it; None for what is not finite."""
@@ -290,7 +294,7 @@ def in_words(found: ContactRates) -> str:
     """Return that share, or without limits the rate, in words."""
     number = found.size
     if not math.isfinite(number):
-        return "no rates at all"
+        return "joint rates that do not exist"
     if found.ratio is None:
         return f"{number:.3g} rad/s"
     return f"{100 * number:.0f} % of a velocity limit" if number <= 1 else f"{number:.3g} times a velocity limit"

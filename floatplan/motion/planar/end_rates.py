@@ -7,12 +7,13 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, refuse
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.closed_form import ballistics, tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import end_errors
 from floatplan.tables import AT_REST, CLEARANCE
 
 ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
@@ -62,7 +63,8 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     Raises
     ------
     InputError
-        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds.
+        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds; or for its rest a joint
+        would turn that stands on the edge of its range.
     """
     states = (problem.initial, problem.final)
     given = np.array([state.velocities for state in states])
@@ -74,7 +76,11 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
                 curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
             else:
                 given[number] = _rates(problem, element, end, middle)
-
+                settled = replace(states[number], velocities=given[number])
+                ranges = problem.position_limits
+                refuse(
+                    list(end_errors(problem.robot, ranges, problem.flight, settled, element))
+                )  # of joints on an edge
     return EndRates(given, curves)
 
 

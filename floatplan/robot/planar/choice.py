@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from floatplan.arguments import FINITE
+from floatplan.arguments import FINITE, either
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.keys import ANGLE, Key, Keyed
@@ -66,6 +66,13 @@ class Plane:
         """Angle between an axis (3,) and the normal's line, rad."""
         along = axis @ self.normal
         return float(np.arctan2(np.linalg.norm(axis - along * self.normal), abs(along)))
+
+
+def _planes_of(axes: Iterable[Array]) -> list[str]:
+    """Planes in which some of the joints with these axes (3,) turn, in quotation marks."""
+    turning = list(axes)
+    normals = [letter for letter in LETTERS if any(_is_parallel(axis, _unit(letter)) for axis in turning)]
+    return [f'"{USUAL_PLANES[normal]}"' for normal in normals]
 
 
 def choose_plane(name: str | None, axes: Iterable[Array]) -> str:
@@ -229,7 +236,9 @@ def choose_joints(
         ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
         free = [name for name in free if any_sign.sign(axes[name]) and ranges[name].lower != ranges[name].upper]
         if not free:
-            raise InputError(f'no joint is left to plan in the plane "{plane_name}"', element="joints")
+            reason, others = f'no joint is left to plan in the plane "{plane_name}"', _planes_of(axes.values())
+            advice = f"joints turn in {either(others)}" if plane is not None and others else None
+            raise InputError(reason, element="joints" if plane is None else "plane", advice=advice)
     planned = tuple(free if joints is None else joints)
     chosen = Plane.of_axes(plane_name, [axes[name] for name in planned])
     signs = {name: chosen.sign(axis) for name, axis in axes.items()}

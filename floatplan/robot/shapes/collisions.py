@@ -38,9 +38,10 @@ FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A mesh: corners (k, 3) in m, edges (e, 2) between them, and the SHA-256 of the file."""
+    """A mesh: corners (k, 3) in m, triangles (f, 3) and edges (e, 2) between them, and the SHA-256 of the file."""
 
     corners: Array
+    faces: IntArray
     edges: IntArray
     sha256: str
 
@@ -98,7 +99,8 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
         raise InputError(reason, source=path, element=element, advice="repair the mesh, or remove the <collision>")
     used, numbers = np.unique(faces, return_inverse=True)
     places, merged = _merged(corners[used] * scale)
-    return Mesh(places, _edges(merged[numbers.reshape(faces.shape)]), hashlib.sha256(content).hexdigest())
+    triangles = merged[numbers.reshape(faces.shape)]
+    return Mesh(places, triangles, _edges(triangles), hashlib.sha256(content).hexdigest())
 
 
 def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:

@@ -23,6 +23,7 @@ from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, with_few
 from floatplan.robot.shapes.collisions import KINDS, LARGEST_MESH, Projection, find_mesh, read_collision
 from floatplan.robot.urdf.tree import UrdfTree
 
+LINE_RADIUS = 0.055  # [-] radius of links that are lines, as drawn and as they may overlap, over their median length
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
 
 

@@ -7,6 +7,7 @@ import difflib
 import hashlib
 import math
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -30,7 +31,12 @@ MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 PREFIX = "example-robot-data:"
 FOLDER = Path("share", "example-robot-data", "robots")
+FOLDER_NAME = re.compile("(_description|_data)$")  # what folders there end with, after the robot's name
 FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
+NO_ROBOTS = {  # what else is given where a robot's file is to be
+    ".toml": "give the file that its key robot.urdf or robot.mjcf names",
+    ".json": "give the URDF or MJCF that it was made with",
+}
 INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
 
 
@@ -205,6 +211,10 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
     InputError
         If the file is missing, a directory, unreadable, empty, binary, truncated, or not XML.
     """
+    if path.suffix.lower() in NO_ROBOTS and is_file(path):
+        raise InputError(
+            f"is a {path.suffix[1:].upper()} file, not a robot's", source=path, advice=NO_ROBOTS[path.suffix.lower()]
+        )
     content = robot_content(path)
     if not content.strip():
         raise InputError("is empty", source=path)
@@ -335,6 +345,7 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
         If the package is not installed, or holds no such file.
     """
     if not isinstance(source, str) or not is_address(source):
+        refuse_bare_name(Path(source))
         return Path(source)
     if not source.startswith(PREFIX):
         return description_path(source, kind)
@@ -347,6 +358,28 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
     if Path(name).is_absolute() or ".." in Path(name).parts or not is_file(path):
         raise InputError(f"example-robot-data has no file {name!r}", source=source, advice=_similar(folder, name))
     return path
+
+
+def refuse_bare_name(path: Path) -> None:
+    """Refuse what is no file but the bare name of a robot of example-robot-data, whose address is then told.
+
+    Raises
+    ------
+    InputError
+        There is no such file, and a robot of that name.
+    """
+    meant = None if path.suffix or len(path.parts) != 1 or path.exists() else _address_of(path.name)
+    if meant is not None:
+        advice = f'did you mean "{meant}"? floatplan robots lists all'
+        raise InputError("no such file", source=path, advice=advice)
+
+
+def _address_of(name: str) -> str | None:
+    """The address of a robot of example-robot-data whose file or folder has a name; None where there is none."""
+    word = name.lower()
+    by_file = [known for known in example_urdfs() if word == Path(known).stem.lower()]
+    by_folder = [known for known in example_urdfs() if word == FOLDER_NAME.sub("", Path(known).parts[0].lower())]
+    return next((f"{PREFIX}{known}" for known in (*by_file, *by_folder)), None)
 
 
 def robots_folder() -> Path | None:
