@@ -10,9 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com, way_between
+from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.stance.contacts import Contact, Watched, ground_below, way_between
 from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+from floatplan.stance.model import Pair, PlanarModel, casadi
 from floatplan.stance.phases import Phase
 from floatplan.tables import POINT_FEET
 
