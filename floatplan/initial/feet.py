@@ -12,8 +12,9 @@ from floatplan.motion.flight import frame_from_com
 from floatplan.problem.parts import JointState
 from floatplan.problem.resolution import lowest_point
 from floatplan.robot.robot import Robot
+from floatplan.robot.standing import corners, heights_over_com, undersides
 from floatplan.robot.wheels import wheels
-from floatplan.stance.contacts import corners, heights_over_com, touching_links, undersides
+from floatplan.stance.contacts import touching_links
 
 FOOT_WORDS = ("sole", "foot(?!print)", "toe", "ankle")  # the first that a link's name holds goes before others
 NOT_FEET = re.compile("imu|sensor|wheel|caster|torso|virtual", re.IGNORECASE)

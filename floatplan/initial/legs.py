@@ -9,8 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.robot.robot import Robot
-from floatplan.stance.contacts import FLAT, SOLE, corners, heights_over_com
-from floatplan.stance.model import Spot
+from floatplan.robot.standing import FLAT, SOLE, Spot, corners, heights_over_com
 
 NO_LENGTH = 0.05  # [-] of a leg's length: joints that are no farther apart than that are at one place
 SAMPLES = 128  # [-] of a leg's postures

@@ -33,10 +33,10 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
+from floatplan.robot.standing import Spot
 from floatplan.stance.check import JumpCheck, check_jump
 from floatplan.stance.contacts import Contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import Grid, Stance
 
 FORMAT = "floatplan.jump/1"

@@ -10,9 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com, way_between
+from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.stance.contacts import Contact, Watched, ground_below, way_between
 from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+from floatplan.stance.model import Pair, PlanarModel, casadi
 from floatplan.stance.phases import Phase
 from floatplan.tables import POINT_FEET
 
@@ -106,7 +107,7 @@ class Calls:
         ways = [function.size1_in(k) for k in range(function.n_in())]
         point = ca.SX.sym("point", sum(ways))
         outputs = function.call(ca.vertsplit(point, np.cumsum([0, *ways]).tolist()))
-        one = ca.Function("one", [point], [ca.vertcat(*outputs)])
+        one = ca.Function("one", [point], [ca.vertcat(*outputs)], {"cse": True})
         points = ca.vertcat(*arguments)
         symbols = ca.MX.sym("called", one.size1_out(0), points.shape[1])
         self._found.append((one, points, symbols))
