@@ -26,14 +26,8 @@ from scipy.optimize import least_squares
 from floatplan.arrays import Array, ComplexArray
 from floatplan.initial.legs import Leg
 from floatplan.robot import LinkCapsule, Robot
-from floatplan.stance.contacts import (
-    BENT,
-    Contact,
-    contact_at,
-    corners,
-    in_the_air,
-)
-from floatplan.stance.model import Spot, spot_weights
+from floatplan.robot.standing import Spot, corners, spot_weights
+from floatplan.stance.contacts import BENT, Contact, contact_at, in_the_air
 from floatplan.stance.phases import not_static, standing_posture
 
 # What each term may be off, where lengths are over that of the longest leg.

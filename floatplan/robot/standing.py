@@ -87,7 +87,8 @@ def link_corners(robot: Robot, frame: str) -> list[Spot]:
 def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, ...]:
     """Return the points on which a frame's link stands: the frame's origin; or toe and heel where it has a sole.
 
-    Where that origin is high above the ground, it is the middle of the shape's lowest end, its tip.
+    Where that origin is high above the ground, it is the middle of the shape's lowest end, its tip; and where the link
+    has no geometry, so that it is a line from there to its end.
 
     Parameters
     ----------
@@ -117,9 +118,12 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
         )
         return toe, heel
     depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
-    if depth <= HIGHEST:
+    link = robot.contact_link(home.link)
+    is_line = link is not None and not robot.joint_tree.links[link].collisions
+    if depth <= (POINT_FEET if is_line else HIGHEST):
         return (StandingPoint("", origin, depth),)
-    _refuse_above(robot, frame, depth, y)
+    if depth > HIGHEST:
+        _refuse_above(robot, frame, depth, y)
     middle = Spot(home.body, (ends[rear].place + ends[front].place) / 2)
     height = (places.imag[rear] + places.imag[front]) / 2
     return (StandingPoint(TIP, middle, float(height - ground)),)
