@@ -13,9 +13,9 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import corners, heights_over_com, links_of, near_contact, undersides
+from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.stance.contacts import links_of, near_contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 

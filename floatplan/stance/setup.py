@@ -233,7 +233,9 @@ def _refuse_what_is_not_kept(problem: Problem, turns: int) -> None:
     missed = problem.final.orientation - problem.initial.orientation - TURN * turns
     stands_level = problem.takeoff_frame.body != 0  # else its orientation is the goal's, less whole turns
     if stands_level and abs(missed) > FARTHEST_TURN:
-        reason = f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
+        reason = (
+            f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
+        )
         advice = "ask for whole turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
     height = 0.0 if flight.landing is None else flight.landing.height or 0.0
