@@ -270,9 +270,8 @@ def choose_joints(
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
     if base != "planar":
         if plane is not None:
-            raise InputError(
-                "a flight in space has none", element="plane", advice='leave it out, or base = "free-flyer"'
-            )
+            advice = 'leave it out, or base = "free-flyer"'
+            raise InputError("a flight in space has none", element="plane", advice=advice)
         return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
     plane_name = choose_plane(plane, [axes[name] for name in named or free], gravity_direction)
     if joints is None:  # all that turn in the plane and are not held fast by their limits
