@@ -177,6 +177,10 @@ def init(
     landing_contacts: Annotated[
         str | None, option("A;A,B", "What stands after landing; left out, the same in reverse, front for rear.")
     ] = None,
+    posture: Annotated[
+        str | None,
+        option("J=A,..", "Where joints stand before the jump; those left out are found, where they have to be."),
+    ] = None,
     degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
     force: Annotated[bool, flag("Overwrite the file.", "--force")] = False,
@@ -189,6 +193,9 @@ def init(
     that does beside what is asked is a warning, here and in the file, which says what was found too: plane, joints with
     their ranges, couplings, feet, and the limits of the robot's file. Where no jump is found, or CasADi is not
     installed, it is a turn afloat, and the file says why.
+
+    It stands in a posture of its file (a keyframe, a state of the SRDF beside it; --reference names one), in that of
+    --posture, or in one that is looked for where the file has none to jump from.
 
     What is left open is found: it turns once, backwards where it takes off from the rear, or not at all. What is asked
     is kept, or nothing is written: where no jump as asked is found, the exit code is 1, and the answer says what stands
@@ -218,6 +225,8 @@ def init(
         duration=duration,
         contacts=typed.contacts("--contacts", contacts),
         landing_contacts=typed.contacts("--landing-contacts", landing_contacts),
+        posture=typed.posture("--posture", posture, degrees),
+        angles="deg" if degrees else "rad",
     )
     with blamed(given, typed.PLACE, "--"):
         chosen, flight = asked_flight(robot, asked, given, words, seed, common.tell(quiet))

@@ -11,7 +11,8 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot import PlanarTree, Robot
-from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
+from floatplan.robot.standing import heights_over_com
+from floatplan.stance.contacts import LEVEL, Contact
 
 # Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
 FLIGHT, HOP = (2.57, 16, 0.8, 1.5), (1.2, 16, 0.3, 1.5)  # with a turn and without

@@ -95,7 +95,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
 class UrdfLink:
     """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements.
 
-    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
     """
 
     name: str
