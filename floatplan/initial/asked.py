@@ -112,7 +112,7 @@ class Asked:
     def request(self, chosen: ChosenRobot, foot: str) -> JumpRequest:
         """Return what is asked of the jump that takes off from a foot."""
         fixed: Sequence[Literal["duration"]] = () if self.duration is None else ("duration",)
-        feet: Literal["point", "rolling"] = "rolling" if chosen.on_wheels else "point"
+        feet: Literal["auto", "rolling"] = "rolling" if chosen.on_wheels else "auto"
         own = chosen.stance is not None and chosen.stance.own
         stands: Standing = dict(zip(chosen.robot.joints, chosen.posture.tolist(), strict=True)) if own else "standing"
         level, before = _usual(chosen, foot, "takeoff")

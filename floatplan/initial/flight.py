@@ -29,7 +29,7 @@ DIGITS = 6  # [-] of numbers of a jump in the problem file
 PLACES = 6  # [-] of heights there, m: micrometres
 AFLOAT_WORK = 5e7  # [instants of one body] with flights afloat, about 1 s each 6e6
 SMALLEST_TURN = math.radians(3)  # [rad] that is worth a flight
-ROUNDS = 3  # [-] in which links that overlap are kept apart: others may then do
+ROUNDS = 2  # [-] in which links that overlap are kept apart: others may then do
 MOST_LEFT_OUT = 4  # [-] options without which a jump is tried, where none is found
 
 

@@ -42,8 +42,8 @@ Kind: TypeAlias = Literal[
 ROUNDING = 1e-9  # [rad] of joint ranges
 OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
-# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m, 9 kg,
-# 0.6 m), people's knees and hips as much; the flips among the examples without limits take up to 0.6
+# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
+# 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
 MOST_TORQUE = 2.0
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
 
@@ -54,8 +54,9 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "gravity", "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns",
-        "leak" or "overlap"
+    kind : str
+        "gravity", "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+        or "overlap"
     subject : link, both links, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
@@ -350,9 +351,9 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
     for row in sorted(unlimited["torque"], key=lambda row: row.torque_peak)[-1:]:
         if row.torque_peak > most:
             message = (
-                f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no limit:"
-                f" {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any motor of"
-                " its size has; a longer flight, or less of a turn, needs less, and limits.torque keeps it."
+                f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no"
+                f" limit: {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any"
+                " motor of its size has; a longer flight, or less of a turn, needs less, and limits.torque keeps it."
             )
             yield PlanWarning("torque", row.joint, row.torque_peak, most, "N m", row.torque_instant, message)
     turning = [row for row in unlimited["velocity"] if row.joint not in wheels(robot)]

@@ -30,6 +30,7 @@ from floatplan.robot.shapes.collisions import Geometry
 from floatplan.robot.shapes.links import LINE_RADIUS
 from floatplan.robot.shapes.solids import evenly, link_geometries, link_lines
 
+MESH_CORNERS = 400  # [-] directions in which a mesh's hull is exact: between them it is 0.4 % of its size smaller
 ROUND_CORNERS = 60  # [-] of the polyhedron inside a ball: it is 5 % of the radius smaller
 AWAY = 0.5  # [-] of a body's reach from a joint, along its middle: the half beyond that counts against its neighbour
 UPWARDS = np.array([0.0, 0.0, 1.0])  # the axis of Coal's and URDF's capsules
@@ -271,15 +272,17 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
 
 def _of_geometry(link: str, body: int, placement: Any, geometry: Geometry) -> Piece | None:
     """A piece of a link that is placed in the frame of a joint; None of what has no volume."""
+    own = placement * geometry.placement
+    if geometry.mesh is not None:
+        points = _placed(own, geometry.mesh.corners)
+        corners = points[np.unique((evenly(MESH_CORNERS) @ points.T).argmax(axis=1))]
+        shape = _hull(corners)
+        triangles = points[geometry.mesh.faces]
+        return None if shape is None else Piece(link, body, pin.SE3.Identity(), shape, corners, triangles)
     points, axes = geometry.solid()
     if axes.any():
         points = (points[:, None] + evenly(ROUND_CORNERS) @ axes.T).reshape(-1, 3)
     corners = _placed(placement, points)
-    own = placement * geometry.placement
-    if geometry.mesh is not None:
-        shape = _hull(corners)
-        triangles = _placed(own, geometry.mesh.corners)[geometry.mesh.faces]
-        return None if shape is None else Piece(link, body, pin.SE3.Identity(), shape, corners, triangles)
     radius, _, length = geometry.size.tolist()
     if not geometry.size.any() or (geometry.kind == "box" and not geometry.size.all()):
         return None

@@ -165,6 +165,7 @@ WRONG_PAYLOADS = {
     "no mass": ({"link": "a"}, "payload.mass: is missing"),
     "no weight": ({"link": "a", "mass": 0.0}, "payload.mass"),
     "negative": ({"link": "a", "mass": -1.0}, "payload.mass"),
+    "too heavy": ({"link": "a", "mass": 1e8, "at": [1e5, 0, 0]}, "heavier than any robot's"),
     "a text": ("trunk", "payload"),
     "not a place": ({"link": "a", "mass": 1.0, "at": [0, 0]}, "payload.at"),
     "another key": ({"link": "a", "mass": 1.0, "place": [0, 0, 0]}, "unknown key"),

@@ -63,6 +63,17 @@ class Inertial:
     mass: float
     inertia: Array
 
+    @property
+    def in_link(self) -> Array:
+        """Inertia (3, 3) about the centre of mass in the link's axes, exactly symmetric, as Pinocchio wants it."""
+        return turned_inertia(self.origin.placement.rotation, self.inertia)
+
+
+def turned_inertia(rotation: Array, inertia: Array) -> Array:
+    """Return ``rotation @ inertia @ rotation.T`` (3, 3) without the rounding by which it is not symmetric."""
+    turned = rotation @ inertia @ rotation.T
+    return np.asarray((turned + turned.T) / 2)
+
 
 def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Array]:
     """Mass, kg, centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, of links that are fixed to one another.
@@ -75,7 +86,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
     inertia = np.zeros((3, 3))
     for own, place in solid:
         arm = place.translation - center
-        inertia += place.rotation @ own.inertia @ place.rotation.T
+        inertia += turned_inertia(place.rotation, own.inertia)
         inertia += own.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return mass, center, inertia
 
@@ -84,7 +95,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
 class UrdfLink:
     """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements.
 
-    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
     """
 
     name: str
@@ -240,8 +251,9 @@ def _why_no_links(path: Path, root: Element) -> str:
     """What to do about a file without links, by what it is: xacro's, with or without its ending, or an SRDF."""
     if path.suffix.lower() == ".xacro":
         macros = b":macro" in read_regular(path, LARGEST_URDF, "a xacro file")
-        reason = "it only defines macros" if macros else "it makes none by itself"
-        return f"xacro makes a robot without links of it, as {reason}: give the file that calls them"
+        if macros:
+            return "xacro makes a robot without links of it, as it only defines macros: give the file that calls them"
+        return "xacro makes a robot without links of it: give the file that has them, or includes those that do"
     if any(element.tag.startswith(XACRO) for element in root.iter()):
         return "it is a xacro file: let its name end in .xacro"
     if any(element.tag in OF_SRDF for element in root):
