@@ -219,7 +219,7 @@ class DualMethod {
 };
 
 // Whether it is solved; the direction and the multipliers are the solution, the active rows those that it needs.
-static inline Index solve_quadratic(Quadratic &qp) {
+Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
     Room room;
     const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) && method.solve(qp);
