@@ -190,32 +190,35 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _run_side_by_side(commands: Sequence[Sequence[str]], environment: dict[str, str]) -> None:
-    """Run commands of the compiler at the same time. Where one fails, or this process is told to end, all of them end."""
-    running: list[subprocess.Popen[str]] = []
+    """Run commands of the compiler at the same time; where one fails, the others end."""
     try:
-        for each in commands:
-            running.append(
-                subprocess.Popen(
-                    each,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.PIPE,
-                    text=True,
-                    env=environment,
-                    start_new_session=True,  # with the processes that the compiler starts
-                )
-            )
-        for process in running:
-            _, errors = process.communicate(timeout=LONGEST)
-            if process.returncode:
-                raise subprocess.CalledProcessError(process.returncode, process.args, stderr=errors)
+        with contextlib.ExitStack() as stack:
+            processes = [stack.enter_context(_running(each, environment)) for each in commands]
+            for process in processes:
+                _, errors = process.communicate(timeout=LONGEST)
+                if process.returncode:
+                    raise subprocess.CalledProcessError(process.returncode, process.args, stderr=errors)
     except (OSError, subprocess.SubprocessError) as error:
         reason = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[:5]
         raise CompilerError("\n".join((f"{shlex.join(command())} cannot compile the kernel:", *reason))) from error
-    finally:
-        for process in running:
+
+
+@contextlib.contextmanager
+def _running(arguments: Sequence[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """Run a command while this lasts; what is left of it then is killed, with the processes that it has started."""
+    with subprocess.Popen(
+        arguments,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -8,7 +8,6 @@ import re
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
