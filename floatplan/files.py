@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
+from floatplan.arguments import either
 from floatplan.errors import InputError
 
 LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
 SPARE = 65_536  # [bytes] of a file that gives no size
 LARGEST_URDF = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
+MADE = ("plan.json", "jump.json", "study.json")  # files of which folders of results have one
 DEEPEST = 50  # [-] tables and lists within each other, of any file
 
 
@@ -59,6 +61,33 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
     return content
 
 
+def check_readable(path: Path, otherwise: str) -> None:
+    """Refuse a file that is there and cannot be read: what it holds is not known, so that it must not be lost.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or nothing.
+    otherwise : str
+        What is not done to the file, for the message: "is not replaced".
+
+    Raises
+    ------
+    InputError
+        The system refuses to read it.
+    """
+    try:
+        if path.is_file():
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                os.read(descriptor, 1)
+            finally:
+                os.close(descriptor)
+    except OSError as error:
+        reason = f"cannot be read: {error.strerror or error}; it {otherwise}"
+        raise InputError(reason, source=path, advice="make it readable, or move it away") from None
+
+
 def check_hash(content: bytes, digest: str, path: Path) -> None:
     """Refuse the content of a file whose SHA-256 is not the one that a plan recorded."""
     if hashlib.sha256(content).hexdigest() != digest:
@@ -95,6 +124,13 @@ def read_json(path: Path, largest: int = LARGEST_PLAN, kind: str = "a plan file"
     InputError
         The file cannot be read, is not JSON, is nested too deeply, or gives a key twice in one object.
     """
+    if path.suffix.lower() == ".toml" and is_file(path):
+        advice = f"floatplan plan {path.name} makes a plan, floatplan jump {path.name} a jump; give the file of that"
+        raise InputError(f"is a TOML file, not {kind}", source=path, advice=advice)
+    if path.is_dir():
+        inside = next((name for name in MADE if is_file(path / name)), None)
+        advice = f"did you mean {path / inside}?" if inside else f"give the file in it: {either(MADE)}"
+        raise InputError(f"is a directory, not {kind}", source=path, advice=advice)
     text = read_text(path, largest, kind)
     return _parsed(path, "JSON", lambda: json.loads(text, object_pairs_hook=_single_keys))
 
@@ -215,7 +251,8 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
     Raises
     ------
     InputError
-        The system refuses it, such as on a full disk, or there is something else than a file.
+        The system refuses it, such as on a full disk, or there is something else than a file, or a file that cannot be
+        read.
     """
     return write_together({Path(path): content})[0]
 
@@ -263,6 +300,7 @@ def _written_beside(path: Path, content: str | bytes) -> Path:
     """A new file under a temporary name beside ``path``."""
     if path.exists() and not path.is_file():
         raise InputError("is not a regular file, and is not replaced", source=path, advice="choose another name")
+    check_readable(path, "is not replaced")
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path.parent)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f"{_temporary_of_here()}{os.getpid()}-")

@@ -9,7 +9,7 @@ from pathlib import Path
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.export.table import table_text
-from floatplan.files import write_atomically, write_together
+from floatplan.files import check_readable, write_atomically, write_together
 from floatplan.problem.file import problem_text
 from floatplan.tables import LIMIT_TABLE
 
@@ -26,7 +26,8 @@ def check_directory(directory: Path) -> None:
     Raises
     ------
     InputError
-        It is a file, lies under a file, cannot be written to, or holds folders where the files should go.
+        It is a file, lies under a file, cannot be written to, or holds folders where the files should go, or files
+        that cannot be read.
     """
     existing = directory.absolute()
     while not os.path.lexists(existing):
@@ -38,6 +39,7 @@ def check_directory(directory: Path) -> None:
     for name in (PLAN, JUMP, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
         if (directory / name).is_dir():
             raise _unsuitable(directory, f"{name} is a directory there")
+        check_readable(directory / name, "is not replaced")
     if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
         raise _unsuitable(directory, f"{FIGURES} is not a directory there")
 
@@ -88,8 +90,10 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
     """
     if not (directory / PLAN).is_file():
         return
-    (directory / TRAJECTORY).unlink(missing_ok=True)
-    if {path.name for path in directory.glob("[!.]*")} <= {PLAN, *kept}:
+    trajectory = directory / TRAJECTORY
+    check_readable(trajectory, "is not removed")
+    if {path.name for path in directory.glob("[!.]*")} <= {PLAN, TRAJECTORY, *kept}:
+        trajectory.unlink(missing_ok=True)
         return
     from floatplan.export.formats import FORMATS
 
@@ -97,9 +101,11 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
     made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
-    older = [path for path in made if path.is_file() and path.name not in kept]
+    older = [path for path in made if path.is_file() and path.name not in (TRAJECTORY, *kept)]
     for path in older:
-        path.unlink()
+        check_readable(path, "is not removed")
+    for path in [trajectory, *older]:
+        path.unlink(missing_ok=True)
     names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older)
     if names and tell is not None:
         tell(f"{directory}: the plan there is replaced, and what was made of it removed: {', '.join(names)}")

@@ -150,26 +150,38 @@ def _ends(robot: Robot, frame: str) -> list[Spot]:
     return [] if link is None else corners(robot.link_hulls[link])
 
 
+def not_round(robot: Robot, contact: Contact, y: Array) -> str:
+    """Why a contact cannot roll on circles about its frames down to the ground, for a person; "" where it can.
+
+    The outline of each link has to be such a circle, so far about what is lowest in a posture y (n+1,) that stands as
+    it may roll.
+    """
+    angles = robot.tree.absolute_angles(y[0], y[1:])
+    for frame, spot in zip(contact.frames, contact.spots, strict=True):
+        if contact.of_sole:
+            return f"{frame!r} cannot roll: its link is a sole"
+        ways = np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS)) * robot.tree.rotations(-angles)[spot.body] * -1j
+        reach = np.zeros(ROLLS)
+        for each in _ends(robot, frame):
+            reach = np.maximum(reach, ((each.place - spot.place) * ways.conj()).real + each.radius)
+        off = float(np.abs(reach - contact.depth).max())
+        if not off < min(POINT_FEET, UNROUND * contact.depth):
+            round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
+            return f"{frame!r} cannot roll: its link is {round_}"
+    return ""
+
+
 def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
     """Return a contact on circles that roll, about its frames down to the ground, in a posture y (n+1,) that stands.
 
     Raises
     ------
     InputError
-        The outline of a link, so far about what is lowest that it may roll, is no circle about its frame.
+        The outline of a link is no such circle: see :func:`not_round`.
     """
-    angles = robot.tree.absolute_angles(y[0], y[1:])
-    for frame, spot in zip(contact.frames, contact.spots, strict=True):
-        ways = np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS)) * robot.tree.rotations(-angles)[spot.body] * -1j
-        reach = np.zeros(ROLLS)
-        for each in _ends(robot, frame):
-            reach = np.maximum(reach, ((each.place - spot.place) * ways.conj()).real + each.radius)
-        off = float(np.abs(reach - contact.depth).max())
-        if contact.of_sole or not off < min(POINT_FEET, UNROUND * contact.depth):
-            round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
-            reason = f"{frame!r} cannot roll: its link is {'a sole' if contact.of_sole else round_}"
-            advice = 'name a frame at the centre of a round foot, or let feet = "point"'
-            raise InputError(reason, advice=advice)
+    reason = not_round(robot, contact, y)
+    if reason:
+        raise InputError(reason, advice='name a frame at the centre of a round foot, or let feet = "auto"')
     return replace(contact, spots=tuple(each._replace(radius=contact.depth) for each in contact.spots))
 
 
@@ -276,12 +288,14 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
 class Watched:
     """Points that stay above the ground: places on bodies, and the heights (P,) m of their centres at least.
 
-    Those that are ``low`` (P,) do for bodies that have not turned to one side since they stood.
+    Those that are ``low`` (P,) do for bodies that have not turned to one side since they stood. ``touchdown`` (P,) m
+    are the heights of those centres where the robot lands turned; minus infinity of what belongs to a foot itself.
     """
 
     spots: tuple[Spot, ...]
     least: Array
     low: BoolArray
+    touchdown: Array
 
 
 def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, room: float) -> Watched:
@@ -304,7 +318,7 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
             own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
             if all(apart + corner.radius > most for apart, most in own):
                 group.append((corner, shape.link in feet_links))
-    spots, least, low = [], [], []
+    spots, least, low, touchdown = [], [], [], []
     ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
     turned = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
     for members in filter(None, kept.values()):
@@ -324,4 +338,11 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
                 spots.append(spot._replace(radius=0.0))
                 least.append(spot.radius + (-POINT_FEET / 2 if is_foot else min(room, above / 2)))
                 low.append(farthest[index])
-    return Watched(tuple(spots), np.array(least), np.array(low, bool))
+                own_height = -np.inf if is_foot and near_contact(spot, feet) else spot.radius + min(room, above / 2)
+                touchdown.append(own_height)
+    return Watched(tuple(spots), np.array(least), np.array(low, bool), np.array(touchdown))
+
+
+def near_contact(corner: Spot, feet: Sequence[Spot]) -> bool:
+    """Whether a corner of a link that stands belongs to the foot itself, and not to the shank above it."""
+    return any(foot.body == corner.body and abs(foot.place - corner.place) < HIGHEST for foot in feet)

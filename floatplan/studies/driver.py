@@ -4,10 +4,11 @@ Chunks are planned by this process, a pool of processes, the machines of a dask 
 """
 
 import logging
+import math
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import timedelta
@@ -15,12 +16,12 @@ from typing import Any
 
 from floatplan.arguments import optional
 from floatplan.compiled.numbers import is_together
-from floatplan.errors import FloatplanError, InputError, import_optional
+from floatplan.errors import FloatplanError, InputError, import_optional, printable
 from floatplan.planning.search import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
-from floatplan.studies.folder import Range, StudyFolder
-from floatplan.studies.rows import PlannedChunk, lost_row, packed, planned_rows
+from floatplan.studies.folder import Range, StudyFolder, decoded
+from floatplan.studies.rows import PlannedChunk, lost_row, packed, planned_rows, row_check
 
 CHUNK_SECONDS = 1.0  # [s] of work
 FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and of whole searches
@@ -32,7 +33,8 @@ PATIENCE = 30  # [s] for a scheduler to answer
 ENGINES = ("processes", "dask")
 LOADED = ("floatplan.studies.study",)  # before a process begins
 BROKEN = "no process can be started: see above; in a script, plan below \"if __name__ == '__main__':\", or with jobs=1"
-ENDED = "takes no more tasks; what is done stays, and the same call with another goes on from there"
+GOES_ON = "what is done stays, and the same call with another executor goes on from there"
+ENDED = f"the executor takes no more tasks; {GOES_ON}"
 DIED = "The system ended the process that planned this row: it crashed, or memory ran out."
 
 
@@ -49,6 +51,39 @@ class Here(Executor):
         return future
 
 
+class CallersExecutor(Executor):
+    """The executor of whoever calls, whose faults are raised as :class:`FloatplanError`: it may be anything."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Hand over a task.
+
+        Raises
+        ------
+        RuntimeError, OSError
+            The executor is broken, or was shut down.
+        FloatplanError
+            Its ``submit`` raises something else, or returns no future.
+        """
+        try:
+            future = self._executor.submit(fn, *args, **kwargs)
+        except (RuntimeError, OSError):
+            raise
+        except Exception as error:
+            raise FloatplanError(f"the executor's submit raised {_quoted(error)}; {GOES_ON}") from error
+        if not isinstance(future, Future):
+            kind = type(future).__name__
+            raise FloatplanError(f"the executor's submit returned {kind!r}, not a concurrent.futures.Future; {GOES_ON}")
+        return future
+
+
+def _quoted(error: BaseException) -> str:
+    """An error that somebody else's code raised, as part of a message."""
+    return printable(f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
+
+
 @dataclass(frozen=True)
 class Engine:
     """Where chunks go.
@@ -58,11 +93,13 @@ class Engine:
     begin : begins an executor, as a context
     places : tells how many chunks it takes at a time
     alone : begins an executor for one chunk that may end its process
+    is_callers : whether it is the executor of whoever calls, whose results are checked before they are kept
     """
 
     begin: Callable[[], AbstractContextManager[Executor]]
     places: Callable[[], int]
     alone: Callable[[], AbstractContextManager[Executor]]
+    is_callers: bool = False
 
 
 def processors() -> int:
@@ -96,7 +133,8 @@ def started(engine: str, jobs: int | None, scheduler: str | None, executor: Exec
         if engine != "processes" or not isinstance(executor, Executor):
             reason = "must be a concurrent.futures.Executor, without an engine beside it"
             raise InputError(reason, element="executor")
-        yield Engine(lambda: _taking(executor, ENDED), lambda: AHEAD * count, lambda: processes(1, LOADED))
+        callers = CallersExecutor(executor)
+        yield Engine(lambda: _probed(callers), lambda: AHEAD * count, lambda: processes(1, LOADED), is_callers=True)
     elif engine == "dask":
         with _client(count, scheduler) as client:
             cluster = nullcontext(client.get_executor(pure=False))  # which outlives its workers
@@ -110,17 +148,27 @@ def started(engine: str, jobs: int | None, scheduler: str | None, executor: Exec
 @contextmanager
 def _pool(count: int) -> Iterator[Executor]:
     """Processes of this machine, which end with this one."""
-    with processes(count, LOADED) as executor, _taking(executor, BROKEN):
+    with processes(count, LOADED) as executor:
+        try:
+            executor.submit(os.getpid).result()
+        except RuntimeError:  # one that cannot even begin would be begun for ever
+            raise FloatplanError(BROKEN) from None
         yield executor
 
 
 @contextmanager
-def _taking(executor: Executor, otherwise: str) -> Iterator[Executor]:
-    """An executor that takes tasks: one that cannot even begin would be begun for ever."""
+def _probed(executor: CallersExecutor) -> Iterator[Executor]:
+    """The executor of whoever calls, once it has done a first task: one that does none would be asked for ever."""
     try:
         executor.submit(os.getpid).result()
-    except RuntimeError:  # it is broken, or was shut down
-        raise FloatplanError(otherwise) from None
+    except FloatplanError:
+        raise
+    except RuntimeError:
+        raise FloatplanError(ENDED) from None
+    except CancelledError:
+        raise FloatplanError(f"the executor cancelled its first task; {GOES_ON}") from None
+    except Exception as error:
+        raise FloatplanError(f"the executor's first task raised {_quoted(error)}; {GOES_ON}") from error
     yield executor
 
 
@@ -166,6 +214,7 @@ class StudyRun:
     ) -> None:
         self._study, self._folder, self._engine, self._progress = study, folder, engine, progress
         self._packed = packed(study)
+        self._row_check = row_check(study) if engine.is_callers else None
         self._size = self._least = (
             FIRST_TOGETHER if is_together(study.family(0, 1)) and not study.plan.jump else FIRST_ALONE
         )
@@ -195,10 +244,10 @@ class StudyRun:
                 finished, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in finished:
                     chunk = running.pop(future)
-                    if _is_lost(future):
+                    if self._is_lost(future):
                         lost.append(chunk)
                     else:
-                        self._keep(chunk, future.result())
+                        self._keep(chunk, self._checked(chunk, future.result()))
 
     def _next(self, waiting: list[Range], places: int) -> Range:
         """Take a chunk from what is waiting: about a second of work, less at the end, so that all end together."""
@@ -232,7 +281,7 @@ class StudyRun:
             future = self._submit(executor, chunk)
             wait([future])
         first, stop = chunk
-        if not _is_lost(future):
+        if not self._is_lost(future):
             self._keep(chunk, future.result())
         elif stop - first > 1:
             middle = (first + stop) // 2
@@ -241,14 +290,39 @@ class StudyRun:
         else:
             self._keep(chunk, lost_row(self._packed, first, self._study.samples.values(first, stop), DIED))
 
+    def _is_lost(self, future: Future[PlannedChunk]) -> bool:
+        """Whether a chunk's process died, or its executor let go of it; any other error is no row's, and is raised."""
+        if future.cancelled():
+            return True
+        error = future.exception()
+        if error is None:
+            return False
+        if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
+            return True
+        if self._engine.is_callers and isinstance(error, Exception):
+            raise FloatplanError(f"a task of the executor raised {_quoted(error)}; {GOES_ON}") from error
+        raise error
 
-def _is_lost(future: Future[PlannedChunk]) -> bool:
-    """Whether a chunk's process died, or its executor let go of it; any other error is no row's, and is raised."""
-    if future.cancelled():
-        return True
-    error = future.exception()
-    if error is None:
-        return False
-    if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
-        return True
-    raise error
+    def _checked(self, chunk: Range, result: Any) -> PlannedChunk:
+        """The result of a chunk, which is looked at where it is the work of the caller's executor.
+
+        Raises
+        ------
+        FloatplanError
+            It does not hold the rows of that chunk.
+        """
+        if self._row_check is None:
+            return result  # type: ignore[no-any-return]
+        rows = f"rows {chunk[0]} to {chunk[1] - 1}"
+        if not (
+            isinstance(result, PlannedChunk)
+            and isinstance(result.content, bytes)
+            and isinstance(result.seconds, float)
+            and 0 <= result.seconds < math.inf
+        ):
+            kind = type(result).__name__
+            raise FloatplanError(f"the executor returned {kind!r} in the place of {rows}; {GOES_ON}")
+        table = decoded(result.content)
+        if table is None or not self._row_check(table, *chunk):
+            raise FloatplanError(f"the executor returned {rows} damaged, or others in their place; {GOES_ON}")
+        return result

@@ -6,9 +6,9 @@ import contextlib
 import io
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
-from floatplan.files import read_json, read_regular, write_atomically
+from floatplan.files import check_readable, read_json, read_regular, write_atomically
 
 FORMAT = "floatplan.study/1"
 STUDY, RESULTS, CHUNKS, SHARDS, LOCK = "study.json", "results.parquet", "chunks", "shards", ".lock"
@@ -97,15 +97,13 @@ class StudyFolder:
         Raises
         ------
         InputError
-            It holds another study, or results of unknown origin.
+            It holds another study, or results of unknown origin; or what is to be discarded cannot be read.
         """
-        if restart:  # what a study leaves goes, and nothing else
-            made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
-            for path in [*(path for path, _ in self._chunks()), *made]:
-                path.unlink(missing_ok=True)
+        if restart:
+            self._discard()
         known = self.record()
         if known is None:
-            if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
+            if self._chunks() or self.results.exists():
                 raise InputError("holds results of no known study", source=self.path, advice=ADVICE)
             record = {"format": FORMAT, "hash": digest, **facts}
             write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
@@ -114,11 +112,29 @@ class StudyFolder:
                 "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
             )
 
+    def _discard(self) -> None:
+        """Remove what a study leaves, and nothing else; all of it, or nothing where some of it cannot be read."""
+        made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
+        discarded = [*(path for path, _ in self._chunks()), *made]
+        for path in discarded:
+            check_readable(path, "is not discarded")
+        with naming_the_folder(self.path):
+            for path in discarded:
+                path.unlink(missing_ok=True)
+
     def record(self) -> dict[str, Any] | None:
-        """What it says of its study, nothing where that is spoiled; None where there is no record."""
+        """What it says of its study, nothing where that is spoiled; None where there is no record.
+
+        Raises
+        ------
+        InputError
+            The record cannot be read, or is no JSON.
+        """
         path = self.path / STUDY
-        if not path.exists():
-            return None
+        with naming_what_cannot_be_read(path):
+            if not path.exists():
+                return None
+        read_regular(path, LARGEST_STUDY_RECORD, "a study's record")  # where this fails, nothing is to be discarded
         try:
             content = read_json(path, LARGEST_STUDY_RECORD, "a study's record")
         except InputError as error:
@@ -126,39 +142,79 @@ class StudyFolder:
         return content if isinstance(content, dict) else {}
 
     def _chunks(self) -> list[tuple[Path, Range]]:
-        """Files of chunks by their names, in the order of their rows."""
-        found = []
-        for path in (self.path / CHUNKS).glob("*.parquet"):
-            name = re.fullmatch(r"(\d{7,9})-(\d{7,9})", path.stem, flags=re.ASCII)
-            if name:
-                found.append((path, (int(name[1]), int(name[2]) + 1)))
-        return sorted(found, key=lambda chunk: chunk[1])
+        """Files of chunks by their names, in the order of their rows.
+
+        Raises
+        ------
+        InputError
+            The folder is there and cannot be listed.
+        """
+        chunks = []
+        for path in listed(self.path / CHUNKS):
+            match = re.fullmatch(r"(\d{7,9})-(\d{7,9})\.parquet", path.name, flags=re.ASCII)
+            if match:
+                chunks.append((path, (int(match[1]), int(match[2]) + 1)))
+        return sorted(chunks, key=lambda chunk: chunk[1])
 
     def keep(self, first: int, stop: int, content: bytes) -> None:
         """Write a chunk, whole or not at all."""
         with naming_the_folder(self.path):
             write_atomically(self.path / CHUNKS / f"{first:07d}-{stop - 1:07d}.parquet", content)
 
-    def missing(self, are_in: Callable[[Any, int, int], bool]) -> list[Range]:
-        """Ranges of rows that are still to be planned.
+    def look(self, are_in: Callable[[Any, int, int], bool]) -> Contents:
+        """Read all chunks, and change nothing.
 
-        Chunks are removed that cannot be read, or that do not hold their rows: ``are_in`` says so of a table.
+        Parameters
+        ----------
+        are_in : callable
+            Whether a table holds the rows from one index to the one before another.
+
+        Raises
+        ------
+        InputError
+            A chunk cannot be read, so that nobody can tell whether it is damaged.
         """
-        gaps, reached = [], self.rows[0]
+        contents = Contents()
+        reached = self.rows[0]
         for path, (first, stop) in self._chunks():
-            if first < reached or stop > self.rows[1] or not _holds(path, first, stop, are_in):
-                with naming_the_folder(path):
-                    path.unlink(missing_ok=True)
+            table = _read(path)
+            if first < reached or stop > self.rows[1] or table is None or not are_in(table, first, stop):
+                contents.damaged.append(path)
                 continue
             if first > reached:
-                gaps.append((reached, first))
+                contents.gaps.append((reached, first))
+            contents.chunks.append(path)
             reached = stop
-        return [*gaps, (reached, self.rows[1])] if reached < self.rows[1] else gaps
+        if reached < self.rows[1]:
+            contents.gaps.append((reached, self.rows[1]))
+        return contents
 
-    def table(self) -> Any:
-        """All chunks as one table."""
+    def missing(self, are_in: Callable[[Any, int, int], bool]) -> list[Range]:
+        """Return the ranges of rows that are still to be planned, and remove the chunks that are damaged.
+
+        A chunk is damaged when it was read and is no table, or does not hold its rows: ``are_in``, as of :meth:`look`,
+        says so of a table. Where a chunk cannot be read nothing is removed.
+
+        Raises
+        ------
+        InputError
+            As :meth:`look`; or a damaged chunk cannot be removed.
+        """
+        contents = self.look(are_in)
+        for path in contents.damaged:
+            with naming_the_folder(path):
+                path.unlink(missing_ok=True)
+        return contents.gaps
+
+    def table(self, chunks: Sequence[Path] | None = None) -> Any:
+        """Chunks, all of the folder if left out, as one table."""
         pa, _ = arrow()
-        return pa.concat_tables([_read(path) for path, _ in self._chunks()])
+        paths = [path for path, _ in self._chunks()] if chunks is None else chunks
+        tables = [_read(path) for path in paths]
+        for path, table in zip(paths, tables, strict=True):
+            if table is None:
+                raise InputError("was damaged meanwhile", source=path, advice="give the same command again")
+        return pa.concat_tables(tables)
 
     def merge(self) -> Any:
         """Put all chunks into one table, write it, and return it."""
@@ -168,8 +224,28 @@ class StudyFolder:
         return table
 
 
+@dataclass(frozen=True)
+class Contents:
+    """What a study's folder holds.
+
+    Attributes
+    ----------
+    chunks : list of Path
+        Chunks that hold their rows, in the order of these.
+    damaged : list of Path
+        Chunks that were read and are no tables, or do not hold their rows, or hold rows that an earlier one has.
+    gaps : list of (int, int)
+        Ranges of rows that no chunk holds, each from its first row to the one after its last.
+    """
+
+    chunks: list[Path] = field(default_factory=list)
+    damaged: list[Path] = field(default_factory=list)
+    gaps: list[Range] = field(default_factory=list)
+
+
 ADVICE = "--restart discards them; or give another folder"
 KEPT = "what is there stays, and is resumed"
+NOTHING_REMOVED = "nothing was removed; make it readable, or move it away to have its rows planned again"
 
 
 @contextmanager
@@ -184,17 +260,69 @@ def naming_the_folder(path: Path) -> Iterator[None]:
         raise InputError(reason, source=error.filename or path, advice=KEPT) from None
 
 
-def _holds(path: Path, first: int, stop: int, are_in: Callable[[Any, int, int], bool]) -> bool:
-    """Whether a chunk can be read, its pages have their checksums, and it has its rows."""
-    pa, _ = arrow()
-    with contextlib.suppress(InputError, OSError, pa.ArrowException):
-        return are_in(_read(path), first, stop)
-    return False
+@contextmanager
+def naming_what_cannot_be_read(path: Path) -> Iterator[None]:
+    """Turn what the system refuses when a path is looked at into a message that names it."""
+    try:
+        yield
+    except OSError as error:
+        reason = f"cannot be read: {error.strerror or error}"
+        raise InputError(reason, source=error.filename or path, advice=NOTHING_REMOVED) from None
+
+
+def listed(folder: Path) -> list[Path]:
+    """What is in a folder; nothing where there is no folder.
+
+    ``Path.glob`` would take a folder that cannot be listed for an empty one.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be listed.
+    """
+    with naming_what_cannot_be_read(folder):
+        try:
+            return sorted(folder.iterdir())
+        except FileNotFoundError:
+            return []
 
 
 def _read(path: Path) -> Any:
-    """A chunk as a table."""
-    return read_table(read_regular(path, LARGEST_CHUNK, "a chunk of a study"))
+    """A chunk as a table, or None where its content was read and is no table, or its pages lack their checksums.
+
+    Raises
+    ------
+    InputError
+        It cannot be read: the system refuses it, memory runs out, or this pyarrow cannot decode it. Nothing is known
+        of such a chunk, so that it is not to be taken for a damaged one.
+    """
+    pa, _ = arrow()
+    try:
+        content = read_regular(path, LARGEST_CHUNK, "a chunk of a study")
+    except InputError as error:
+        raise InputError(error.reason, source=path, advice=NOTHING_REMOVED) from None
+    try:
+        return decoded(content)
+    except (MemoryError, pa.ArrowNotImplementedError) as error:
+        reason = str(error) or "memory ran out"
+        raise InputError(f"cannot be read: {reason}", source=path, advice=NOTHING_REMOVED) from None
+
+
+def decoded(content: bytes) -> Any:
+    """A table from a Parquet file's content, or None where that is damaged.
+
+    Raises
+    ------
+    MemoryError, pyarrow.ArrowNotImplementedError
+        Memory runs out, or this pyarrow lacks what the file was written with.
+    """
+    pa, _ = arrow()
+    try:
+        return read_table(content)
+    except (MemoryError, pa.ArrowNotImplementedError):
+        raise
+    except (OSError, pa.ArrowException):
+        return None
 
 
 def arrow() -> tuple[Any, ...]:

@@ -15,7 +15,7 @@ from floatplan.certificate.certificate import certify
 from floatplan.compiled.numbers import is_plain_family
 from floatplan.errors import InputError
 from floatplan.export.formats import format_of
-from floatplan.files import read_json, read_regular, write_atomically
+from floatplan.files import check_readable, is_file, read_json, read_regular, write_atomically
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
@@ -72,9 +72,12 @@ def write_motions(
     index, name = folder / INDEX, "{:07d}" + Path(format_of(options["form"]).file).suffix
     known = _entries(index, about)
     done = {row: known[row] for row in known if known[row]["sha256"] == _sha256(folder / name.format(row))}
-    for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)):  # of another study, or without an entry
-        if int(path.stem) not in done and path.is_file():
-            path.unlink()
+    left_over = [path for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)) if path.is_file()]
+    left_over = [path for path in left_over if int(path.stem) not in done]  # of another study, or without an entry
+    for path in left_over:
+        check_readable(path, "is not replaced")
+    for path in left_over:
+        path.unlink()
     waiting, given = [(row,) for row in rows if row["index"] not in done], (study, folder, name, options)
     written, took = time.monotonic(), 0.0
     try:
@@ -115,14 +118,21 @@ def _writer(study: StudyFile, folder: Path, name: str, options: Mapping[str, Any
 
 
 def _sha256(path: str | Path) -> str | None:
-    """Of a file; None where there is none."""
-    with suppress(InputError):
-        return hashlib.sha256(read_regular(path, LARGEST_MOTION, "a motion")).hexdigest()
-    return None
+    """Of a file; None where there is none. InputError where it cannot be read."""
+    if not is_file(Path(path)):
+        return None
+    return hashlib.sha256(read_regular(path, LARGEST_MOTION, "a motion")).hexdigest()
 
 
 def _entries(index: Path, about: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
-    """Entries by row of an index that was begun in the same way; none of another, or where there is none."""
+    """Entries by row of an index that was begun in the same way; none of another, or where there is none.
+
+    Raises
+    ------
+    InputError
+        The index cannot be read: then nobody knows which files are its motions, and none of them is to go.
+    """
+    check_readable(index, "and the motions beside it are not replaced")
     with suppress(ValueError, KeyError, TypeError, AttributeError):
         content = read_json(index, LARGEST_INDEX, "an index of motions")
         if {key: content[key] for key in about} == about:

@@ -1,13 +1,15 @@
 """Shards of a study, planned by runs that share nothing but its file, are put into one table."""
 
+import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from floatplan.errors import InputError
 from floatplan.studies.driver import started
 from floatplan.studies.file import StudyFile, load_study_file
-from floatplan.studies.folder import SHARDS, Shard, StudyFolder, written
+from floatplan.studies.folder import SHARDS, Range, Shard, StudyFolder, listed, written
 from floatplan.studies.rows import row_check
 from floatplan.studies.study import Study, facts, planned_study
 
@@ -26,7 +28,7 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     """
     file = load_study_file(path)
     place = StudyFolder(folder or file.folder, (0, len(file)))
-    parts = parts or sorted(each for each in (place.path / SHARDS).glob("*") if each.is_dir())
+    parts = parts or [path for path in listed(place.path / SHARDS) if path.is_dir()]
     found: dict[Shard, Path] = {}
     for part in parts:
         shard = Shard(0, 0)
@@ -47,17 +49,33 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     tables = [_rows(file, shard, found[shard]) for shard in wanted]
     with place.locked():
         place.open(file.digest(), facts(file), restart=False)
-        place.open(file.digest(), facts(file), restart=True)  # what is there of the same study goes
+        contents = place.look(row_check(file))
+        if contents.damaged:
+            advice = f"floatplan study {path} plans its rows again; or give another folder"
+            raise InputError("is damaged", source=contents.damaged[0], advice=advice)
         for shard, table in zip(wanted, tables, strict=True):
-            place.keep(*shard.rows(len(file)), written(table))
+            _keep_missing(place, contents.gaps, shard.rows(len(file)), table)
     return planned_study(path, folder, False, started("processes", 1, None), None)
 
 
+def _keep_missing(place: StudyFolder, gaps: Sequence[Range], rows: Range, table: Any) -> None:
+    """Write the rows of a shard's table that the study's folder lacks; what is there stays."""
+    for first, stop in gaps:
+        first, stop = max(first, rows[0]), min(stop, rows[1])
+        if first < stop:
+            place.keep(first, stop, written(table.slice(first - rows[0], stop - first)))
+
+
 def _rows(file: StudyFile, shard: Shard, part: Path) -> Any:
-    """The table of a shard whose rows are all there."""
+    """The table of a shard whose rows are all there; its folder is read, and nothing in it is removed."""
     place = StudyFolder(part, shard.rows(len(file)))
-    with place.locked():
-        left = sum(stop - first for first, stop in place.missing(row_check(file)))
+    is_writable = os.access(part, os.W_OK)  # else no run can be at work there, and there is no place for a lock
+    with place.locked() if is_writable else nullcontext():
+        contents = place.look(row_check(file))
+        left = sum(stop - first for first, stop in contents.gaps)
         if left:
-            raise InputError(f"lacks {left} rows of shard {shard}", source=part, advice="plan it again, which goes on")
-        return place.table()
+            advice = "plan it again, which goes on"
+            if contents.damaged:
+                advice = f"{contents.damaged[0].name} is damaged; {advice}"
+            raise InputError(f"lacks {left} rows of shard {shard}", source=part, advice=advice)
+        return place.table(contents.chunks)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -241,15 +243,113 @@ def test_one_that_was_shut_down_is_told(asked):
         fp.study(path, folder=out, executor=pool)
 
 
-def test_errors_of_an_executor_are_raised_as_they_are(asked):
+class Faulty(Executor):
+    """Does the first tasks as it should, and has a fault from there on."""
+
+    def __init__(self, right: int) -> None:
+        self.right = right
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.right -= 1
+        future: Future = Future()
+        if self.right >= 0:
+            future.set_result(fn(*args, **kwargs))
+            return future
+        return self.faulty(future, fn, *args, **kwargs)
+
+    def faulty(self, future, fn, *args, **kwargs):
+        raise NotImplementedError
+
+
+class RaisesInSubmit(Faulty):
+    fault = r"the executor's submit raised ValueError: no room; what is done stays"
+
+    def faulty(self, *_, **__):
+        raise ValueError("no room")
+
+
+class ReturnsNoFuture(Faulty):
+    fault = r"the executor's submit returned 'int', not a concurrent.futures.Future; what is done stays"
+
+    def faulty(self, *_, **__):
+        return 7
+
+
+class RaisesInATask(Faulty):
+    fault = r"task .*raised OSError: \[Errno 28\] No space left; what is done stays"
+
+    def faulty(self, future, *_, **__):
+        future.set_exception(OSError(28, "No space left"))
+        return future
+
+
+class Junk(Faulty):
+    fault = r"the executor returned 'str' in the place of rows \d+ to \d+; what is done stays"
+
+    def faulty(self, future, *_, **__):
+        future.set_result("done")
+        return future
+
+
+class Damaged(Faulty):
+    fault = r"the executor returned rows \d+ to \d+ damaged"
+
+    def faulty(self, future, fn, *args, **_):
+        done = fn(*args)
+        middle = len(done.content) // 2
+        content = done.content[:middle] + bytes([done.content[middle] ^ 1]) + done.content[middle + 1 :]
+        future.set_result(replace(done, content=content))
+        return future
+
+
+class OtherRows(Faulty):
+    fault = r"the executor returned rows \d+ to \d+ damaged, or others in their place"
+
+    def faulty(self, future, fn, *args, **_):
+        study, first, values = args
+        future.set_result(fn(study, first + 1, values))
+        return future
+
+
+class Timeless(Faulty):
+    fault = "the executor returned 'PlannedChunk' in the place of rows"
+
+    def faulty(self, future, fn, *args, **_):
+        future.set_result(replace(fn(*args), seconds=math.nan))
+        return future
+
+
+@pytest.mark.parametrize("kind", [RaisesInSubmit, ReturnsNoFuture, RaisesInATask, Junk, Damaged, OtherRows, Timeless])
+def test_what_an_executor_does_wrong_is_one_error_and_loses_nothing(asked, monkeypatch, kind):
+    path, out, table = asked
+    monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
+    monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
+    with pytest.raises(fp.FloatplanError, match=kind.fault):
+        fp.study(path, folder=out, executor=kind(right=5), jobs=1)
+    kept = list((out / "chunks").iterdir())
+    assert kept, "what was done before the fault"
+    assert timeless(fp.study(path, folder=out, jobs=1).table).equals(table)
+    assert all(chunk.exists() for chunk in kept)
+
+
+@pytest.mark.parametrize("kind", [RaisesInSubmit, ReturnsNoFuture, RaisesInATask])
+def test_so_is_what_it_does_wrong_at_once(asked, kind):
+    path, out, _ = asked
+    with pytest.raises(fp.FloatplanError, match=kind.fault):
+        fp.study(path, folder=out, executor=kind(right=0))
+
+
+def test_one_that_cancels_its_tasks_is_told(asked):
     path, out, _ = asked
 
-    class Failing(ThreadPoolExecutor):
-        def submit(self, fn, /, *args, **kwargs):
-            return super().submit(fn if fn.__name__ == "getpid" else lambda *_: 1 / 0)
+    class Cancels(Faulty):
+        def faulty(self, future, *_, **__):
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
 
-    with Failing(1) as pool, pytest.raises(ZeroDivisionError):
-        fp.study(path, folder=out, executor=pool)
+    with pytest.raises(fp.FloatplanError, match="the executor cancelled its first task"):
+        fp.study(path, folder=out, executor=Cancels(right=0))
 
 
 @pytest.mark.parametrize("options", [{"executor": "threads"}, {"executor": ThreadPoolExecutor, "engine": "dask"}])
