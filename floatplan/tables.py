@@ -135,5 +135,6 @@ RANGES: dict[str, Range] = {
     "limit": Range(1e-9, 1e12, ""),
     "slope": Range(0.0, 1e12, "N m s/rad"),
     "armature": Range(0.0, 1e6, "kg m^2"),
+    "mass": Range(1e-15, 1e9, "kg"),
     "damping": Range(0.0, 1e9, "N m s/rad"),
 }

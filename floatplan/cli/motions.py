@@ -263,7 +263,7 @@ def export(
     Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
     """
     from floatplan.cli.asked import gain
-    from floatplan.export.formats import format_of
+    from floatplan.export.formats import format_of, read_notes
 
     known = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
@@ -273,4 +273,6 @@ def export(
     with progress("exporting", quiet), naming(motion_file):
         path = motion.export(form, path, rate, kp=stiffness, kd=damping, model=model)
     if not quiet:
+        for note in read_notes(path) if form == "mujoco" else ():
+            common.tell(quiet)(f"{form}: {note}")
         common.print_path(path)

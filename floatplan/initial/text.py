@@ -18,6 +18,7 @@ from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture, SelfClearance
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.check import LIMITS
 from floatplan.robot.wheels import explain_wheels, wheels
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
@@ -39,7 +40,7 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
         ["[motion]", f"degree = {_value(problem.motion.degree)}", f"objective = {_value(problem.motion.objective)}"],
         _limits(flight),
         *(_apart(pair) for pair in problem.self_clearances),
-        *([] if problem.jump is None else _jump(problem.jump)),
+        *([] if problem.jump is None else _jump(problem.jump, chosen)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -73,6 +74,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
+    if chosen.stepping:
+        lines += _comment(f"It is the plane in which the legs step: {', '.join(chosen.stepping)} bend them.")
     choices = chosen.choices
     if "joints" in choices:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
@@ -89,13 +92,16 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         places = {name: robot.locked[name] for name in choices["locked"]}
         told = {name: _degrees(at) if robot.layout.tree.joint[name].turns else at for name, at in places.items()}
         lines.append(f"locked = {_value(told)}")
+    if robot.balance_inertias:
+        lines.append("balance_inertias = true  # of links whose inertia no body can have")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     turning = [name for name in robot.locked if name not in sliding]
     for words, names in (("Locked", turning), ("Held, because joints that slide are not planned", sliding)):
         lines += _comment(f"{words}: {', '.join(names)}.") if names else []
     lines += [line for told in explain_wheels(robot) for line in _comment(f"{told[0].upper()}{told[1:]}.")]
     if chosen.feet:
-        lines += _comment(f"Feet: {', '.join(chosen.feet)}.")
+        held = " They are wheels that their joints hold: those are locked, and the wheels roll with the legs."
+        lines += _comment(f"Feet: {', '.join(chosen.feet)}.{held if chosen.on_wheels else ''}")
     return lines
 
 
@@ -112,7 +118,9 @@ def _joints(robot: Robot) -> list[str]:
         rows.append((joint, reach, rate, torque, f"{rest:.0f}"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     cells = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return [f"# {'  '.join(row).rstrip()}" for row in cells]
+    not_meant = [warning for warning in robot.warnings if warning.startswith(LIMITS)]
+    remarks = [line for warning in not_meant for line in _comment(f"The file has {warning}.")]
+    return [*(f"# {'  '.join(row).rstrip()}" for row in cells), *remarks]
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
@@ -140,7 +148,7 @@ def _flight(flight: FirstFlight) -> list[str]:
     ]
 
 
-def _jump(jump: JumpRequest) -> list[list[str]]:
+def _jump(jump: JumpRequest, chosen: ChosenRobot) -> list[list[str]]:
     margin = ", ".join(f"{name} = {share:g}" for name, share in jump.margin.items())
     shares = "  # shares of the limits that stances may use"
     return [
@@ -149,10 +157,25 @@ def _jump(jump: JumpRequest) -> list[list[str]]:
             f"friction = {jump.friction:g}",
             f"margin = {{ {margin} }}{shares}",
             *([f"fixed = {_value(list(jump.fixed))}"] if jump.fixed else []),
+            *([f"feet = {_value(jump.feet)}"] if jump.feet != "auto" else []),
         ],
-        ["[jump.takeoff]", f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs"],
+        [
+            "[jump.takeoff]",
+            f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs",
+            *_standing(jump, chosen),
+        ],
         ["[jump.landing]", f"contacts = {_value(jump.landing.contacts)}"],
     ]
+
+
+def _standing(jump: JumpRequest, chosen: ChosenRobot) -> list[str]:
+    """The posture from which it jumps, where that is not the reference posture."""
+    if not isinstance(jump.takeoff.from_, Mapping):
+        return []
+    fault = chosen.stance.sought if chosen.stance else ""
+    why = f"It does not stand in its reference posture: {fault}. It stands as follows:" if fault else ""
+    angles = {joint: _degrees(position) for joint, position in jump.takeoff.from_.items()}
+    return [*_comment(why), f"from = {_value(angles)}"]
 
 
 def _limits(flight: FirstFlight) -> list[str]:

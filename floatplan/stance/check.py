@@ -13,9 +13,9 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import corners, heights_over_com, is_ground, links_of, near_contact, undersides
+from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.stance.contacts import is_ground, links_of, near_contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 
@@ -49,16 +49,16 @@ SHARES = ("torque", "torque_speed", "velocity", "held_torque")  # figures that a
 FIGURES = {
     "residual": Figure("forces are out of balance by {:z.2g} of the weight", 1e-3),
     "torque": Figure(
-        "torques take {:.0%} of their limits",
+        "torques take {:z.0%} of their limits",
         lambda request: request.margin["torque"],
         unlimited="torques have no limit",
     ),
     "torque_speed": Figure(
-        "torques and rates take {:.0%} of the motors' curves", lambda request: request.margin["torque"]
+        "torques and rates take {:z.0%} of the motors' curves", lambda request: request.margin["torque"]
     ),
-    "held_torque": Figure("joints that are held take {:.0%} of their efforts", 1.0),
+    "held_torque": Figure("joints that are held take {:z.0%} of their efforts", 1.0),
     "velocity": Figure(
-        "rates take {:.0%} of their limits",
+        "rates take {:z.0%} of their limits",
         lambda request: request.margin["velocity"],
         unlimited="rates have no limit",
     ),
@@ -73,7 +73,7 @@ FIGURES = {
     "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", SEAM),
     "rest": Figure("at its ends it moves by {:z.2g}", SEAM),
     "level": Figure("what stands is on grounds {:z.2g} m apart", SEAM),
-    "torque_step": Figure("torques change by {:.0%} of their limits within 4 ms where contacts do", np.inf),
+    "torque_step": Figure("torques change by {:z.0%} of their limits within 4 ms where contacts do", np.inf),
     "lifted": Figure("feet that stand are up to {:z.2g} m above the ground", 0.01),
     "circle": Figure("outlines of feet that roll are circles to {:z.2g} m", POINT_FEET),
     "range": Figure("joints keep {:z.2g} rad from the ends of their ranges", 0.0, least=True),
@@ -239,8 +239,8 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     feet = links_of(robot, [contact for each in jump.stances for contact in each.contacts])
     stands, rolls = links_of(robot, own), links_of(robot, [each for each in own if each.radius])
     yield from (("ground", np.inf), ("feet", np.inf), ("lifted", 0.0))
-    for link, hull in robot.link_hulls.items():
-        heights = undersides(robot, corners(hull), y) + com.imag[:, None] - ground
+    for link in robot.touching_links:
+        heights = undersides(robot, corners(robot.link_hulls[link]), y) + com.imag[:, None] - ground
         yield "feet" if link in feet else "ground", heights.min()
         if link in stands:
             yield "lifted", heights.min(axis=1).max()
