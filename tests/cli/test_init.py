@@ -69,6 +69,18 @@ def test_the_file_of_a_jump(floatplan: Command, monkeypatch: pytest.MonkeyPatch)
 
 
 @needs_jumps
+def test_links_of_the_first_jump_do_not_overlap(floatplan: Command, root: Path) -> None:
+    """The gymnast's jump of least torque folds its shank into its thigh: it is searched for again."""
+    assert floatplan("init", root / "urdf" / "gymnast.urdf", "-q").code == 0
+    problem = fp.load_problem("gymnast.toml")
+    assert np.abs(problem.position_limits).max() < math.radians(175)
+    found = fp.jump(problem)
+    assert found.ok
+    assert not [warning for warning in found.warnings if warning.kind == "overlap"]
+    assert found.to_dict()["warnings"] == [warning.to_dict() for warning in found.warnings]
+
+
+@needs_jumps
 @pytest.mark.parametrize("name", cases(BAR, set(BAR)))
 def test_from_a_robot_to_its_jump_in_two_commands(floatplan: Command, name: str) -> None:
     assert floatplan("init", PREFIX + BAR[name], "-q").code == 0
