@@ -47,17 +47,20 @@ def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
 
 
 def _floats(chain: Sequence[UrdfJoint], axes: Sequence[Array]) -> bool:
-    """Whether joints with these axes (3,), in the root link while all are at zero, move freely in a plane or in space.
-
-    Three slides that are independent at zero and three turns of which none is about the axis of the one before reach
-    every direction of motion at almost every position, though not at zero (as Euler angles z, x, z).
-    """
+    """Whether joints with these axes (3,), in the root link at zero, move freely in a plane or in space."""
     if len(chain) == 1 and chain[0].type in FREE_TYPES:
         return True
     slides = [axis for joint, axis in zip(chain, axes, strict=True) if joint.type == "prismatic"]
     turns = [axis for joint, axis in zip(chain, axes, strict=True) if joint.turns]
-    if len(slides) + len(turns) < len(chain):
-        return False
+    return len(slides) + len(turns) == len(chain) and moves_freely(slides, turns)
+
+
+def moves_freely(slides: Sequence[Array], turns: Sequence[Array]) -> bool:
+    """Whether joints that slide along, and turn about, axes (3,) move freely in a plane or in space.
+
+    Three slides that are independent at zero and three turns of which none is about the axis of the one before reach
+    every direction of motion at almost every position, though not at zero (as Euler angles z, x, z).
+    """
     if (len(slides), len(turns)) == (3, 3):
         pairs = pairwise(turns)
         spread = all(np.linalg.norm(np.cross(one, other)) > INDEPENDENT for one, other in pairs)
