@@ -63,6 +63,14 @@ class Asked:
                 if name in self.given:
                     raise wrong(name, error.reason, error.advice)
 
+    def reason(self, error: InputError, chosen: ChosenRobot) -> str:
+        """Return why there is no jump, of an error about what this chose itself: by options, not by keys."""
+        if not (error.element or "").startswith("jump."):
+            return f"{error}."
+        postures = f", or --reference with one of its file: {', '.join(chosen.postures)}" if chosen.postures else ""
+        static = f" ({error.advice})" if error.advice and error.advice.startswith("static") else ""
+        return f"{error.reason}{static}; give --posture with a stance{postures}."
+
     def check(self, chosen: ChosenRobot) -> None:
         """Refuse what contradicts itself, frames that the robot has not, and durations of no jump, by the option."""
         if self.turns == 0 and self.backwards:
@@ -104,7 +112,7 @@ class Asked:
     def request(self, chosen: ChosenRobot, foot: str) -> JumpRequest:
         """Return what is asked of the jump that takes off from a foot."""
         fixed: Sequence[Literal["duration"]] = () if self.duration is None else ("duration",)
-        feet: Literal["point", "rolling"] = "rolling" if chosen.on_wheels else "point"
+        feet: Literal["auto", "rolling"] = "rolling" if chosen.on_wheels else "auto"
         own = chosen.stance is not None and chosen.stance.own
         stands: Standing = dict(zip(chosen.robot.joints, chosen.posture.tolist(), strict=True)) if own else "standing"
         level, before = _usual(chosen, foot, "takeoff")

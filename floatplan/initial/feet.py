@@ -14,7 +14,6 @@ from floatplan.problem.resolution import lowest_point
 from floatplan.robot.robot import Robot
 from floatplan.robot.standing import corners, heights_over_com, undersides
 from floatplan.robot.wheels import wheels
-from floatplan.stance.contacts import touching_links
 
 FOOT_WORDS = ("sole", "foot(?!print)", "toe", "ankle")  # the first that a link's name holds goes before others
 NOT_FEET = re.compile("imu|sensor|wheel|caster|torso|virtual", re.IGNORECASE)
@@ -103,7 +102,7 @@ def _bottoms(robot: Robot) -> dict[str, float]:
 
 def _lowest(robot: Robot, body: int, bottom: Mapping[str, float]) -> str:
     """The link of a body that reaches lowest; of those that stand on one shape, that whose frame is lowest."""
-    links = touching_links(robot, links_of(robot, body))
+    links = [link for link in links_of(robot, body) if robot.contact_link(link) in (None, *robot.touching_links)]
     reach = min(bottom[link] for link in links) + ROUNDING
     return min((link for link in links if bottom[link] <= reach), key=lambda link: place(robot, link).imag)
 
@@ -117,8 +116,8 @@ def _over(robot: Robot, frames: Iterable[str], room: float) -> bool:
 
 def _reaching_down(robot: Robot, body: int, frame: str, bottom: Mapping[str, float]) -> str:
     """The link itself, or that of its body which reaches lower, where shapes around meshes do."""
-    shaped = [link for link in links_of(robot, body) if robot.link_hulls.get(link)]
-    lowest = min((frame, *touching_links(robot, shaped)), key=lambda link: bottom[link])
+    shaped = [link for link in links_of(robot, body) if link in robot.touching_links]
+    lowest = min((frame, *shaped), key=lambda link: bottom[link])
     return lowest if bottom[lowest] < bottom[frame] - ROUNDING else frame
 
 

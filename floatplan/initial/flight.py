@@ -271,7 +271,7 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
         problem, flight = _flight_alone(flight_of_jump(found, found.flight), seed)
     except InputError as error:
         asked.refuse_own(error)
-        return f"{error}."
+        return asked.reason(error, chosen)
     if not _is_proved(flight):
         return f"Its flight is not proved: {flight.explanation}"
     return FirstFlight(problem, flight, (), found)

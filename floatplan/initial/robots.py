@@ -48,6 +48,7 @@ class ChosenRobot:
     feet : frames on which it stands, the rearmost first
     on_wheels : whether these are wheels that their joints hold
     stance : in which it stands before a jump; None is the reference posture
+    postures : names of the first few reference postures of its file
     """
 
     robot: Robot
@@ -55,6 +56,7 @@ class ChosenRobot:
     feet: tuple[str, ...]
     on_wheels: bool = False
     stance: Standing | None = None
+    postures: tuple[str, ...] = ()
 
     @property
     def posture(self) -> Array:
@@ -93,6 +95,7 @@ def chosen_robot(
     references = [] if "reference" in given else known.references
     reference = {"reference": references[0]} if references else {}
     chosen = _in_best_plane(source, given, reference, known.planes, foot)
+    chosen = replace(chosen, postures=(*known.references, *known.others)[:MOST_POSTURES])
     if not chosen.feet:
         chosen = _on_wheels(source, chosen)
     others = [] if "reference" in given else [*references[1:], *known.others]

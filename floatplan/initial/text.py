@@ -157,7 +157,7 @@ def _jump(jump: JumpRequest, chosen: ChosenRobot) -> list[list[str]]:
             f"friction = {jump.friction:g}",
             f"margin = {{ {margin} }}{shares}",
             *([f"fixed = {_value(list(jump.fixed))}"] if jump.fixed else []),
-            *([f"feet = {_value(jump.feet)}"] if jump.feet != "point" else []),
+            *([f"feet = {_value(jump.feet)}"] if jump.feet != "auto" else []),
         ],
         [
             "[jump.takeoff]",

@@ -449,6 +449,18 @@ class Robot:
         carrying = set(self.tree.parent.tolist())
         return [link for link in self.link_hulls if self.layout.body_of[link] not in carrying]
 
+    @cached_property
+    def touching_links(self) -> list[str]:
+        """Links that can touch the ground: those with collision geometry, and those of bodies where none has any.
+
+        Links without geometry are lines to the origins of their children's joints. Such an origin may be anywhere in a
+        foot that is fixed there, and below it: beside geometry on the same body these lines touch nothing.
+        """
+        links = [link for link, hull in self.link_hulls.items() if hull]
+        with_geometry = {link for link in links if self.joint_tree.links[link].collisions}
+        bodies = {self.layout.body_of[link] for link in with_geometry}
+        return [link for link in links if link in with_geometry or self.layout.body_of[link] not in bodies]
+
     def contact_link(self, link: str) -> str | None:
         """Return the link with whose shapes another stands on the ground: itself, else one that it is fixed to.
 
@@ -475,7 +487,8 @@ class Robot:
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
         standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
-        return links.moving_hulls(self.tree, self.link_hulls, standing, exact)
+        hulls = {link: self.link_hulls[link] for link in dict.fromkeys((*self.touching_links, *standing))}
+        return links.moving_hulls(self.tree, hulls, standing, exact)
 
     @cached_property
     @one_thread

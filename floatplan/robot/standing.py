@@ -87,8 +87,8 @@ def link_corners(robot: Robot, frame: str) -> list[Spot]:
 def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, ...]:
     """Return the points on which a frame's link stands: the frame's origin; or toe and heel where it has a sole.
 
-    Where that origin is high above the ground, it is the middle of the shape's lowest end, its tip; and where the link
-    has no geometry, so that it is a line from there to its end.
+    Where that origin is high above the ground or below it, it is the middle of the shape's lowest end, its tip, as of a
+    ball; and where the link has no geometry, so that it is a line from there to its end.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
     depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
     link = robot.contact_link(home.link)
     is_line = link is not None and not robot.joint_tree.links[link].collisions
-    if depth <= (POINT_FEET if is_line else HIGHEST):
+    if -POINT_FEET <= depth <= (POINT_FEET if is_line else HIGHEST):
         return (StandingPoint("", origin, depth),)
     if depth > HIGHEST:
         _refuse_above(robot, frame, depth, y)

@@ -239,8 +239,8 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     feet = links_of(robot, [contact for each in jump.stances for contact in each.contacts])
     stands, rolls = links_of(robot, own), links_of(robot, [each for each in own if each.radius])
     yield from (("ground", np.inf), ("feet", np.inf), ("lifted", 0.0))
-    for link, hull in robot.link_hulls.items():
-        heights = undersides(robot, corners(hull), y) + com.imag[:, None] - ground
+    for link in robot.touching_links:
+        heights = undersides(robot, corners(robot.link_hulls[link]), y) + com.imag[:, None] - ground
         yield "feet" if link in feet else "ground", heights.min()
         if link in stands:
             yield "lifted", heights.min(axis=1).max()

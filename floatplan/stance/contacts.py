@@ -187,8 +187,7 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
 
 def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float = LEVEL) -> str:
     """Which contact is above the ground, by more than ``most``, m, in a posture y (n+1,); for a person."""
-    touching = touching_links(robot, [link for link, hull in robot.link_hulls.items() if hull])
-    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in touching}
+    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in robot.touching_links}
     if not heights:
         return ""
     lowest = min(heights, key=lambda link: heights[link])
@@ -197,19 +196,6 @@ def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float 
         if above > most:
             return f"{contact.name!r} is in the air: {lowest!r} is {1e3 * above:.0f} mm lower"
     return ""
-
-
-def touching_links(robot: Robot, links: Sequence[str]) -> list[str]:
-    """Of links those that stand on collision geometry of the file, and those of bodies where none of them does.
-
-    What has no geometry is drawn as segments to the origins of its children's joints, which may be within a foot's
-    geometry or below it: beside that on the same body they touch nothing.
-    """
-    on_geometry = {
-        link for link in links if (standing := robot.contact_link(link)) and robot.joint_tree.links[standing].collisions
-    }
-    bodies = {robot.layout.body_of[link] for link in on_geometry}
-    return [link for link in links if link in on_geometry or robot.layout.body_of[link] not in bodies]
 
 
 def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limits: Array) -> Array:
