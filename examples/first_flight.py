@@ -1,8 +1,8 @@
-"""A first flight: a gymnast jumps from its feet into a handstand, and the plan is proved.
+"""A first flight: a gymnast flips backwards from its foot to its foot, and the plan is proved.
 
 A problem is a robot, a posture to start from, one to arrive at, and a flight between them. The answer is a motion of
-the joints; the body turns as the angular momentum makes it turn. The script leaves the plan, a page that plays it,
-and its picture.
+the joints; the body turns as the angular momentum makes it turn. A stance reaches its takeoff, and another follows its
+landing: the example of whole jumps finds such. The script leaves the plan, a page that plays it, and its picture.
 """
 
 import sys
@@ -17,11 +17,19 @@ OUT = Path(sys.argv[1] if sys.argv[1:] else "runs/first_flight")
 robot = fp.Robot.from_urdf(ROBOTS / "gymnast.urdf")
 problem = fp.Problem(
     robot,
-    start=fp.Posture(radians(72), {"q1": radians(18), "q2": radians(-45)}),
-    goal=fp.Posture(radians(-90), {"q1": 0.0, "q2": 0.0}),
-    flight=fp.Flight(duration=1.4, takeoff=fp.Takeoff("foot"), landing=fp.Landing("hand"), horizontal_velocity=2.0),
-    limits=fp.Limits(position="full"),
-    name="handstand",
+    start=fp.Posture(radians(145), {"q1": radians(-60), "q2": radians(-20)}, velocities="takeoff"),
+    goal=fp.Posture(radians(390), {"q1": radians(80), "q2": radians(-65)}, velocities="landing"),
+    flight=fp.Flight(
+        duration=0.53,
+        angular_momentum=5.5,
+        takeoff=fp.Takeoff("foot"),
+        landing=fp.Landing("foot"),
+        horizontal_velocity=-1.0,
+    ),
+    motion=fp.Motion(objective="torque"),
+    limits=fp.Limits(position=[(radians(-130), radians(130))] * 2, velocity=30.0, torque=140.0),
+    ground=True,
+    name="backflip",
 )
 
 plan = fp.plan(problem)
@@ -29,8 +37,9 @@ print(f"{plan.status}: {plan.explanation or 'a motion that reaches the goal'}")
 print(f"angular momentum {plan.angular_momentum:.4f} kg m^2/s, largest torques {plan.peaks.torque.round(2)} N m")
 
 certificate = fp.certify(plan)
-print(f"for every instant of the flight: {certificate.verdict}")
+warnings = [warning.message for warning in plan.warnings] or "none"
+print(f"for every instant of the flight: {certificate.verdict}; warnings: {warnings}")
 
-plan.save(OUT / "handstand.json")  # enough to read it again: fp.load_plan
-plan.show(OUT / "handstand.html", browse=False)
+plan.save(OUT / "backflip.json")  # enough to read it again: fp.load_plan
+plan.show(OUT / "backflip.html", browse=False)
 plan.figures()["snapshots"].savefig(OUT / "first_flight.png", dpi=220)

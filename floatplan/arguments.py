@@ -344,14 +344,14 @@ def _check_range(value: float, element: str, allowed: Range, advice: str | None)
 
 def shortened(values: Iterable[float], digits: int = 4) -> str:
     """Numbers in a line, so many at most."""
-    numbers = [f"{float(value) + 0.0:.{digits}g}" for value in values]
+    numbers = [f"{float(value):z.{digits}g}" for value in values]
     more = len(numbers) - MOST_NUMBERS
     return ", ".join(numbers if more <= 0 else [*numbers[:MOST_NUMBERS], f"... ({more} more)"])
 
 
 def in_line(value: float | Iterable[float], digits: int = 4) -> str:
     """A number, or the numbers of a vector in brackets."""
-    return f"({shortened(value, digits)})" if isinstance(value, Iterable) else f"{value:.{digits}g}"
+    return f"({shortened(value, digits)})" if isinstance(value, Iterable) else f"{float(value):z.{digits}g}"
 
 
 class Outlined:
@@ -397,12 +397,12 @@ def _brief_array(array: npt.NDArray[Any]) -> str:
 
 def short(value: float | None, digits: int = 4) -> str:
     """A number as tables show it; a dash where there is none."""
-    return "-" if value is None or not math.isfinite(value) else f"{float(value) + 0.0:.{digits}g}"
+    return "-" if value is None or not math.isfinite(value) else f"{float(value):z.{digits}g}"
 
 
 def percent(share: float | None) -> str:
     """A share of 1 in percent, without the sign; a dash where there is none."""
-    return "-" if share is None else f"{100 * share:.0f}"
+    return "-" if share is None else f"{100 * share:z.0f}"
 
 
 def html_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:

@@ -20,6 +20,7 @@ from floatplan.errors import InputError
 LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
 SPARE = 65_536  # [bytes] of a file that gives no size
 LARGEST_URDF = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
+MADE = ("plan.json", "jump.json", "study.json")  # files of which folders of results have one
 DEEPEST = 50  # [-] tables and lists within each other, of any file
 
 
@@ -122,6 +123,13 @@ def read_json(path: Path, largest: int = LARGEST_PLAN, kind: str = "a plan file"
     InputError
         The file cannot be read, is not JSON, is nested too deeply, or gives a key twice in one object.
     """
+    if path.suffix.lower() == ".toml" and is_file(path):
+        advice = f"floatplan plan {path.name} makes a plan, floatplan jump {path.name} a jump; give the file of that"
+        raise InputError(f"is a TOML file, not {kind}", source=path, advice=advice)
+    if path.is_dir():
+        inside = next((name for name in MADE if is_file(path / name)), None)
+        advice = f"did you mean {path / inside}?" if inside else f"give the file in it: {', '.join(MADE)}"
+        raise InputError(f"is a directory, not {kind}", source=path, advice=advice)
     text = read_text(path, largest, kind)
     return _parsed(path, "JSON", lambda: json.loads(text, object_pairs_hook=_single_keys))
 

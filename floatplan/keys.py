@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from inspect import cleandoc
 from types import MappingProxyType, NoneType, UnionType
@@ -29,6 +29,7 @@ SHAPES: Mapping[Any, Any] = {Mapping: Mapping, Sequence: (list, tuple), Literal:
 NAMES = {str: "a text", (list, tuple): "a list"}
 ORIGINS: Mapping[Any, Any] = {dict: Mapping, list: Sequence}  # of types, by those of values in files
 STEPS: Mapping[Any, str] = {Mapping: ".*", Sequence: "[]"}  # to what is inside, by the origin of a type
+MOST_HOMES = 3  # [-] places that are named where a key belongs
 JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean"}
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -186,10 +187,12 @@ class Reader:
     Attributes
     ----------
     degrees : whether the angles in the file are in degrees
+    whole : of what the file's outermost table is, where that is known: unknown keys that stand elsewhere are told where
     errors : what tables lack, and what is too much in them; the fields are checked by :meth:`Checked.faults`
     """
 
     degrees: bool = False
+    whole: type[Keyed] | None = None
     errors: list[InputError] = field(default_factory=list)
 
     def part(self, part: type[Part], content: Any, place: str = "") -> Part | Any:
@@ -211,10 +214,18 @@ class Reader:
             elif is_needed(each):
                 self._missing("is missing", inside + key)
         for key in [key for key in content if key not in known]:
-            close = difflib.get_close_matches(key, known, n=1)
-            advice = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(sorted(known))}"
-            self.errors.append(InputError("unknown key", element=inside + key, advice=advice))
+            self.errors.append(InputError("unknown key", element=inside + key, advice=self._instead_of(key, known)))
         return part.unchecked(**values)
+
+    def _instead_of(self, key: str, known: Collection[str]) -> str:
+        """Advice on an unknown key: where it belongs in the file, which key may be meant, or which there are."""
+        close = difflib.get_close_matches(key, known, n=1)
+        homes = [] if self.whole is None else homes_of(key, self.whole)
+        belongs = f"{key} belongs {' or '.join(homes[:MOST_HOMES])}"
+        if close:
+            meant = f"did you mean {close[0]!r}?"
+            return f"{meant} {belongs}" if homes else meant
+        return belongs if homes else f"known are {', '.join(sorted(known))}"
 
     def _missing(self, reason: str, place: str) -> Any:
         self.errors.append(InputError(reason, element=place))
@@ -256,7 +267,7 @@ def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputE
         All that is wrong with them, each with its place; where they are complete, wrong fields are put into ``wrong``
         instead if it is given.
     """
-    reader = Reader(degrees=content.get("angles") == "deg")
+    reader = Reader(degrees=content.get("angles") == "deg", whole=kind)
     tables = reader.part(kind, content)
     faults = tables.faults()
     if wrong is None or reader.errors or any(fault.element == "angles" for fault in faults):
@@ -302,6 +313,16 @@ def tables(part: type[Keyed], place: str = "") -> dict[str, tuple[type[Keyed], s
             if "kinds" not in vars(inner):
                 found |= {inside: (inner, getattr(inner, "about", key.meaning)), **tables(inner, inside)}
     return found
+
+
+def homes_of(key: str, whole: type[Keyed]) -> list[str]:
+    """Where a key stands in files that hold a part, in words for a person."""
+    homes = ["at the top of the file, before every table"] if key in map(in_files, whole.keys) else []
+    for place, (part, _) in tables(whole).items():
+        if "*" not in place and key in map(in_files, part.keys):
+            name = place.partition("[")[0]
+            homes.append(f"in [[{name}]]" if "[" in place else f"in [{name}]")
+    return list(dict.fromkeys(homes))
 
 
 def _parts_in(hint: Any, place: str) -> Iterator[tuple[type[Keyed], str]]:

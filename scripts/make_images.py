@@ -66,7 +66,9 @@ def pictures() -> None:
         save(sheet(columns), IMAGES / f"figures_{name}.png")
     save(space_picture(["diver_full_twist", "go2_half_twist"]), IMAGES / "kinogram_space.png")
     with styled():
-        save(jump_picture(jump_of("go2")), IMAGES / "jump_go2.png")
+        go2 = jump_of("go2")
+        save(jump_picture(go2), IMAGES / "jump_go2.png")
+        go2.animate(IMAGES / "jump_go2.gif", speed=1.0)  # at the top of README
         save(rendered(flight(plan_of("handstand"))), IMAGES / "handstand.png")
         save(rendered(flight(plan_of("obstacle"), without_obstacles("obstacle"))), IMAGES / "obstacle.png")
         save(rendered(gallery({title: plan_of(name) for name, title in GALLERY.items()})), IMAGES / "flights.png")

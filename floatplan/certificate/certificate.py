@@ -87,9 +87,16 @@ def certify(
             unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
             if "<collision" in robot.xml:
                 flight = record.problem["flight"]
-                standing = [str(flight[end]["frame"]) for end in ("takeoff", "landing")]
+                standing = [_frame_of(robot, end, flight[end]["frame"]) for end in ("takeoff", "landing")]
                 shapes = [shapes_of(robot), shapes_of(robot, robot.hulls(standing, robot.limb_ends))]
         return prove(record, path, shapes, unknown, budget)
+
+
+def _frame_of(robot: Robot, end: str, frame: object) -> str:
+    """The frame that a plan file names at an end of its flight, which the robot has."""
+    if not isinstance(frame, str) or frame not in robot.frames:
+        raise InputError(f"the robot has no frame {frame!r}", element=f"problem.flight.{end}.frame")
+    return frame
 
 
 def shapes_of(robot: Robot, capsules: Sequence[LinkCapsule] | None = None) -> list[LinkShape]:

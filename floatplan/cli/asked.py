@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
+from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions, typed_option
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
@@ -41,6 +41,17 @@ def _chosen_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
     return robot_as_asked(source, said, PLACE, "--")
 
 
+def posture(option: str, text: str | None, degrees: bool) -> dict[str, float] | None:
+    """Return positions of joints, rad, as typed, ``joint=angle,..``; InputError where one is wrong."""
+    if text is None:
+        return None
+    positions = {joint: _number(f"{option} {joint}", value) for joint, value in _pairs(option, text, "JOINT=ANGLE")}
+    unknown = next((joint for joint, position in positions.items() if not math.isfinite(position)), None)
+    if unknown is not None:
+        raise _wrong(option, f"{unknown} = {positions[unknown]} is not a finite angle", "give one in its range")
+    return {joint: math.radians(position) for joint, position in positions.items()} if degrees else positions
+
+
 def contacts(option: str, text: str | None) -> list[tuple[str, ...]] | None:
     """Return phases of contact as typed, ``a,b;a``; InputError where one of them names nothing."""
     if text is None:
@@ -57,7 +68,7 @@ def _refuse_beside_a_file(choices: RobotOptions) -> None:
     """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
     for name in choices:
         advice = f"set {ROBOT_OPTIONS[name].key} in the file"
-        raise _wrong(f"--{name}", "a problem file says itself how its robot is read", advice)
+        raise _wrong(typed_option(name), "a problem file says itself how its robot is read", advice)
 
 
 def _wrong(option: str, reason: str, advice: str | None = None) -> InputError:

@@ -8,7 +8,7 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -79,19 +79,22 @@ def plan(
     certify: Annotated[
         bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
     ] = True,
+    prove: Annotated[bool, flag("Exit code 1 where the plan that was found is not proved.", "--prove")] = False,
     launch: Annotated[
         bool, flag("Look for stances that reach the takeoff, and follow the landing.", "--launch")
     ] = False,
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
 
-    The plan is proved for every instant of the flight. Exit code 0 only where a plan was found and, unless
-    --no-certify is given, proved. Flights in space are not proved yet.
+    A plan in the plane is proved for every instant of the flight, unless --no-certify is given; flights in space are
+    not proved yet. Exit code 0 where a plan was found; with --prove only where it was proved too.
     """
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.export.table import sample_times
 
+    if prove and not certify:
+        raise InputError("nothing is proved with --no-certify", element="--prove", advice="leave one of the two out")
     problem = asked_problem(source, options, choices, degrees)
     directory = runs_folder(problem.name, "flight") if output is None else output
     check_directory(directory)
@@ -102,8 +105,8 @@ def plan(
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
-    with progress("stances", quiet):
-        stances, of_stances = launches(answer, seed) if launch and answer.ok else ([], {})
+    with progress("stances", quiet, tell=True) as bar:
+        stances, of_stances = launches(answer, seed, progress=bar.say) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
         files = write_results(answer, directory, rate, tell=common.tell(quiet))
         if is_robot(source):
@@ -118,8 +121,8 @@ def plan(
             files.append(write_report(answer, directory / REPORT, stances))
     facts = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
     facts |= {"launch": of_stances} if launch else {}
-    provable = certify and answer.robot.in_plane is not None
-    ok = answer.ok and (not provable or (answer.certificate is not None and answer.certificate.proved))
+    proved = answer.certificate is not None and answer.certificate.proved
+    ok = answer.ok and (proved or not prove)
     words = (answer, files, common.program(), stances)
     common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
 
@@ -205,8 +208,9 @@ def launch(
     request = plan.problem.jump or fp.JumpRequest()
     if friction is not None:
         request = replace(request, friction=friction)
-    with progress("launch"), naming(plan_file):
-        found = fp.launch(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
+    end: Literal["takeoff", "landing"] = "landing" if landing else "takeoff"
+    with progress(f"{end} stance", tell=True) as bar, naming(plan_file):
+        found = fp.launch(plan, request, end=end, seed=seed, starts=starts, progress=bar.say)
     facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
     common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
 

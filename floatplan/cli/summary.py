@@ -19,6 +19,7 @@ from floatplan.errors import escaped
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Tone
 
+NONE = "not given"  # of a range
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
@@ -48,7 +49,7 @@ def plan_summary(
     ]
     rows = [Row("problem", ", ".join([*asked, *obstacles]))]
     for name, end in (("start", problem.initial), ("goal", problem.final)):
-        turned = end.attitude or f"{math.degrees(end.orientation):.6g}"
+        turned = end.attitude or f"{math.degrees(end.orientation):z.6g}"
         rows.append(Row(name, f"{turned}; {shortened(np.degrees(end.positions), 6)} deg"))
     places: dict[str, Path] = {}  # by kind: pictures by their folder
     for path in files:
@@ -86,22 +87,44 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     for index, joint in enumerate(facts["joints"]):
         low, high = facts["position_limits"][index]
         limits = [short(facts[f"{limit}_limits"][index]) for limit in ("velocity", "torque")]
-        inertia = [] if plane is None else [f"{facts['D_min'][index + 1]:.4g} to {facts['D_max'][index + 1]:.4g}"]
-        ranges = "not given" if low is None or high is None else f"{low:.4g} to {high:.4g}"
+        inertia = [] if plane is None else [_span(facts["D_min"][index + 1], facts["D_max"][index + 1], 4)]
+        ranges = NONE if low is None or high is None else f"{low:.4g} to {high:.4g}"
         joints.append((joint, ranges, *limits, *inertia))
     follows = []
     for joint, coupling in facts["coupled"].items():
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
+    carried = [f"{each['mass']:g} kg on {each['link']} at {shortened(each['at'])} m" for each in facts["payload"]]
     rest = [
+        *([("payload", "; ".join(carried))] if carried else []),
+        *_rotors(facts),
         ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
         ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         *([] if plane is None else _named_in_plane(facts, shapes)),
     ]
     warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
-    titles = ("joint", "range, rad", "rad/s", "N m", *([] if plane is None else ["D_i, kg m^2"]))
-    return Group(table, _table(titles, joints), *follows, _named(rest), *map(Text, facts["wheels"]), *warnings)
+    titles = ("joint", "range, rad", "rad/s", "N m", *([] if plane is None else ["momentum by rate, kg m^2"]))
+    open_limits = any(cell in (NONE, short(None)) for row in joints for cell in row)
+    note = [Text(f'{short(None)} or "{NONE}": the robot\'s file has no limit there, or 0, which counts as none')]
+    return Group(
+        table,
+        _table(titles, joints),
+        *(note if open_limits else []),
+        *follows,
+        _named(rest),
+        *map(Text, facts["wheels"]),
+        *warnings,
+    )
+
+
+def _rotors(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The row about rotors that an SRDF file gives."""
+    if facts["rotor_file"] is None:
+        return []
+    of_joints = ", ".join(f"{joint} = {inertia:.4g}" for joint, inertia in facts["armature"].items())
+    source = f"{of_joints or 'none of joints that are planned'}; rotor_params of {Path(facts['rotor_file']).name}"
+    return [("armature, kg m^2", f"{source}, unless armature is given")]
 
 
 def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, str]]:
@@ -111,11 +134,18 @@ def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, s
         capsules.append(f"{shape['link']} {shape['length']:.3g} m{radius}")
     rest = [
         ("shapes", (", ".join(capsules) or "none") if shapes else f"{len(capsules)}; --shapes has them"),
-        ("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it"),
+        ("out of plane", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it"),
     ]
     if facts["tilt"]:
         rest.append(("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad"))
-    return [*rest, ("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")]
+    inertia = f"{_span(facts['D_min'][0], facts['D_max'][0], 6)} kg m^2 about the centre of mass, by the posture"
+    return [*rest, ("inertia", inertia)]
+
+
+def _span(low: float, high: float, digits: int) -> str:
+    """From one number to another, or the one that both are."""
+    ends = dict.fromkeys(f"{end:z.{digits}g}" for end in (low, high))
+    return " to ".join(ends)
 
 
 def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> RenderableType:
@@ -127,14 +157,16 @@ def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> Renderabl
     table = _named(
         [
             ("problem", problem.name),
-            ("interval for monotonic joints", f"{low:.6g} to {high:.6g} kg m^2/s"),
+            ("without turning back", f"{low:.6g} to {high:.6g} kg m^2/s"),
             ("midpoint", f"{facts['angular_momentum_midpoint']:.6g} kg m^2/s"),
             ("given", f"{text}, outside the interval: a joint or the base has to turn back" if outside else text),
         ]
     )
-    extremes = enumerate(zip(facts["D_min"], facts["D_max"], strict=True))
-    rows = ((f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2") for index, (least, largest) in extremes)
-    return Group(table, _table(("", "least", "largest"), rows), _reachable(facts))
+    turning = ("base", *problem.robot.joints)
+    extremes = zip(turning, facts["D_min"], facts["D_max"], strict=True)
+    rows = ((name, f"{least:z.6g}", f"{largest:z.6g}") for name, least, largest in extremes)
+    titles = ("momentum by rate, kg m^2", "least", "largest")
+    return Group(table, _table(titles, rows), _reachable(facts))
 
 
 def certificate_summary(certificate: fp.Certificate) -> RenderableType:
@@ -210,11 +242,12 @@ def _reachable(facts: Mapping[str, Any]) -> RenderableType:
 
 def _interval(bounds: Sequence[float | None] | None) -> str:
     if bounds is None:
-        return "none"
-    low, high = (None if end is None else f"{end:.5g}" for end in bounds)
-    if low is None and high is None:
-        return "any"
-    return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"
+        return "nothing"
+    low, high = bounds
+    if low is None or high is None:
+        ends = [f"{word} {end:z.5g}" for word, end in (("above", low), ("below", high)) if end is not None]
+        return ends[0] if ends else "no limit"
+    return _span(low, high, 5)
 
 
 def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
@@ -232,7 +265,7 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
         _table(PHASES, phase_lines(view)),
         *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(", ".join(words), "red") for words in broken),
-        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
+        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings),
         _table(STANCES, held),
         _named([*written, Row("next", f"{program} show {shlex.quote(str(files[0]))} --scene    # the jump in 3-D")]),
         Text(CHECKED, "dim"),

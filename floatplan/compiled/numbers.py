@@ -71,7 +71,9 @@ def is_plain_family(family: Family) -> bool:
 
 
 def is_together(family: Family) -> bool:
-    """Whether the problems of a family are planned together, plain or not."""
+    """Whether the problems of a family, of which there are some, are planned together, plain or not."""
+    if not len(family):
+        return False
     base = family.base
     others = {path: array[:1] for path, array in family.arrays.items() if not _is_plain(path, base.robot)}
     known = (path.split(".")[:2] for path in others)

@@ -9,6 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.initial.apart import kept_apart
 from floatplan.initial.robots import ChosenRobot
 from floatplan.motion.flight import tree_dynamics
 from floatplan.planning.planned import planned
@@ -107,9 +108,10 @@ def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float
     """Return a problem with its proved plan without warnings, and what that took, instants of one body.
 
     It is the plan that ``floatplan plan`` finds, given up where that takes long. Where only a locked joint cannot be
-    held, it is one that moves more calmly.
+    held, it is one that moves more calmly; where links overlap, one that keeps them apart, or else it has that warning.
     """
     work = 0.0
+    overlapping: tuple[Problem, Plan] | None = None
     for _ in range(1 + CORRECTIONS):
         try:
             found = planned(problem, SearchOptions(patience=PATIENCE))
@@ -119,13 +121,24 @@ def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float
         proved = proved_plan(found)
         if found.gave_up or not proved.ok or proved.certificate is None or not proved.certificate.proved:
             break
-        if not warnings_in_plane(proved):
+        kinds = {warning.kind for warning in warnings_in_plane(proved)}
+        if not kinds:
             return (problem, proved), work
-        calmer = _calmer(problem, proved)
-        if calmer is None:
+        if kinds == {"overlap"}:
+            overlapping = overlapping or (problem, proved)
+        try:
+            other = _apart(problem, proved) if "overlap" in kinds else _calmer(problem, proved)
+        except InputError:  # an end is outside a narrower range, or its links are as near
             break
-        problem = calmer
-    return None, work
+        if other is None:
+            break
+        problem = other
+    return overlapping, work
+
+
+def _apart(problem: Problem, plan: Plan) -> Problem | None:
+    """The problem with links kept apart that a plan's motion brings into one another; None where nothing is left."""
+    return kept_apart(problem, lambda times: plan.joint_motion(times)[0], plan.duration)
 
 
 def warnings_in_plane(plan: Plan) -> list[PlanWarning]:

@@ -11,6 +11,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat, warnings_in_plane
+from floatplan.initial.apart import kept_apart
 from floatplan.initial.asked import GRAVITY, Asked, wrong
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
@@ -28,11 +29,12 @@ DIGITS = 6  # [-] of numbers of a jump in the problem file
 PLACES = 6  # [-] of heights there, m: micrometres
 AFLOAT_WORK = 5e7  # [instants of one body] with flights afloat, about 1 s each 6e6
 SMALLEST_TURN = math.radians(3)  # [rad] that is worth a flight
+ROUNDS = 2  # [-] in which links that overlap are kept apart: others may then do
 MOST_LEFT_OUT = 4  # [-] options without which a jump is tried, where none is found
 
 
 class NoFlightError(FloatplanError):
-    """No flight as asked was found that is proved and without warnings."""
+    """No jump as asked was found whose flight is proved, nor a flight afloat without warnings."""
 
 
 def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
@@ -43,12 +45,12 @@ def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
     """
     robot = chosen.robot
     foot = asked.foot or chosen.feet[0 if turns * robot.plane.turn >= 0 else -1]
-    angle, unit = upright(robot, foot), math.sqrt(standing_height(robot, foot) / GRAVITY)
+    angle, unit = upright(robot, foot), math.sqrt(standing_height(robot, foot, chosen.posture) / GRAVITY)
     usual = LONG * unit if turns else SHORT * unit
     return Problem(
         robot,
-        Posture(angle, robot.resting),
-        Posture(angle + turns * math.tau, robot.resting),
+        Posture(angle, chosen.posture),
+        Posture(angle + turns * math.tau, chosen.posture),
         Flight(asked.duration or usual, angular_momentum="free", takeoff=Takeoff(foot)),
         Motion(objective="torque"),
         limits_of(chosen),
@@ -106,12 +108,13 @@ def _round_posture(state: JointState) -> Posture:
 
 @dataclass(frozen=True, eq=False)
 class FirstFlight:
-    """A problem whose plan was found, proved and has no warnings.
+    """A problem whose plan was found and proved; afloat it has no warnings but of links that overlap.
 
     Attributes
     ----------
     problem : Problem
     plan : Plan
+        That of a jump may have warnings, which are told: a jump that was found is not exchanged for less.
     reasons : why it is no more than it is; empty where it is of a jump with a whole turn
     jump : the jump around it; None where it is afloat
     """
@@ -140,7 +143,7 @@ def asked_flight(
 
     What is ``given`` of the robot is as of :func:`chosen_robot`, in the ``words`` in which it is typed.
     """
-    chosen = chosen_robot(source, given, asked.foot)
+    chosen = chosen_robot(source, given, asked.foot, asked.posture)
     try:
         return chosen, first_flight(chosen, asked, seed=seed, progress=progress)
     except NoFlightError as error:
@@ -150,7 +153,8 @@ def asked_flight(
             left = {key: value for key, value in given.items() if key != name}
             try:
                 less = replace(asked, **({name: getattr(Asked, name)} if name in asked.given else {}))
-                first_flight(chosen_robot(source, left, less.foot), less, seed=seed, progress=progress, afloat=False)
+                other = chosen_robot(source, left, less.foot, less.posture)
+                first_flight(other, less, seed=seed, progress=progress, afloat=False)
             except (InputError, NoFlightError):
                 vain.append(word)
             else:
@@ -187,10 +191,9 @@ def first_flight(
     InputError
         The robot's geometry is wrong, it does not keep to its plane, or what is asked cannot be.
     NoFlightError
-        None of the flights tried has a plan that is proved and without warnings.
+        None of the jumps tried was found with a flight that is proved, and no flight afloat has no warnings.
     """
     asked = asked or Asked()
-    chosen.robot.check_shapes()
     asked.check(chosen)
     say = progress or (lambda _: None)
     reasons = _no_jump(chosen)
@@ -213,6 +216,7 @@ def first_flight(
 def _first_afloat(chosen: ChosenRobot, asked: Asked, reasons: list[str], say: Callable[[str], None]) -> FirstFlight:
     """The first flight afloat that is found."""
     work = farthest = 0.0
+    overlapping: FirstFlight | None = None
     for problem in turns_afloat(chosen, asked.duration):
         turn = abs(problem.final.orientation - problem.initial.orientation)
         farthest = max(farthest, turn)
@@ -221,8 +225,14 @@ def _first_afloat(chosen: ChosenRobot, asked: Asked, reasons: list[str], say: Ca
         say(f"turn of {math.degrees(turn):.0f} degrees afloat")
         found, took = planned_afloat(problem)
         work += took
-        if found is not None:
-            return FirstFlight(*found, tuple(reasons))
+        if found is None:
+            continue
+        flight = FirstFlight(*found, tuple(reasons))
+        if not warnings_in_plane(flight.plan):
+            return flight
+        overlapping = overlapping or flight
+    if overlapping is not None:
+        return overlapping
     reasons.append(f"Afloat, its joints would turn the base by at most {math.degrees(farthest):.2g} degrees.")
     raise NoFlightError(
         f"{chosen.robot.source}: no flight was found that is proved and without warnings. {' '.join(reasons)} Write the"
@@ -232,6 +242,10 @@ def _first_afloat(chosen: ChosenRobot, asked: Asked, reasons: list[str], say: Ca
 
 def _no_jump(chosen: ChosenRobot) -> list[str]:
     """Why no jump can be looked for."""
+    try:
+        chosen.robot.check_shapes()
+    except InputError as error:
+        return [f"No jump was looked for, since that takes all shapes: {error}."]
     if not chosen.feet:
         return ["No feet were found that it could stand on."]
     try:
@@ -251,20 +265,50 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
     """
     try:
         problem = jump_problem(chosen, turns * int(chosen.robot.plane.turn), asked)
-        found = jump(problem, seed=seed, starts=1, helps=helps)
+        found = _links_apart(jump(problem, seed=seed, starts=1, helps=helps), seed)
         if not found.ok or found.flight is None:
             return found.explanation
-        problem = flight_of_jump(found, found.flight)
-        flight = plan(problem, seed=seed, prove=True)
-        if flight.ok and flight.warnings:
-            landing = Landing(problem.landing.frame)
-            problem = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
-            flight = plan(problem, seed=seed, prove=True)
+        problem, flight = _flight_alone(flight_of_jump(found, found.flight), seed)
     except InputError as error:
         asked.refuse_own(error)
-        return f"{error}."
-    if not flight.ok or flight.certificate is None or not flight.certificate.proved:
+        return asked.reason(error, chosen)
+    if not _is_proved(flight):
         return f"Its flight is not proved: {flight.explanation}"
-    if warnings := warnings_in_plane(flight):
-        return warnings[0].message
     return FirstFlight(problem, flight, (), found)
+
+
+def _flight_alone(problem: Problem, seed: int) -> tuple[Problem, Plan]:
+    """Plan the flight of a jump from its problem in round numbers; above the ground where it has fewer warnings so."""
+    flight = plan(problem, seed=seed, prove=True)
+    warnings = warnings_in_plane(flight)
+    if not flight.ok or not warnings:
+        return problem, flight
+    landing = Landing(problem.landing.frame)
+    above = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
+    try:
+        other = plan(above, seed=seed, prove=True)
+    except InputError:  # the rounded numbers lead into the ground: the flight stays as it is, with its warning
+        return problem, flight
+    if _is_proved(other) and len(warnings_in_plane(other)) < len(warnings):
+        return above, other
+    return problem, flight
+
+
+def _is_proved(flight: Plan) -> bool:
+    return flight.ok and flight.certificate is not None and flight.certificate.proved
+
+
+def _links_apart(found: Jump, seed: int) -> Jump:
+    """A jump whose links do not overlap, where the one that was found leads to one; else that one, with its warning."""
+    for _ in range(ROUNDS):
+        apart = kept_apart(found.problem, found.planned_positions, found.duration) if found.ok else None
+        if apart is None:
+            return found
+        try:
+            other = jump(apart, seed=seed, starts=1, helps=False, near=found)
+        except InputError:  # they are as near where the robot stands
+            return found
+        if not other.ok:
+            return found
+        found = other
+    return found

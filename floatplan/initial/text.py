@@ -16,9 +16,10 @@ from floatplan.initial.flight import DIGITS, FirstFlight
 from floatplan.initial.robots import ChosenRobot
 from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
-from floatplan.problem.parts import Posture
+from floatplan.problem.parts import Posture, SelfClearance
 from floatplan.robot.robot import Robot
-from floatplan.robot.wheels import explain_wheels
+from floatplan.robot.urdf.check import LIMITS
+from floatplan.robot.wheels import explain_wheels, wheels
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
 WIDTH = 110  # [-] characters of a comment
@@ -38,7 +39,8 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
         _flight(flight),
         ["[motion]", f"degree = {_value(problem.motion.degree)}", f"objective = {_value(problem.motion.objective)}"],
         _limits(flight),
-        *([] if problem.jump is None else _jump(problem.jump)),
+        *(_apart(pair) for pair in problem.self_clearances),
+        *([] if problem.jump is None else _jump(problem.jump, chosen)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -52,12 +54,17 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
     way = "backwards" if turn * robot.plane.turn > 0 else "forwards"
     does = "jumps" if not turn else f"flips {way}" if times == 1 else f"turns {way} {times} times"
     what = f"{name} stands, {does} and stands again: floatplan jump {path.name}"
-    used = [f"{found.check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items()]
+    check = found.check
+    used = [
+        f"{check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items() if key not in check.unlimited
+    ]
+    shares = f"take {' and '.join(used)}" if used else "hold"
     checked = (
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
-        f" found too, and checked 2000 times a second: they take {' and '.join(used)}."
+        f" found too, and checked 2000 times a second: they {shares}."
     )
-    return [*_comment(what), *_comment(checked), *_comment(" ".join(flight.reasons))]
+    told = [line for warning in flight.plan.warnings for line in _comment(f"Warning: {warning.message}")]
+    return [*_comment(what), *_comment(checked), *told, *_comment(" ".join(flight.reasons))]
 
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
@@ -67,6 +74,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
+    if chosen.stepping:
+        lines += _comment(f"It is the plane in which the legs step: {', '.join(chosen.stepping)} bend them.")
     choices = chosen.choices
     if "joints" in choices:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
@@ -83,13 +92,16 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         places = {name: robot.locked[name] for name in choices["locked"]}
         told = {name: _degrees(at) if robot.layout.tree.joint[name].turns else at for name, at in places.items()}
         lines.append(f"locked = {_value(told)}")
+    if robot.balance_inertias:
+        lines.append("balance_inertias = true  # of links whose inertia no body can have")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     turning = [name for name in robot.locked if name not in sliding]
     for words, names in (("Locked", turning), ("Held, because joints that slide are not planned", sliding)):
         lines += _comment(f"{words}: {', '.join(names)}.") if names else []
     lines += [line for told in explain_wheels(robot) for line in _comment(f"{told[0].upper()}{told[1:]}.")]
     if chosen.feet:
-        lines += _comment(f"Feet: {', '.join(chosen.feet)}.")
+        held = " They are wheels that their joints hold: those are locked, and the wheels roll with the legs."
+        lines += _comment(f"Feet: {', '.join(chosen.feet)}.{held if chosen.on_wheels else ''}")
     return lines
 
 
@@ -102,11 +114,13 @@ def _joints(robot: Robot) -> list[str]:
         motor = robot.motors.index(joint)
         limits = robot.motor_velocity_limits[motor], robot.motor_torque_limits[motor]
         rate, torque = (f"{limit:.4g}" if math.isfinite(limit) else "no limit" for limit in limits)
-        reach = f"{low:.0f} to {high:.0f}" if np.isfinite([low, high]).all() else "any"
+        reach = f"{low:.0f} to {high:.0f}" if np.isfinite([low, high]).all() else "no limit"
         rows.append((joint, reach, rate, torque, f"{rest:.0f}"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     cells = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return [f"# {'  '.join(row).rstrip()}" for row in cells]
+    not_meant = [warning for warning in robot.warnings if warning.startswith(LIMITS)]
+    remarks = [line for warning in not_meant for line in _comment(f"The file has {warning}.")]
+    return [*(f"# {'  '.join(row).rstrip()}" for row in cells), *remarks]
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
@@ -134,7 +148,7 @@ def _flight(flight: FirstFlight) -> list[str]:
     ]
 
 
-def _jump(jump: JumpRequest) -> list[list[str]]:
+def _jump(jump: JumpRequest, chosen: ChosenRobot) -> list[list[str]]:
     margin = ", ".join(f"{name} = {share:g}" for name, share in jump.margin.items())
     shares = "  # shares of the limits that stances may use"
     return [
@@ -143,22 +157,40 @@ def _jump(jump: JumpRequest) -> list[list[str]]:
             f"friction = {jump.friction:g}",
             f"margin = {{ {margin} }}{shares}",
             *([f"fixed = {_value(list(jump.fixed))}"] if jump.fixed else []),
+            *([f"feet = {_value(jump.feet)}"] if jump.feet != "auto" else []),
         ],
-        ["[jump.takeoff]", f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs"],
+        [
+            "[jump.takeoff]",
+            f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs",
+            *_standing(jump, chosen),
+        ],
         ["[jump.landing]", f"contacts = {_value(jump.landing.contacts)}"],
     ]
+
+
+def _standing(jump: JumpRequest, chosen: ChosenRobot) -> list[str]:
+    """The posture from which it jumps, where that is not the reference posture."""
+    if not isinstance(jump.takeoff.from_, Mapping):
+        return []
+    fault = chosen.stance.sought if chosen.stance else ""
+    why = f"It does not stand in its reference posture: {fault}. It stands as follows:" if fault else ""
+    angles = {joint: _degrees(position) for joint, position in jump.takeoff.from_.items()}
+    return [*_comment(why), f"from = {_value(angles)}"]
 
 
 def _limits(flight: FirstFlight) -> list[str]:
     limits, robot = flight.problem.limits, flight.problem.robot
     lines = ["[limits]"]
-    spun = limits.position if isinstance(limits.position, Mapping) else {}
+    ranges = limits.position if isinstance(limits.position, Mapping) else {}
     ranged = (math.isfinite(low) and math.isfinite(high) for low, high in robot.position_limits.tolist())
-    if not all(known or name in spun for name, known in zip(robot.joints, ranged, strict=True)):
+    if not all(known or name in ranges for name, known in zip(robot.joints, ranged, strict=True)):
         lines.append("# Joints without a range in their file have -180 to 180 degrees.")
-    if spun:
-        ranges = {name: [_degrees(end) for end in ends] for name, ends in spun.items()}
-        lines.append(f"position = {_value(ranges)}  # degrees: a wheel may turn on")
+    if ranges:
+        of_wheels = set(ranges) & set(wheels(robot))
+        reasons = ["a wheel may turn on"] if of_wheels else []
+        reasons += ["links do not overlap there"] if set(ranges) - of_wheels else []
+        written = {name: [_degrees(end) for end in ends] for name, ends in ranges.items()}
+        lines.append(f"position = {_value(written)}  # degrees: {'; '.join(reasons)}")
     fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the file gives none"
     lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)
     none = "# torque: the file gives none; a number is for all, N m"
@@ -167,6 +199,15 @@ def _limits(flight: FirstFlight) -> list[str]:
         degrees = round(math.degrees(limits.acceleration))
         lines.append(f"acceleration = {degrees}  # degrees/s^2: locked joints hold then")
     return lines
+
+
+def _apart(pair: SelfClearance) -> list[str]:
+    margin = float(f"{pair.margin:.{DIGITS}g}")
+    return [
+        "[[self_clearance]]  # else they overlap",
+        f"links = {_value(list(pair.links))}",
+        f"margin = {margin:g}  # m",
+    ]
 
 
 def _degrees(angle: float) -> float | int:

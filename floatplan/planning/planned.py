@@ -226,22 +226,32 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
 
 
 def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
-    """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that."""
+    """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that.
+
+    All of it is said: of each limit that the motion exceeds, by how much, so that with these it is a plan.
+    """
     best, missed = found.best, _missed_turn(found)
     if not best.violation < NEARLY:
         return []
     wishes = [f"the goal's orientation {_numbers(missed, '+.6g')} rad further"] if missed.any() else []
     for number, block in enumerate(prepared.constraints):
         violated = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
-        if violated.size:
-            lowest = violated[np.argmin(best.worst.value[violated])]
-            row = int(best.worst.row[lowest])
-            amount = -best.worst.value[lowest] * block.scale[row]
-            rounded = f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"  # two digits, not below it
-            wishes.append(block.relaxed.format(label=block.labels[row], amount=f"{rounded} {block.unit}"))
+        amounts: dict[str, float] = {}  # in the block's unit; a limit has a row for either sign
+        for at in violated.tolist():
+            row = int(best.worst.row[at])
+            label = block.labels[row]
+            amounts[label] = max(amounts.get(label, 0.0), float(-best.worst.value[at] * block.scale[row]))
+        for label, amount in amounts.items():
+            wishes.append(block.relaxed.format(label=label, amount=f"{_rounded_up(amount)} {block.unit}"))
     if not wishes:
         return []
-    return [f"It would be a plan with {' and '.join(wishes)}; another seed, or more starts, may find one without that."]
+    listed = f"{', '.join(wishes[:-1])} and {wishes[-1]}" if len(wishes) > 1 else wishes[0]
+    return [f"It would be a plan with {listed}; another seed, or more starts, may find one without that."]
+
+
+def _rounded_up(amount: float) -> str:
+    """A positive number in two digits, not below it."""
+    return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
 
 
 def _missed_turn(found: SearchResult) -> Array:

@@ -5,7 +5,7 @@ asked for or not: it is a warning beside the verdict.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -15,21 +15,36 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import Peaks
 from floatplan.motion.flight import FAST, Contact
+from floatplan.plans.overlaps import Overlap, overlaps
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
+from floatplan.robot.planar.choice import MOST_LEANING, against_gravity
 from floatplan.robot.robot import Robot
 from floatplan.robot.wheels import wheels
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_REST, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal[
-    "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+    "gravity",
+    "ground",
+    "position",
+    "velocity",
+    "torque",
+    "holding_torque",
+    "takeoff",
+    "landing",
+    "turns",
+    "leak",
+    "overlap",
 ]
 
 ROUNDING = 1e-9  # [rad] of joint ranges
-ROUNDED = 1e-4  # [m/s] of a frame that would be at rest, were a file's numbers not round
 OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
+STANDARD_GRAVITY = 9.80665  # [m/s^2]
+# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
+# 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
+MOST_TORQUE = 2.0
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
 
 
@@ -39,8 +54,10 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns" or "leak"
-    subject : link, joint, or the frame that cannot be at rest
+    kind : str
+        "gravity", "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+        or "overlap"
+    subject : link, both links, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
     message : a sentence: what, when, and what to do
@@ -165,13 +182,28 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
     """Return what the plan does to the ground and to limits, wherever that is more than they allow."""
     problem = plan.problem
     return (
+        *_gravity(plan),
         *_ground(plan),
+        *overlap_warnings(problem, lambda times: plan.joint_motion(times)[0], plan.duration),
         *_contacts(plan, contacts),
         *_ranges_and_rates(problem.robot, plan.peaks),
         *_torques(plan),
+        *_beyond_sense(plan),
         *_turns(problem),
         *_leak(plan),
     )
+
+
+def _gravity(plan: PlannedMotion) -> Iterator[PlanWarning]:
+    """Gravity along another axis of the root link than the robot's file has it."""
+    robot = plan.robot
+    contradiction = against_gravity(robot.up, robot.gravity_direction)
+    if robot.gravity_direction is None or contradiction is None or plan.ballistics.gravity == 0:
+        return
+    angle = math.acos(min(1.0, max(-1.0, float(robot.up @ -robot.gravity_direction))))
+    advice = "[robot] plane names another" if robot.in_plane else "turn its root link, as z is up in space"
+    message = f"{contradiction[0].upper()}{contradiction[1:]}; {advice}."
+    yield PlanWarning("gravity", robot.joint_tree.root, angle, math.acos(MOST_LEANING), "rad", None, message)
 
 
 def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
@@ -203,12 +235,47 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
 
 
+def overlap_warnings(problem: Problem, positions: Callable[[Array], Array], duration: float) -> tuple[PlanWarning, ...]:
+    """Return what is said of links that a motion brings into one another, asked for or not.
+
+    Parameters
+    ----------
+    problem : Problem
+        Pairs of its ``self_clearances`` are kept apart, and are not looked at.
+    positions : planned positions (N, n), rad, at times (N,), s, from 0 to ``duration``
+    duration : s
+    """
+    robot = problem.robot
+    aside = [frozenset(pair.links) for pair in problem.self_clearances]
+    try:
+        found = overlaps(robot, positions, duration, aside)
+    except InputError as error:
+        message = f"Whether links overlap could not be measured: {error}."
+        return (PlanWarning("overlap", robot.joint_tree.root, None, 0.0, "m", None, message),)
+    return tuple(_overlap_warning(robot, overlap) for overlap in found)
+
+
+def _overlap_warning(robot: Robot, overlap: Overlap) -> PlanWarning:
+    first, second = overlap.links
+    at_rest = f", at rest {overlap.at_rest:.2g} m" if overlap.at_rest > 0 else ""
+    drawn = "" if robot.has_shapes else ", as the bars that are drawn, since the file gives no shapes"
+    if overlap.joint is not None:
+        advice = f"a narrower limits.position of {overlap.joint} keeps them apart"
+    elif robot.in_plane is None:
+        advice = "a narrower limits.position, or another posture, may keep them apart"
+    else:
+        advice = "[[self_clearance]] keeps them apart"
+    message = f"{first} is {overlap.depth:.2g} m inside {second} at {overlap.instant:.3g} s{at_rest}{drawn}; {advice}."
+    subject = f"{first} {second}"
+    return PlanWarning("overlap", subject, overlap.depth, overlap.at_rest, "m", overlap.instant, message)
+
+
 def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
     """Frames that no joint rates within the limits, or such as no robot's are, let leave or meet the ground at rest."""
     for contact in contacts:
         instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
         state = plan.at(instant)
-        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED:
+        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_REST:
             continue
         if not contact.ok:
             subject, rate, limit = contact.joint or contact.frame, contact.rate, contact.limit
@@ -268,6 +335,36 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 f" {effort:.4g} {unit}; lock it elsewhere, or move the others more slowly."
             )
             yield PlanWarning("holding_torque", name, torque, effort, unit, instant, message)
+
+
+def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
+    """Of motors without a limit, the one that needs most torque and the one that turns fastest, beyond what any do."""
+    problem, robot = plan.problem, plan.robot
+    if not robot.motors:
+        return
+    limits, rows = limits_of_motors(problem), utilisation(problem, plan.peaks)
+    unlimited = {
+        key: [row for row in rows if not math.isfinite(limits[key][robot.motors.index(row.joint)])]
+        for key in ("torque", "velocity")
+    }
+    most = MOST_TORQUE * robot.mass * STANDARD_GRAVITY * robot.rod_length
+    for row in sorted(unlimited["torque"], key=lambda row: row.torque_peak)[-1:]:
+        if row.torque_peak > most:
+            message = (
+                f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no"
+                f" limit: {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any"
+                " motor of its size has; a longer flight, or less of a turn, needs less, and limits.torque keeps it."
+            )
+            yield PlanWarning("torque", row.joint, row.torque_peak, most, "N m", row.torque_instant, message)
+    turning = [row for row in unlimited["velocity"] if row.joint not in wheels(robot)]
+    for row in sorted(turning, key=lambda row: row.velocity_peak)[-1:]:
+        if row.velocity_peak > FAST:
+            message = (
+                f"{row.joint} turns at {row.velocity_peak:.3g} rad/s at {row.velocity_instant:.3g} s and its file gives"
+                f" no limit: no joint of a legged robot turns at {FAST:g} rad/s; a longer flight, or less of a turn,"
+                " needs less, and limits.velocity keeps it."
+            )
+            yield PlanWarning("velocity", row.joint, row.velocity_peak, FAST, "rad/s", row.velocity_instant, message)
 
 
 def _turns(problem: Problem) -> Iterator[PlanWarning]:

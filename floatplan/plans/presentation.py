@@ -38,8 +38,10 @@ def result_rows(plan: Plan) -> list[Row]:
     momentum = f"{in_line(record.angular_momentum, 6)} kg m^2/s"
     if record.angular_momentum_bounds is not None:
         low, high = record.angular_momentum_bounds
-        inside = "inside" if low <= record.angular_momentum <= high else "outside"
-        momentum += f", {inside} [{low:.5g}, {high:.5g}] of monotonic joints"
+        if low <= record.angular_momentum <= high:
+            momentum += f", inside [{low:.5g}, {high:.5g}], as motions without turning back are"
+        else:
+            momentum += f", outside [{low:.5g}, {high:.5g}], so a joint or the base turns back"
     name, seconds = record.objective["name"], record.solver.get("seconds")
     unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
     if record.in_space and name == "coefficients":
@@ -62,7 +64,9 @@ def result_rows(plan: Plan) -> list[Row]:
         rows.append(Row("held", f"{_cut(', '.join(held))}, as joints that slide are not planned", "open"))
     turned = plan.out_of_plane
     if turned is not None and np.linalg.norm(turned) > LEAST_TURN:
-        rows.append(Row("leak", f"turns {turns_out_of_plane(plan.robot, turned)} in space, as its plane is left"))
+        rows.append(
+            Row("out of plane", f"turns {turns_out_of_plane(plan.robot, turned)} in space, as its plane is left")
+        )
     return rows + [Row(contact.end, contact.brief, "good" if contact.ok else "open") for contact in plan.contacts]
 
 
@@ -100,7 +104,7 @@ def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list
         for limit in limits:
             peak, most, share = (getattr(use, f"{limit.key}_{name}") for name in ("peak", "limit", "utilisation"))
             of_limits += [short(peak), short(most), percent(share)]
-        moved = f"{math.degrees(use.position_low):.0f} to {math.degrees(use.position_high):.0f}"
+        moved = f"{math.degrees(use.position_low):z.0f} to {math.degrees(use.position_high):z.0f}"
         cells.append([use.joint, *of_limits, moved, percent(use.range_used), f"{use.instant:.3f}"])
     return [*titles, "range, deg", "% of it", "at, s"], cells
 

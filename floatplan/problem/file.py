@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 import tomli_w
 
-from floatplan.arguments import FINITE, by_name, in_short, made
+from floatplan.arguments import FINITE, by_name, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
@@ -21,7 +21,8 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import NOT_IN_SPACE
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
-from floatplan.robot.urdf.tree import is_address
+from floatplan.robot.urdf.inertias import Payload, payloads
+from floatplan.robot.urdf.tree import is_address, refuse_bare_name
 from floatplan.tables import REST, ROBOT_KINDS, Base, RobotKind, Unit
 
 Angles: TypeAlias = Annotated[Unit, Key("Unit of all angles and rates in this file")]
@@ -71,6 +72,14 @@ class RobotRequest(Keyed):
     damping: Annotated[
         float | Mapping[str, float] | None,
         Key("Torque lost by a joint's rate, in simulators: of every motor, or by joint", "N m s/rad"),
+    ] = None
+    balance_inertias: Annotated[
+        bool | None,
+        Key("Whether inertias that no body can have get equal principal moments, as MuJoCo's balanceinertia does"),
+    ] = None
+    payload: Annotated[
+        Payload | Sequence[Payload] | None,
+        Key("Point mass that a link carries, or a list of them", check=optional(payloads)),
     ] = None
     base: Annotated[Base, Key('How the base moves: in a plane, or as "free-flyer" in space')] = "planar"
 
@@ -146,6 +155,7 @@ def load_problem(path: str | Path) -> Problem:
         The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
     """
     path = as_path(path, "path")
+    refuse_bare_name(path)
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
     content = parsed_toml(text, path)
     with naming(path):
@@ -175,6 +185,7 @@ def given_problem(problem: Problem | str | Path, element: str = "problem") -> Pr
 def load_robot(path: str | Path) -> Robot:
     """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
     path = Path(path)
+    refuse_bare_name(path)
     content = read_toml(path)
     if not set(content) <= set(RobotFile.keys):
         return load_problem(path).robot
@@ -321,6 +332,9 @@ def _robot(asked: RobotRequest, path: Path, angles: Unit) -> Robot:
     kind: RobotKind = "urdf" if asked.mjcf is None else "mjcf"
     file = asked.urdf or asked.mjcf or ""
     source = file if is_address(file) else path.parent / file
+    if isinstance(source, Path) and not source.exists():
+        advice = "paths begin at this file's folder; floatplan robots lists robots of installed packages"
+        raise InputError(f"there is no file {str(source)!r}", source=path, element=f"robot.{kind}", advice=advice)
     return robot_as_asked(source, asked.choices() | {"angles": angles}, path, "robot.", kind)
 
 
@@ -368,6 +382,8 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "reference": robot.reference_name,
         "armature": dict(robot.armature),
         "damping": dict(robot.damping),
+        "balance_inertias": robot.balance_inertias or None,
+        "payload": [table_of(each) for each in robot.payload],
     }
 
 

@@ -16,7 +16,7 @@ from floatplan.problem import parts
 from floatplan.problem.attitude import STEEPEST, Attitude, tilt
 from floatplan.problem.parts import JointState, JointValues
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
+from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
@@ -287,7 +287,8 @@ def end_errors(
     """What is wrong at an end of the flight, within the joints' ranges (n, 2), rad.
 
     A joint outside its range, one on its edge that does not stand still or accelerates outwards; rates of a frame at
-    rest where no frame is named that stands on the ground.
+    rest where no frame is named that stands on the ground. Rounding is not wrong: a motion that begins on the edge
+    meets what is off by no more than the tolerances of the boundary conditions.
     """
     if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
         reason = f"{REST[element]!r} needs a frame that stands on the ground"
@@ -299,16 +300,17 @@ def end_errors(
         if inside > EDGE * (high - low):
             continue
         edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
-        if not inside >= 0:
+        off_position, off_rate, off_acceleration = BOUNDARY
+        if not inside >= -off_position:
             degrees, lowest, highest = map(math.degrees, (position, low, high))
-            reason = f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
+            reason = f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}] by {-inside:.2g} rad"
             reason += f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})"
             advice = "move it inside, or widen the range with limits.position"
             yield InputError(reason, element=f"{element}.positions.{joint}", advice=advice)
-        elif not (velocity == 0 or math.isnan(velocity)):
+        elif abs(velocity) > off_rate:
             advice = "a joint can only be on the edge of its range at rest"
             yield InputError(f"{velocity:.6g} rad/s {edge}", element=f"{element}.velocities.{joint}", advice=advice)
-        elif acceleration * (2 * position - low - high) > 0:
+        elif acceleration * math.copysign(1.0, 2 * position - low - high) > off_acceleration:
             reason = f"{acceleration:.6g} rad/s^2 {edge} points out of it"
             yield InputError(reason, element=f"{element}.accelerations.{joint}")
 

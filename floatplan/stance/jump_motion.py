@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ from floatplan.arguments import numbers
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.flight import FullMotion, MotionInFile
+from floatplan.plans.measures import PlanWarning, overlap_warnings
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
@@ -85,11 +86,24 @@ class JumpMotion(MotionInFile):
         flight = JumpPhase("flight", (), self.takeoff_time, self.takeoff_time + self.flight.duration)
         return (*before, flight, *after)
 
+    @cached_property
+    @one_thread
+    def warnings(self) -> tuple[PlanWarning, ...]:
+        """What it does beside what was asked: its flight's warnings, and links that overlap, at instants of the jump.
+
+        None where no jump was found.
+        """
+        if self.flight is None:
+            return ()
+        of_flight = [warning for warning in self.flight.warnings if warning.kind != "overlap"]
+        return (*of_flight, *overlap_warnings(self.problem, self.planned_positions, self.duration))
+
     def refuse_unless_ok(self, action: str) -> None:
         """Raise InputError where there is no jump to "fly", say."""
         if self.flight is None:
             reason = f"no jump was found, so there is nothing to {action}"
-            raise InputError(reason, source=self.problem.name, element="status")
+            advice = "plan it with other limits, durations or friction"
+            raise InputError(reason, element="status", advice=advice)
 
     @one_thread
     def at(self, times: npt.ArrayLike) -> JumpState:
@@ -111,7 +125,27 @@ class JumpMotion(MotionInFile):
         motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
         rows = [np.flatnonzero(index == number) for number in range(len(phases))]
         parts = [(own, motion(instants[own])) for own, motion in zip(rows, motions, strict=True) if len(own)]
-        return joined(instants, parts, [name for phase in phases for name in phase.contacts])
+        size = self.problem.robot.model.nv
+        return joined(instants, size, parts, [name for phase in phases for name in phase.contacts])
+
+    @one_thread
+    def planned_positions(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s from the jump's start; there has to be a flight."""
+        assert self.flight is not None
+        ends = np.array([phase.end for phase in self.phases])
+        index = np.searchsorted(ends[:-1], times)
+        found = np.empty((len(times), len(self.problem.robot.joints)))
+        stances = dict(
+            zip([*range(len(self.before)), *range(len(self.before) + 1, len(ends))], self.stances, strict=True)
+        )
+        for number in range(len(ends)):
+            own = np.flatnonzero(index == number)
+            if number in stances:
+                found[own] = stances[number].grid.at(times[own])[0, 1:].T
+            else:
+                since = np.clip(times[own] - self.takeoff_time, 0.0, self.flight.duration)
+                found[own] = self.flight.joint_motion(since)[0]
+        return found
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""

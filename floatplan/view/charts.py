@@ -16,7 +16,7 @@ from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
 ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
 MOMENTS = ("least", "middle", "largest")
-INTERVAL = "h of monotonic joints"  # what (9) holds
+INTERVAL = "h without turning back"  # what (9) holds
 NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
 
 

@@ -12,6 +12,7 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import LinkShapes, PinocchioDynamics
+from floatplan.plans.measures import PlanWarning
 from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.plans.verdicts import Tone, verdict_in_words
@@ -55,7 +56,12 @@ class JumpView:
     def tone(self) -> Tone:
         """Of the verdict."""
         flight = self.flight
-        return verdict_in_words(flight.ok, flight.certificate, bool(flight.warnings))[1] if self.check.ok else "bad"
+        return verdict_in_words(flight.ok, flight.certificate, bool(self.warnings))[1] if self.check.ok else "bad"
+
+    @property
+    def warnings(self) -> tuple[PlanWarning, ...]:
+        """What the jump does beside what was asked."""
+        return self.jump.warnings
 
     @property
     def robot(self) -> Robot:

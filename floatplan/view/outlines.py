@@ -18,7 +18,7 @@ from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
-from floatplan.robot.shapes.links import LinkCapsule
+from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.solids import CAMERA, drawn_solids, face_normals
 from floatplan.view.style import round_below
@@ -30,7 +30,6 @@ ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of 
 REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
 MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
 LEAST_RADIUS = 0.4  # [-] of the former
-LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
 STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
 FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] along the path
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
@@ -317,7 +316,7 @@ def drawn_radius(problem: Problem) -> Array:
     usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
     ends, bodies = np.array([shape.end for shape in shapes]), np.array([shape.body for shape in shapes])
     reach = float(np.abs(robot.tree.point_weights(bodies, ends)).sum(axis=1).max())
-    drawn = max(LINK_RADIUS * usual, REACH_RADIUS * reach)
+    drawn = max(LINE_RADIUS * usual, REACH_RADIUS * reach)
     margins = [obstacle.margin for obstacle in problem.obstacles if obstacle.margin > 0]
     if margins:
         drawn = max(min(drawn, MARGIN_RADIUS * min(margins)), LEAST_RADIUS * drawn)

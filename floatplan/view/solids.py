@@ -11,8 +11,9 @@ import trimesh
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.links import LINE_RADIUS
+from floatplan.robot.shapes.solids import evenly
 
-THICKNESS = 0.055  # [-] radius, as drawn, of links that are lines, over their median length
 DIRECTIONS = 40  # [-] in which a solid that is round is as large as it is
 AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(18.0)  # from where pictures look: +x is to the right
 
@@ -61,7 +62,7 @@ def drawn_solids(robot: Robot) -> tuple[DrawnSolid, ...]:
         row = np.abs(robot.selection[robot.model.idx_vs[joint]])
         part[joint] = 1 + int(row.argmax()) if row.any() else part[robot.model.parents[joint]]
     sizes = [float(np.ptp(solid.points, axis=0).max() + np.abs(solid.axes).max()) for solid in robot.solids]
-    thickness = THICKNESS * float(np.median([size for size in sizes if size > 0] or [1.0]))
+    thickness = LINE_RADIUS * float(np.median([size for size in sizes if size > 0] or [1.0]))
     directions, drawn = evenly(DIRECTIONS), []
     for solid, size in zip(robot.solids, sizes, strict=True):
         if size == 0 and any(sizes):
@@ -77,13 +78,6 @@ def drawn_solids(robot: Robot) -> tuple[DrawnSolid, ...]:
             DrawnSolid(solid.link, solid.body, int(part[solid.body]), np.array(hull.vertices), np.array(hull.faces))
         )
     return tuple(drawn)
-
-
-def evenly(count: int) -> Array:
-    """Directions (count, 3), about evenly apart: a spiral from pole to pole."""
-    heights, angles = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + math.sqrt(5)) * np.arange(count)
-    rim = np.sqrt(1 - heights**2)
-    return np.stack((rim * np.cos(angles), rim * np.sin(angles), heights), axis=1)
 
 
 def face_normals(points: Array, faces: IntArray) -> Array:

@@ -56,6 +56,18 @@ def test_the_hash_of_the_mesh_is_in_the_plan(tmp_path):
     assert load_plan(path).robot.meshes == load_record(path).robot.meshes
 
 
+@pytest.mark.parametrize("end", ["takeoff", "landing"])
+@pytest.mark.parametrize("frame", ["toe", "", "a ", 3])
+def test_a_frame_that_the_robot_has_not_is_refused_by_its_key(end, frame, tmp_path):
+    path = clear_plan(tmp_path)
+    content = json.loads(path.read_text())
+    content["problem"]["flight"][end]["frame"] = frame
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError) as raised:
+        fp.certify(path)
+    assert raised.value.element == f"problem.flight.{end}.frame"
+
+
 def test_a_mesh_that_grew_is_refused(tmp_path):
     path = clear_plan(tmp_path)
     write_mesh(tmp_path, 2.0)

@@ -19,7 +19,7 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.starts import Start
-from floatplan.tables import CLEARANCE, ORIENTATION, RELATIVE
+from floatplan.tables import BOUNDARY, CLEARANCE, ORIENTATION, RELATIVE
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FRACTIONS = (-0.5, 0.25, 0.75, 1.25, 4.0)  # of the tolerance, by which a plan fails
@@ -82,3 +82,33 @@ def test_a_plan_that_is_kept_but_not_as_well_inside_as_the_search_aims_is_feasib
     judged = prepared.attempt(start, lambda: True)
     assert judged.holds
     assert judged.solution.status == "feasible"
+
+
+EDGES = {"q1": (-0.7311, 2.5), "q2": (-2.0, 2.0)}  # rad
+OFF = dict(zip(("positions", "velocities", "accelerations"), BOUNDARY, strict=True))  # rad, rad/s, rad/s^2
+
+
+def at_the_edge(quantity: str, share: float, side: int, end: str) -> fp.Problem:
+    """A flight that begins or ends with q1 on an edge of its range, but for a share of the tolerance, outwards."""
+    robot = fp.Robot.from_urdf(PROBLEMS.parent / "urdf" / "gymnast.urdf")
+    outwards = (-1.0, 1.0)[side]
+    values = {"positions": np.array([EDGES["q1"][side], 0.2]), "velocities": np.zeros(2), "accelerations": np.zeros(2)}
+    values[quantity][0] += outwards * share * OFF[quantity]
+    edge, inside = fp.Posture(0.0, **values), fp.Posture(0.5, [0.3, 0.0])
+    start, goal = (edge, inside) if end == "start" else (inside, edge)
+    return fp.Problem(robot, start, goal, fp.Flight(1.0), limits=fp.Limits(position=EDGES, torque=20.0))
+
+
+@pytest.mark.parametrize("quantity", OFF)
+@pytest.mark.parametrize(("side", "end"), [(0, "start"), (1, "goal")])
+def test_rounding_on_the_edge_of_a_range_is_met_within_the_tolerance_and_proved(
+    quantity: str, side: int, end: str
+) -> None:
+    for share in (1e-20, 0.95):
+        plan = fp.plan(at_the_edge(quantity, share, side, end), prove=True)
+        assert plan.ok
+        assert plan.certificate is not None
+        assert plan.certificate.proved
+    with pytest.raises(fp.InputError, match=r"outside the joint's range|on the edge") as raised:
+        at_the_edge(quantity, 1.2, side, end)
+    assert raised.value.element == f"{end}.{quantity}.q1"

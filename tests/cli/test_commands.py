@@ -118,6 +118,15 @@ class TestPlan:
         np.testing.assert_allclose(one["coefficients"], two["coefficients"], rtol=1e-9, atol=1e-9)
         assert one["solver"]["seed"] == 3
 
+    def test_of_a_flight_in_space_a_proof_is_missing(self, floatplan: Command) -> None:
+        assert floatplan("plan", PROBLEMS / "space" / "cat.toml", "-o", "out", "--quiet").code == 0
+        assert floatplan("plan", PROBLEMS / "space" / "cat.toml", "-o", "out", "--quiet", "--prove").code == 1
+
+    def test_a_proof_is_not_asked_for_and_left_out(self, floatplan: Command) -> None:
+        run = floatplan("plan", PROBLEMS / "backflip.toml", "-o", "out", "--prove", "--no-certify")
+        refused(run, "--prove", "--no-certify")
+        assert not Path("out").exists()
+
     @pytest.mark.usefixtures("little_work")
     def test_exit_code_1_where_there_is_no_plan(self, floatplan: Command) -> None:
         run = floatplan("plan", GYMNAST, *HANDSTAND, "--angular-momentum", "40", "-o", "out", "--json")
@@ -353,7 +362,7 @@ class TestBounds:
     def test_for_reading(self, floatplan: Command) -> None:
         run = floatplan("bounds", PROBLEMS / "falling_cat.toml")
         assert run.code == 0
-        assert "interval for monotonic joints" in run.stdout
+        assert "without turning back" in run.stdout
         assert "D_2" in run.stdout
 
     def test_an_h_outside_is_told(self, floatplan: Command, tmp_path: Path) -> None:

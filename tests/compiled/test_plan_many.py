@@ -113,7 +113,7 @@ def test_a_family_is_planned_as_its_problems_are(gymnast_problem):
         ("flight.angular_momentum", math.inf, "not a finite number"),
         ("start.orientation", 1e300, "outside"),
         ("goal.positions.q1", 4.0, "outside the joint's range"),
-        ("goal.positions.q1", -math.pi - 1e-9, "outside the joint's range"),
+        ("goal.positions.q1", -math.pi - 2e-8, "outside the joint's range"),
         ("start.velocities.q2", 1e9, "outside"),
         ("start.accelerations.q2", math.nan, "not a finite number"),
         ("flight.gravity", -1.0, "negative"),
@@ -332,7 +332,9 @@ def test_degree_five_leaves_one_motion(gymnast_problem):
 
 def test_nothing_to_plan(gymnast_problem):
     assert len(fp.plan_many([])) == 0
-    assert len(fp.plan_many(fp.Family(gymnast_problem, {"flight.duration": np.empty(0)}))) == 0
+    for path in ("flight.duration", "limits.torque.q1", "limits.velocity.q2", "goal.orientation", "start.positions.q1"):
+        plans = fp.plan_many(fp.Family(gymnast_problem, {path: np.empty(0)}))
+        assert (len(plans), plans.status.shape) == (0, (0,))
 
 
 @pytest.mark.parametrize("wrong", [{"starts": 0}, {"jobs": 0}, {"jobs": 1000}, {"seed": -1}])

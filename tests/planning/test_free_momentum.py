@@ -110,6 +110,6 @@ class TestOutside:
     @pytest.mark.usefixtures("little_work")
     def test_the_explanation_claims_no_impossibility(self) -> None:
         plan = fp.plan(given(fp.load_problem(PROBLEMS / "handstand.toml"), 40.0))
-        assert "outside the interval for monotonic joints" in plan.explanation
+        assert "outside the interval of motions that do not turn back" in plan.explanation
         assert "turns back on its way" in plan.explanation
         assert "impossible" not in plan.explanation

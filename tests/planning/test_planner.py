@@ -269,7 +269,7 @@ def impossible(example_a, handstand, planned):
         ),
         "h far outside (9)": (
             change(handstand, angular_momentum=40.0),
-            "lies outside the interval for monotonic joints",
+            "lies outside the interval of motions that do not turn back",
         ),
         "degree 5": (change(example_a, motion=fp.Motion(5)), "Degree 5 leaves nothing free to steer with"),
     }

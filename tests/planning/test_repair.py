@@ -186,21 +186,22 @@ class TestCommands:
         assert json.loads(Path("out/plan.json").read_text())["certificate"]["verdict"] == "proved"
         assert "for all times, orientation within" in " ".join(run.stdout.split())
         assert floatplan("certify", "out/plan.json").code == 0
+        assert floatplan("plan", EXAMPLE, "-o", "again", "--quiet", "--prove").code == 0
 
     def test_plan_without_proof(self, floatplan):
         run = floatplan("plan", EXAMPLE, "-o", "out", "--no-figures", "--no-certify")
         assert run.code == 0
         assert json.loads(Path("out/plan.json").read_text())["certificate"] is None
 
-    @pytest.mark.parametrize("ok", [True, False])
-    def test_exit_code_1_where_the_plan_is_not_proved(self, floatplan, monkeypatch, ok):
+    @pytest.mark.parametrize(("ok", "options", "code"), [(True, [], 0), (True, ["--prove"], 1), (False, [], 1)])
+    def test_a_missing_proof_is_an_exit_code_where_it_is_asked_for(self, floatplan, monkeypatch, ok, options, code):
         def doubtful(plan):
             weak = fp.Limits(position="full", torque=0.1)
             return doubted(fp.certify(plan)) if ok else fp.certify(asked_otherwise(plan, limits=weak))
 
         monkeypatch.setattr(proving, "certify", doubtful)
-        run = floatplan("plan", EXAMPLE, "-o", "out", "--json")
-        assert run.code == 1
+        run = floatplan("plan", EXAMPLE, "-o", "out", "--json", *options)
+        assert run.code == code
         answer = json.loads(run.stdout)
         assert answer["ok"] is ok
         assert answer["certificate"]["verdict"] == ("undecided" if ok else "refuted")

@@ -196,7 +196,7 @@ def test_from_a_jump_at_hand_another_is_found_that_holds_as_well() -> None:
         assert again.check.ok
     assert set(said) == {"from the jump at hand"}
     icy = jump(found.problem, fp.JumpRequest(friction=0.12), starts=1, helps=False, near=found)
-    assert icy.explanation == "No jump was found in 1 starts."
+    assert icy.explanation == "No jump was found in 1 start."
 
 
 @pytest.mark.long

@@ -204,8 +204,8 @@ def test_an_interval_for_h_is_drawn_where_it_is_near(handstand: fp.Plan) -> None
         across = [line.get_ydata() for line in only(figure).lines if len(line.get_xdata()) == 2]
         return {float(ends[0]) for ends in across}, figure.legends[0].get_texts()[-1].get_text()
 
-    assert drawn(-1.5, 0.5) == ({-1.5, 0.5, 0.0}, "h of monotonic joints")
-    assert drawn(-1e3, 0.5) == ({0.0}, "h of monotonic joints: -1e+03 to 0.5")
+    assert drawn(-1.5, 0.5) == ({-1.5, 0.5, 0.0}, "h without turning back")
+    assert drawn(-1e3, 0.5) == ({0.0}, "h without turning back: -1e+03 to 0.5")
 
 
 def test_goals_are_marked_where_the_problem_has_them(handstand: fp.Plan, drawn: dict[str, Figure]) -> None:

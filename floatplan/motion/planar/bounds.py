@@ -218,8 +218,8 @@ def difficulties(problem: Problem) -> list[str]:
     if isinstance(given, str) or low <= given <= high:
         return []
     return [
-        f"The angular momentum {given:.6g} kg m^2/s lies outside the interval for monotonic joints,"
-        f" [{low:.6g}, {high:.6g}]: that takes a joint, or the base, that turns back on its way;"
+        f"The angular momentum {given:.6g} kg m^2/s lies outside the interval of motions that do not turn back,"
+        f" [{low:.6g}, {high:.6g}]: it takes a joint, or the base, that turns back on its way;"
         f" the interval's midpoint is {(low + high) / 2:.6g}."
     ]
 

@@ -7,13 +7,14 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, refuse
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.closed_form import ballistics, tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.tables import AT_REST, CLEARANCE
+from floatplan.problem.resolution import end_errors
+from floatplan.tables import CLEARANCE, ROUNDED_REST
 
 ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
 REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
@@ -62,7 +63,8 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     Raises
     ------
     InputError
-        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds.
+        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds; or for its rest a joint
+        would turn that stands on the edge of its range.
     """
     states = (problem.initial, problem.final)
     given = np.array([state.velocities for state in states])
@@ -74,7 +76,11 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
                 curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
             else:
                 given[number] = _rates(problem, element, end, middle)
-
+                settled = replace(states[number], velocities=given[number])
+                ranges = problem.position_limits
+                refuse(
+                    list(end_errors(problem.robot, ranges, problem.flight, settled, element))
+                )  # of joints on an edge
     return EndRates(given, curves)
 
 
@@ -118,7 +124,10 @@ def _rates(problem: Problem, element: str, end: End, momentum: float) -> Array:
 
 
 def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputError]:
-    """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s."""
+    """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s.
+
+    Of rates that were rounded to six digits nothing is said: where they lead into the ground, the search finds it.
+    """
     if not problem.ground:
         return []
     rates = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
@@ -129,7 +138,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
         ("goal", goal, problem.flight.duration, -1.0, "up out of the ground at landing"),
     ):
         link, velocity = _slowest_contact(problem, state, instant, sign, float(angular_momentum[0]))
-        if velocity < -AT_REST:
+        if velocity < -ROUNDED_REST:
             errors.append(
                 InputError(
                     f"{link} moves {direction}, at {-velocity:.4g} m/s",

@@ -23,6 +23,7 @@ from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, with_few
 from floatplan.robot.shapes.collisions import KINDS, LARGEST_MESH, Projection, find_mesh, read_collision
 from floatplan.robot.urdf.tree import UrdfTree
 
+LINE_RADIUS = 0.055  # [-] radius of links that are lines, as drawn and as they may overlap, over their median length
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
 
 
@@ -116,6 +117,9 @@ def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
         return InputError(reason, element=f'link "{link}"', advice=advice)
     for link, element in tree.links.items():
         for collision in element.collisions:
+            if collision.find("geometry/*") is None:
+                reason, advice = "has a <collision> without geometry", "give its <geometry>, or remove it"
+                return InputError(reason, element=f'link "{link}"', advice=advice)
             for number, shape in enumerate(collision.iterfind("geometry/*")):
                 if number or shape.tag not in KINDS:
                     reason = f"collision geometry <{shape.tag}> is not read, so clearance cannot be computed"

@@ -4,7 +4,8 @@ A link without ``<collision>`` is the segments from its own origin to the origin
 plane.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.shapes.collisions import read_collision
+from floatplan.robot.shapes.collisions import Geometry, read_collision
 from floatplan.robot.shapes.links import MOST_COLLISIONS
 from floatplan.robot.urdf.tree import UrdfTree
 
@@ -58,18 +59,29 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
     InputError
         As of :func:`~floatplan.robot.shapes.links.link_shapes`.
     """
+    solids: list[LinkSolid] = []
+    for link, body, placement, geometries in link_geometries(model, tree, folder, meshes):
+        found = [geometry.solid() for geometry in geometries]
+        for points, axes in found or [(points, np.zeros((3, 3))) for points in link_lines(tree, link)]:
+            placed = points @ placement.rotation.T + placement.translation
+            solids.append(LinkSolid(link, body, placed, placement.rotation @ axes))
+    return tuple(solids)
+
+
+def link_geometries(
+    model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, str]
+) -> Iterator[tuple[str, int, Any, list[Geometry]]]:
+    """Yield each link, the joint of the model that carries it, its placement in there, and its collision geometry.
+
+    Parameters and errors are those of :func:`link_solids`; placements are ``pinocchio.SE3``.
+    """
     count = sum(len(link.collisions) for link in tree.links.values())
     if count > MOST_COLLISIONS:
         raise InputError(f"has {count} collision elements, more than {MOST_COLLISIONS}", advice="simplify its geometry")
-    solids: list[LinkSolid] = []
     for name, link in tree.links.items():
         read = [read_collision(name, collision, folder, meshes) for collision in link.collisions]
-        found = [geometry.solid() for geometry in read if geometry is not None]
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        rotation, shift = frame.placement.rotation, frame.placement.translation
-        for points, axes in found or [(points, np.zeros((3, 3))) for points in _segments(tree, name)]:
-            solids.append(LinkSolid(name, int(frame.parentJoint), points @ rotation.T + shift, rotation @ axes))
-    return tuple(solids)
+        yield name, int(frame.parentJoint), frame.placement, [each for each in read if each is not None]
 
 
 def frame_place(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
@@ -79,10 +91,17 @@ def frame_place(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
     return int(frame.parentJoint), frame.placement.translation.copy()
 
 
-def _segments(tree: UrdfTree, link: str) -> list[Array]:
+def link_lines(tree: UrdfTree, link: str) -> list[Array]:
     """From a link's origin to those of its children's joints, (2, 3) m each; a point where there is none but mass."""
     if tree.links[link].frame:
         return []
     ends = [joint.origin.placement.translation for joint in tree.joints if joint.parent == link]
     segments = [np.stack((np.zeros(3), end)) for end in ends if np.any(end)]
     return segments or [np.zeros((1, 3))] * (tree.links[link].inertial is not None)
+
+
+def evenly(count: int) -> Array:
+    """Directions (count, 3), about evenly apart: a spiral from pole to pole."""
+    heights, angles = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + math.sqrt(5)) * np.arange(count)
+    rim = np.sqrt(1 - heights**2)
+    return np.stack((rim * np.cos(angles), rim * np.sin(angles), heights), axis=1)

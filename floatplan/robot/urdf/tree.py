@@ -7,6 +7,7 @@ import difflib
 import hashlib
 import math
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -21,16 +22,23 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, install_advice
-from floatplan.files import is_file, parsed_xml
+from floatplan.files import LARGEST_URDF, is_file, parsed_xml, read_regular
 from floatplan.robot.urdf.packages import ADDRESS, description_path, robot_content
 from floatplan.tables import RobotKind
 
+XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}", "{http://ros.org/wiki/xacro}")
+OF_SRDF = ("group", "group_state", "end_effector", "virtual_joint", "disable_collisions", "rotor_params")
 ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 PREFIX = "example-robot-data:"
 FOLDER = Path("share", "example-robot-data", "robots")
+FOLDER_NAME = re.compile("(_description|_data)$")  # what folders there end with, after the robot's name
 FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
+NO_ROBOTS = {  # what else is given where a robot's file is to be
+    ".toml": "give the file that its key robot.urdf or robot.mjcf names",
+    ".json": "give the URDF or MJCF that it was made with",
+}
 INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
 
 
@@ -55,6 +63,17 @@ class Inertial:
     mass: float
     inertia: Array
 
+    @property
+    def in_link(self) -> Array:
+        """Inertia (3, 3) about the centre of mass in the link's axes, exactly symmetric, as Pinocchio wants it."""
+        return turned_inertia(self.origin.placement.rotation, self.inertia)
+
+
+def turned_inertia(rotation: Array, inertia: Array) -> Array:
+    """Return ``rotation @ inertia @ rotation.T`` (3, 3) without the rounding by which it is not symmetric."""
+    turned = rotation @ inertia @ rotation.T
+    return np.asarray((turned + turned.T) / 2)
+
 
 def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Array]:
     """Mass, kg, centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, of links that are fixed to one another.
@@ -67,7 +86,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
     inertia = np.zeros((3, 3))
     for own, place in solid:
         arm = place.translation - center
-        inertia += place.rotation @ own.inertia @ place.rotation.T
+        inertia += turned_inertia(place.rotation, own.inertia)
         inertia += own.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return mass, center, inertia
 
@@ -76,7 +95,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
 class UrdfLink:
     """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements.
 
-    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
     """
 
     name: str
@@ -184,7 +203,8 @@ class UrdfText:
     """A robot's file as read: as a URDF, the text and its root element; the SHA-256 of its bytes.
 
     Of an MJCF, ``files`` are the SHA-256 of what it is read with, by their paths from its folder, ``keyframes`` its
-    reference postures, and ``warnings`` say what it has and a URDF has not.
+    reference postures, ``gravity_direction`` is as of :class:`~floatplan.robot.robot.Robot`, and ``warnings`` say what
+    it has and a URDF has not.
     """
 
     path: Path
@@ -195,6 +215,7 @@ class UrdfText:
     files: Mapping[str, str] = field(default_factory=dict)
     keyframes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    gravity_direction: Array | None = None
 
 
 def read_xml(path: Path) -> tuple[bytes, Element]:
@@ -205,6 +226,10 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
     InputError
         If the file is missing, a directory, unreadable, empty, binary, truncated, or not XML.
     """
+    if path.suffix.lower() in NO_ROBOTS and is_file(path):
+        raise InputError(
+            f"is a {path.suffix[1:].upper()} file, not a robot's", source=path, advice=NO_ROBOTS[path.suffix.lower()]
+        )
     content = robot_content(path)
     if not content.strip():
         raise InputError("is empty", source=path)
@@ -212,12 +237,28 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
 
 
 def urdf_text(path: Path, content: bytes, root: Element) -> UrdfText:
-    """Return a URDF file as read, from its content and root element."""
+    """Return a URDF file as read, from its content and root element; InputError where that has no link."""
+    if root.find("link") is None:
+        raise InputError("has no <link>", source=path, advice=_why_no_links(path, root))
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:  # in another encoding: written anew
         text = tostring(root, encoding="unicode")
     return UrdfText(path, text, hashlib.sha256(content).hexdigest(), root)
+
+
+def _why_no_links(path: Path, root: Element) -> str:
+    """What to do about a file without links, by what it is: xacro's, with or without its ending, or an SRDF."""
+    if path.suffix.lower() == ".xacro":
+        macros = b":macro" in read_regular(path, LARGEST_URDF, "a xacro file")
+        if macros:
+            return "xacro makes a robot without links of it, as it only defines macros: give the file that calls them"
+        return "xacro makes a robot without links of it: give the file that has them, or includes those that do"
+    if any(element.tag.startswith(XACRO) for element in root.iter()):
+        return "it is a xacro file: let its name end in .xacro"
+    if any(element.tag in OF_SRDF for element in root):
+        return "it is an SRDF, which says more about a robot: give the URDF itself"
+    return "a URDF has one for each part of the robot"
 
 
 def only(place: str, element: Element, tag: str) -> Element | None:
@@ -262,62 +303,6 @@ def _parsed(place: str, text: str, largest: float) -> float:
     return value
 
 
-def reference_posture(name: str, tree: UrdfTree, text: UrdfText) -> Mapping[str, float]:
-    """Return positions, rad or m, of the joints that the SRDF state, or the keyframe of an MJCF, called ``name`` gives.
-
-    SRDF files are searched in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
-    comes before others. A state counts where the URDF has most of its joints; those it does not have, and those that do
-    not move, are left out. States of one name for several groups of joints add up.
-
-    Raises
-    ------
-    InputError
-        If no such state is found, or a position is not a number.
-    """
-    known = reference_postures(tree, text)
-    if name not in known:
-        write = {
-            "urdf": "put an SRDF file of this robot beside its URDF",
-            "mjcf": "write it as a <key> of a <keyframe>",
-        }
-        advice = f"known are {', '.join(known)}" if known else write[text.kind]
-        raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
-    return known[name]
-
-
-def reference_postures(tree: UrdfTree, text: UrdfText) -> Mapping[str, Mapping[str, float]]:
-    """Return all reference postures by their names, see :func:`reference_posture`."""
-    if text.kind == "mjcf":
-        return text.keyframes
-    urdf = text.path
-    paths = [path for folder in (urdf.parent, urdf.parent.parent / "srdf") for path in sorted(folder.glob("*.srdf"))]
-    known: dict[str, dict[str, float]] = {}
-    for path in sorted(paths, key=lambda path: path.stem != urdf.stem):
-        of_file: dict[str, dict[str, float]] = {}
-        for name, positions in _states(path, tree):
-            of_file.setdefault(name, {}).update(positions)
-        known |= {name: positions for name, positions in of_file.items() if name not in known}
-    return known
-
-
-def _states(path: Path, tree: UrdfTree) -> Iterator[tuple[str, dict[str, float]]]:
-    """Names and positions of the states in one SRDF file, less those of other robots."""
-    _, root = read_xml(path)
-    if root.tag != "robot":
-        raise InputError(f"is not an SRDF: its root element is <{root.tag}>, not <robot>", source=path)
-    for state in root.iterfind("group_state"):
-        name = state.get("name", "")
-        joints = {joint.get("name", ""): joint for joint in state.iterfind("joint")}
-        moving = {
-            joint: element
-            for joint, element in joints.items()
-            if joint in tree.joint and tree.joint[joint].moves and len(element.get("value", "").split()) <= 1
-        }
-        if 2 * sum(joint in tree.joint for joint in joints) > len(joints):
-            place = f'{path.name}: state "{name}": joint'
-            yield name, {joint: number(f'{place} "{joint}"', each, "value", None) for joint, each in moving.items()}
-
-
 def is_address(source: object) -> bool:
     """Whether a robot's file is named by the package that it is in, not by a path."""
     return isinstance(source, str) and (source.startswith(PREFIX) or ADDRESS.fullmatch(source) is not None)
@@ -335,6 +320,7 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
         If the package is not installed, or holds no such file.
     """
     if not isinstance(source, str) or not is_address(source):
+        refuse_bare_name(Path(source))
         return Path(source)
     if not source.startswith(PREFIX):
         return description_path(source, kind)
@@ -347,6 +333,28 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
     if Path(name).is_absolute() or ".." in Path(name).parts or not is_file(path):
         raise InputError(f"example-robot-data has no file {name!r}", source=source, advice=_similar(folder, name))
     return path
+
+
+def refuse_bare_name(path: Path) -> None:
+    """Refuse what is no file but the bare name of a robot of example-robot-data, whose address is then told.
+
+    Raises
+    ------
+    InputError
+        There is no such file, and a robot of that name.
+    """
+    meant = None if path.suffix or len(path.parts) != 1 or path.exists() else _address_of(path.name)
+    if meant is not None:
+        advice = f'did you mean "{meant}"? floatplan robots lists all'
+        raise InputError("no such file", source=path, advice=advice)
+
+
+def _address_of(name: str) -> str | None:
+    """The address of a robot of example-robot-data whose file or folder has a name; None where there is none."""
+    word = name.lower()
+    by_file = [known for known in example_urdfs() if word == Path(known).stem.lower()]
+    by_folder = [known for known in example_urdfs() if word == FOLDER_NAME.sub("", Path(known).parts[0].lower())]
+    return next((f"{PREFIX}{known}" for known in (*by_file, *by_folder)), None)
 
 
 def robots_folder() -> Path | None:

@@ -138,7 +138,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         drawn, left = panel.lines(max(largest(sampled.columns[curve.key]) for curve in panel.curves))
         lines += drawn
         if left and panel.interval is not None:
-            beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
+            beyond.append("without turning back: h from {:.4g} to {:.4g}".format(*panel.interval))
         elif left:
             beyond.append(f"limits from {min(np.abs(line.value).min() for line in left):.4g}, not drawn")
     data: dict[str, Any] = {"range": chart.panels[0].range}
@@ -271,25 +271,31 @@ def proved(plan: Plan) -> dict[str, Any]:
     return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
-def warned(plan: Plan) -> list[dict[str, Any]]:
-    """Return the table of a plan's warnings, if there are any."""
-    rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+def warned(shown: Plan | JumpView) -> list[dict[str, Any]]:
+    """Return the table of the warnings of a plan or a jump, if there are any."""
+    kinds = {"leak": "out of plane"}  # in words where the kind's name is none
+    rows = [
+        Row(f"{kinds.get(each.kind, each.kind.replace('_', ' '))} {each.subject}", each.message)
+        for each in shown.warnings
+    ]
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
 
 
 def phase_lines(view: JumpView) -> list[list[str]]:
     """Cells of a jump's phases, under ``PHASES``."""
-    lines, rolls = [], ", rolling" if view.jump.request.feet == "rolling" else ""
+    lines = []
+    rolling = {name for stance in view.jump.stances for each in stance.contacts if each.radius for name in each.names}
     for phase in view.jump.phases:
         times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
-        lines.append([phase.kind, *times, f"{', '.join(phase.contacts)}{rolls}" if phase.contacts else "nothing"])
+        stands = ", ".join(f"{name} (rolls)" if name in rolling else name for name in phase.contacts)
+        lines.append([phase.kind, *times, stands or "nothing"])
     return lines
 
 
 def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
     """Cells of what a jump's check found, under ``STANCES``: what does not hold, and what does."""
     told = {name: value for name, value in view.check.figures.items() if name != "torque_speed" or value > 0}
-    broken, held = judged(view.jump.request, told)
+    broken, held = judged(view.jump.request, told, view.check.unlimited)
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
@@ -324,7 +330,7 @@ def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, A
         *of_both,
         {"title": "Flight", **proved(view.flight)},
         {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
-        *warned(view.flight),
+        *warned(view),
     ]
 
 

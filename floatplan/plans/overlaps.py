@@ -1,0 +1,115 @@
+"""Where a robot's own links are in one another along a motion, and how deep."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.robot.link_pairs import LinkPairs, link_pairs
+from floatplan.robot.robot import Robot
+
+INSTANTS = 65  # [-] of a motion that are looked at first
+CLOSER = np.linspace(-1.0, 1.0, 17)  # [-] steps from there, at which a pair is looked at that is near
+SLIGHT = 5e-3  # [m] that links may be deeper in one another than at rest: shapes of files are no truer than that
+SLIGHT_SHARE = 0.01  # [-] the same of the robot's size; the smaller one counts
+MOST_CONFIRMED = 8  # [-] instants of a pair, the deepest first, at which meshes are looked at in place of their hulls
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two links that are in one another during a motion, deeper than at rest.
+
+    Attributes
+    ----------
+    links : both
+    depth : m, by which one would have to move for them to part; between the convex hulls of meshes
+    at_rest : m, the same in the robot's reference posture; 0 where they are apart
+    instant : s, when they are deepest
+    joint : the joint between them where they are parts of neighbours, of which then the halves away from it count
+    """
+
+    links: tuple[str, str]
+    depth: float
+    at_rest: float
+    instant: float
+    joint: str | None
+
+
+def overlaps(
+    robot: Robot, positions: Callable[[Array], Array], duration: float, aside: Collection[frozenset[str]] = ()
+) -> tuple[Overlap, ...]:
+    """Return which links a motion brings into one another, of each two bodies those that are deepest, the worst first.
+
+    Parameters
+    ----------
+    robot : Robot
+    positions : planned positions (N, n), rad, at times (N,), s, from 0 to ``duration``
+    duration : s
+    aside : pairs of links that are not looked at
+
+    Raises
+    ------
+    InputError
+        As of :attr:`Robot.shapes`.
+    """
+    pairs = link_pairs(robot)
+    times = np.linspace(0.0, duration, INSTANTS)
+    sampled = positions(times)
+    chosen = _near(pairs, sampled, aside)
+    if not len(chosen):
+        return ()
+    resting = np.minimum(pairs.distances(robot.resting[None], chosen)[0], 0.0)
+    slight = allowance(pairs)
+
+    room = pairs.distances(sampled, chosen) - resting
+    step = np.abs(np.diff(room, axis=0)).max(axis=0)
+    lowest = room.argmin(axis=0)
+    when, least = times[lowest], room.min(axis=0)
+    for column in np.flatnonzero(least < step).tolist():  # below zero, or perhaps between the instants
+        around = np.clip(when[column] + times[1] * CLOSER, 0.0, duration)
+        closer = pairs.distances(positions(around), chosen[[column]])[:, 0] - resting[column]
+        if closer.min() < least[column]:
+            when[column], least[column] = around[closer.argmin()], closer.min()
+    worst: dict[tuple[str, str], Overlap] = {}
+    for column in np.argsort(least).tolist():
+        pair = int(chosen[column])
+        bodies = pairs.pairs[pair].bodies
+        if least[column] >= -slight or bodies in worst:
+            continue
+        deep = np.flatnonzero(room[:, column] < -slight)
+        deepest = times[deep[np.argsort(room[deep, column])]]
+        looked_at = [float(when[column]), *deepest[:MOST_CONFIRMED].tolist()]
+        instant = _confirmed(pairs, pair, positions, looked_at)
+        if instant is None:
+            continue
+        depth = -float(pairs.distances(positions(np.array([instant])), chosen[[column]])[0, 0])
+        worst[bodies] = Overlap(
+            links=pairs.links(pair),
+            depth=depth,
+            at_rest=abs(float(resting[column])),
+            instant=instant,
+            joint=pairs.pairs[pair].joint,
+        )
+    return tuple(worst.values())
+
+
+def allowance(pairs: LinkPairs) -> float:
+    """By how much deeper than at rest a robot's links may be in one another without being said to overlap, m."""
+    return min(SLIGHT, SLIGHT_SHARE * pairs.size)
+
+
+def _near(pairs: LinkPairs, sampled: Array, aside: Collection[frozenset[str]]) -> IntArray:
+    """Indices of the pairs that may meet at positions (K, n) sampled along a motion, or between them."""
+    bounds = pairs.least_distances(sampled)
+    step = np.abs(np.diff(bounds, axis=0)).max(axis=0, initial=0.0)
+    near = np.flatnonzero(bounds.min(axis=0, initial=np.inf) < step)
+    kept = [index for index in near.tolist() if frozenset(pairs.links(index)) not in aside]
+    return np.array(kept, dtype=np.int64)
+
+
+def _confirmed(pairs: LinkPairs, pair: int, positions: Callable[[Array], Array], instants: list[float]) -> float | None:
+    """The first of some instants at which a pair overlaps: of meshes the surfaces have to meet, not the hulls alone."""
+    if not pairs.is_mesh(pair):
+        return instants[0]
+    return next((time for time in instants if pairs.meet(pair, positions(np.array([time]))[0])), None)
