@@ -20,7 +20,15 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, in_radians, with_motors
+from floatplan.robot.planar.choice import (
+    Choice,
+    Coupling,
+    Plane,
+    against_gravity,
+    choose_joints,
+    in_radians,
+    with_motors,
+)
 from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
@@ -274,6 +282,7 @@ class Robot:
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
+            contradiction = against_gravity(robot.up, text.gravity_direction)
             return replace(
                 robot,
                 reference_name=reference,
@@ -281,6 +290,7 @@ class Robot:
                 payload=changes.payload,
                 rotor_file=rotor_file,
                 gravity_direction=text.gravity_direction,
+                warnings=(*robot.warnings, *filter(None, [contradiction])),
             )
 
     @classmethod
@@ -439,6 +449,18 @@ class Robot:
         carrying = set(self.tree.parent.tolist())
         return [link for link in self.link_hulls if self.layout.body_of[link] not in carrying]
 
+    @cached_property
+    def touching_links(self) -> list[str]:
+        """Links that can touch the ground: those with collision geometry, and those of bodies where none has any.
+
+        Links without geometry are lines to the origins of their children's joints. Such an origin may be anywhere in a
+        foot that is fixed there, and below it: beside geometry on the same body these lines touch nothing.
+        """
+        links = [link for link, hull in self.link_hulls.items() if hull]
+        with_geometry = {link for link in links if self.joint_tree.links[link].collisions}
+        bodies = {self.layout.body_of[link] for link in with_geometry}
+        return [link for link in links if link in with_geometry or self.layout.body_of[link] not in bodies]
+
     def contact_link(self, link: str) -> str | None:
         """Return the link with whose shapes another stands on the ground: itself, else one that it is fixed to.
 
@@ -465,7 +487,8 @@ class Robot:
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
         standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
-        return links.moving_hulls(self.tree, self.link_hulls, standing, exact)
+        hulls = {link: self.link_hulls[link] for link in dict.fromkeys((*self.touching_links, *standing))}
+        return links.moving_hulls(self.tree, hulls, standing, exact)
 
     @cached_property
     @one_thread

@@ -13,9 +13,9 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import corners, heights_over_com, links_of, near_contact, undersides
+from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.stance.contacts import links_of, near_contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 
@@ -239,8 +239,8 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     feet = links_of(robot, [contact for each in jump.stances for contact in each.contacts])
     stands, rolls = links_of(robot, own), links_of(robot, [each for each in own if each.radius])
     yield from (("ground", np.inf), ("feet", np.inf), ("lifted", 0.0))
-    for link, hull in robot.link_hulls.items():
-        heights = undersides(robot, corners(hull), y) + com.imag[:, None] - ground
+    for link in robot.touching_links:
+        heights = undersides(robot, corners(robot.link_hulls[link]), y) + com.imag[:, None] - ground
         yield "feet" if link in feet else "ground", heights.min()
         if link in stands:
             yield "lifted", heights.min(axis=1).max()

@@ -11,9 +11,9 @@ from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import Contact, corners, ground_below, heights_over_com, undersides
+from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.stance.contacts import Contact, ground_below
 from floatplan.stance.limits import scaled_limits
-from floatplan.stance.model import Spot
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 

@@ -34,10 +34,10 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
+from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
 from floatplan.stance.check import JumpCheck, check_jump
-from floatplan.stance.contacts import NAMED, TIP, Contact
+from floatplan.stance.contacts import Contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import Grid, Stance
 from floatplan.tables import Range
 
@@ -50,7 +50,7 @@ UNKNOWN = "must not be there: a jump's file has no such key"
 CONTACT = KeyedTable(
     {
         "frames": many(text, "names of frames"),
-        "suffix": one_of("", *NAMED, TIP),
+        "suffix": one_of("", *SOLE_ENDS, TIP),
         "places": many(POINT, "places"),
         "depth": number(Range(0.0, LARGEST_DEPTH, "m")),
         "vertical": flag,
@@ -293,7 +293,9 @@ def _read_contact(content: Mapping[str, Any], robot: Robot, element: str) -> Con
 def _array(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
     """Finite numbers of a shape, in which None is any size; lists of no numbers have any other sizes."""
     array = numbers(value, element) if value != [] else np.zeros([size or 0 for size in shape])
-    if len(array.shape) != len(shape) or any(size not in (None, own) for own, size in zip(array.shape, shape, strict=True)):
+    if len(array.shape) != len(shape) or any(
+        size not in (None, own) for own, size in zip(array.shape, shape, strict=True)
+    ):
         reason = f"has shape {array.shape}, not {shape}"
         raise InputError(reason, element=element)
     if not np.isfinite(array).all():

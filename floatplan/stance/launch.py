@@ -112,7 +112,9 @@ def launch(
     end = one_of("takeoff", "landing")(end, "end")
     seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
     say = optional(function)(progress, "progress") or (lambda _: None)
-    margins = replace(request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0)
+    margins = replace(
+        request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0
+    )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
     met = _meeting(plan, setup, end)

@@ -11,8 +11,8 @@ import pinocchio as pin
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
+from floatplan.robot.standing import Spot, spot_weights
 from floatplan.stance.contacts import Contact
-from floatplan.stance.model import Spot, spot_weights
 
 BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 

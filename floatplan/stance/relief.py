@@ -206,4 +206,3 @@ def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str,
             problem = replace(problem, obstacles=tuple(obstacles), self_clearances=tuple(pairs))
         problem = replace(problem, jump=request, limits=limits)
     return " and ".join(words), problem
-

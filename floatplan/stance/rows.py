@@ -10,9 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com, way_between
+from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.stance.contacts import Contact, Watched, ground_below, way_between
 from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+from floatplan.stance.model import Pair, PlanarModel, casadi
 from floatplan.stance.phases import Phase
 from floatplan.tables import POINT_FEET
 
@@ -108,7 +109,7 @@ class Calls:
         ways = [function.size1_in(k) for k in range(function.n_in())]
         point = ca.SX.sym("point", sum(ways))
         outputs = function.call(ca.vertsplit(point, np.cumsum([0, *ways]).tolist()))
-        one = ca.Function("one", [point], [ca.vertcat(*outputs)])
+        one = ca.Function("one", [point], [ca.vertcat(*outputs)], {"cse": True})
         points = ca.vertcat(*arguments)
         symbols = ca.MX.sym("called", one.size1_out(0), points.shape[1])
         self._found.append((one, points, symbols))
@@ -197,7 +198,7 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function of a stance's node and its rows' bounds: (y, v, a, forces over weight, drifts) -> (rows, cost, load).
+        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, cost, load); its rows' bounds.
 
         The load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.

@@ -29,7 +29,15 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
+from floatplan.stance.phases import (
+    Meeting,
+    Phase,
+    Side,
+    not_static,
+    side_phases,
+    standing_posture,
+    static_beyond_ranges,
+)
 from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import LEAST_FORCE, Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
@@ -43,6 +51,7 @@ LESS_FRICTION = 0.85  # [-] where forces leave the cone
 STRICTER, DEEPER = 0.97, 1.5  # [-] beyond what a figure shows: shares of limits, and depths
 BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
+NO_STATIC = "none was found on these contacts: give other ones, or plan more joints"
 FARTHEST_HEIGHT = 0.2  # [m] between frames at takeoff and at landing: ankles rise by so much where soles tip
 FARTHEST_TURN = TURN / 4  # [rad] from whole turns, of a goal whose orientation is a guess of a landing's
 
@@ -233,7 +242,9 @@ def _refuse_what_is_not_kept(problem: Problem, turns: int) -> None:
     missed = problem.final.orientation - problem.initial.orientation - TURN * turns
     stands_level = problem.takeoff_frame.body != 0  # else its orientation is the goal's, less whole turns
     if stands_level and abs(missed) > FARTHEST_TURN:
-        reason = f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
+        reason = (
+            f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
+        )
         advice = "ask for whole turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
     height = 0.0 if flight.landing is None else flight.landing.height or 0.0
@@ -345,12 +356,14 @@ def _side(
     if floating:
         raise InputError(floating, element=place, advice="name what is on the ground where it stands")
     if found is None or is_other:
-        static = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found[1:], strict=True)]
-        raise InputError(
-            f"the posture is not static: {not_static(robot, outer, wanted)}",
-            element=named,
-            advice=f"static is {', '.join(static)} rad" if static else "give another, or other contacts",
-        )
+        if found is None:
+            beyond = static_beyond_ranges(robot, outer, wanted, limits)
+            advice = f"{beyond}: give another posture, or other contacts" if beyond else NO_STATIC
+        else:
+            static = (f"{name} {at:.4g}" for name, at in zip(robot.joints, found[1:], strict=True))
+            advice = f"static is {', '.join(static)} rad"
+        reason = f"the posture is not static: {not_static(robot, outer, wanted)}"
+        raise InputError(reason, element=named, advice=advice)
     return contacts, found
 
 
