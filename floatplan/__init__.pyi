@@ -37,6 +37,7 @@ from floatplan.problem.parts import SelfClearance as SelfClearance
 from floatplan.problem.parts import Takeoff as Takeoff
 from floatplan.problem.problem import Problem as Problem
 from floatplan.robot.robot import Coupling as Coupling
+from floatplan.robot.robot import Payload as Payload
 from floatplan.robot.robot import Robot as Robot
 from floatplan.simulation.closed_loop import ClosedLoop as ClosedLoop
 from floatplan.simulation.closed_loop import closed_loop as closed_loop

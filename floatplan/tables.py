@@ -14,6 +14,7 @@ BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
 CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
 POINT_FEET = 4e-3  # [m] that feet may be in the ground where a jump stands on points: they turn about their frames
 AT_REST = 1e-9  # [m/s] of a frame that leaves or meets the ground at rest
+ROUNDED_REST = 1e-4  # [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE
 PLACE = 1e-8  # [m] takeoff frame, landing frame
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
 RANGE = 1e-12  # [rad] of joint ranges
@@ -134,5 +135,6 @@ RANGES: dict[str, Range] = {
     "limit": Range(1e-9, 1e12, ""),
     "slope": Range(0.0, 1e12, "N m s/rad"),
     "armature": Range(0.0, 1e6, "kg m^2"),
+    "mass": Range(1e-15, 1e9, "kg"),
     "damping": Range(0.0, 1e9, "N m s/rad"),
 }

@@ -10,7 +10,7 @@ from pathlib import Path
 RECIPE = Path(__file__).resolve().parents[1] / "recipe" / "recipe.yaml"
 PLATFORMS = ("linux-64", "linux-aarch64", "osx-64", "osx-arm64")
 VARIANTS = """
-python: ["3.11.* *_cpython", "3.12.* *_cpython", "3.13.* *_cp313"]
+python: ["3.11.* *_cpython", "3.12.* *_cpython", "3.13.* *_cp313", "3.14.* *_cp314"]
 cxx_compiler: [gxx]
 c_stdlib: [sysroot]
 """

@@ -21,7 +21,8 @@ from floatplan.studies import study
 
 SIZES = {
     "planned joints": resolution.MOST_JOINTS,
-    "joints of a URDF": check.MOST_JOINTS,
+    "joints of a URDF that move": check.MOST_JOINTS,
+    "fixed joints of a URDF": check.MOST_FIXED_JOINTS,
     "polynomial degree": parts.HIGHEST_DEGREE,
     "problems of a family": family.MOST_PROBLEMS,
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,

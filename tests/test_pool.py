@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver, reduction
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ import pytest
 from long_cases import cases
 from needed import skip_or_fail
 
-from floatplan.pool import processes, same_modules
+from floatplan.pool import fork_server, processes, same_modules
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 300.0  # [s] for what takes a few
@@ -41,12 +42,13 @@ problem = "{}"
 
 
 @pytest.fixture(autouse=True)
-def own_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def own_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """A fork server of these tests' own, as it loads nothing, and is killed; other tests go on with theirs."""
     own: Any = forkserver.ForkServer()
     for name in ("ensure_running", "connect_to_new_process", "set_forkserver_preload"):
         monkeypatch.setattr(forkserver, name, getattr(own, name))
-    yield
+    monkeypatch.setattr(fork_server, "_server", None)
+    yield own
     own._stop()
 
 
@@ -150,18 +152,39 @@ def large() -> bytes:
     return bytes(300_000_000)
 
 
-def ended_amid_an_answer() -> bool:
+def amid_an_answer(executor: Any) -> Future[bytes]:
+    """Ask for something large; return when its process has begun to answer."""
+    assert executor.submit(os.getpid).result()
+    asked: Future[bytes] = executor.submit(large)
+    while not executor._workers[0].pipe.poll() and not asked.done():
+        time.sleep(0.001)
+    return asked
+
+
+def let_go_amid_an_answer() -> bool:
     """Let a process go while it answers; whether it still did."""
     with processes(1, ()) as executor:
-        asked: Future[bytes] = executor.submit(large)
-        while not executor._result_queue._reader.poll() and not asked.done():  # type: ignore[attr-defined]
-            time.sleep(0.001)
+        asked = amid_an_answer(executor)
         return not asked.done()
 
 
-def test_they_end_amid_an_answer() -> None:
+def killed_amid_an_answer() -> bool:
+    """Let the system kill one of two processes while it answers; whether it still did."""
+    with processes(2, ()) as executor:
+        process = executor.submit(os.getpid).result()
+        asked = amid_an_answer(executor)
+        os.kill(process, signal.SIGKILL)
+        if isinstance(asked.exception(), BrokenProcessPool):
+            with pytest.raises(BrokenProcessPool, match="ended unexpectedly"):
+                executor.submit(os.getpid)
+            return True
+        return False
+
+
+@pytest.mark.parametrize("ended", [let_go_amid_an_answer, killed_amid_an_answer])
+def test_they_end_amid_an_answer(ended: Callable[[], bool]) -> None:
     """Whoever waits for the rest of what a dead process was sending waits for ever."""
-    assert any(ended_amid_an_answer() for _ in range(20))  # on a busy machine the answer may be there before the look
+    assert any(ended() for _ in range(20))  # on a busy machine the answer may be there before the look
 
 
 def server() -> int:
@@ -215,3 +238,98 @@ def test_they_start_although_the_fork_server_ends(monkeypatch: pytest.MonkeyPatc
     os.kill(before, signal.SIGSTOP)
     once(monkeypatch, module, name, kill)
     assert server() != before
+
+
+def test_they_start_at_once_although_the_fork_server_refuses(own_server: Any) -> None:
+    """As one does that ends: its socket is closed, and it is gone seconds later. Nobody waits for that."""
+    before = server()
+    place = Path(own_server._forkserver_address)
+    place.unlink()
+    with socket.socket(socket.AF_UNIX) as deaf:
+        deaf.bind(str(place))  # and listens to nobody
+        assert server() != before
+    with pytest.raises(ProcessLookupError):
+        os.kill(before, 0)
+
+
+def test_a_fork_server_that_nobody_knows_is_waited_for(own_server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of which no process has said that it is its parent; another process is never killed in its place."""
+    assert server()
+    monkeypatch.setattr(fork_server, "_server", None)
+    monkeypatch.setattr(fork_server, "PATIENCE", 0.1)
+    place = Path(own_server._forkserver_address)
+    place.unlink()
+    with socket.socket(socket.AF_UNIX) as deaf, processes(1, ()) as executor:
+        deaf.bind(str(place))
+        with pytest.raises(ConnectionRefusedError):
+            executor.submit(os.getpid)
+        monkeypatch.setattr(fork_server, "_server", os.getppid())  # no child of this process
+        with pytest.raises(ConnectionRefusedError):
+            executor.submit(os.getpid)
+    os.kill(os.getppid(), 0)
+
+
+class OddError(Exception):
+    """What cannot be read where it comes from another process."""
+
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(first + second)
+
+
+def failing(kind: str) -> Any:
+    if kind == "ends":
+        sys.exit(3)
+    if kind == "odd":
+        raise OddError("a", "b")
+    if kind == "result":
+        return lambda: None
+    raise ValueError(f"no such kind: {kind}")
+
+
+@pytest.mark.parametrize(
+    ("kind", "error", "words"),
+    [
+        ("x", ValueError, "no such kind: x"),
+        ("ends", SystemExit, "3"),
+        ("odd", RuntimeError, "OddError: ab"),
+        ("result", Exception, "lambda"),
+    ],
+)
+def test_errors_of_tasks_are_raised_here_and_say_where_they_were(
+    kind: str, error: type[BaseException], words: str
+) -> None:
+    with processes(1, ()) as executor:
+        raised = executor.submit(failing, kind).exception()
+        assert isinstance(raised, error)
+        assert words in str(raised)
+        assert kind == "odd" or "Traceback" in "".join(raised.__notes__)
+        unsendable = executor.submit(lambda: None).exception()
+        assert "lambda" in str(unsendable)
+        assert executor.submit(int, "3").result() == 3, "it goes on"
+
+
+def test_as_many_work_at_a_time_as_were_asked_for_and_cancelled_ones_do_not() -> None:
+    with processes(2, ()) as executor:
+        tasks = [executor.submit(time.sleep, 0.01) for _ in range(20)]
+        asleep = [executor.submit(time.sleep, 600) for _ in range(2)]
+        waiting = executor.submit(os.getpid)
+        assert [each.result() for each in tasks] == [None] * 20
+        assert waiting.cancel()
+        assert len(executor.process_ids) == 2  # type: ignore[attr-defined]
+    assert waiting.cancelled()
+    assert all(isinstance(each.exception(), BrokenProcessPool) for each in asleep)
+
+
+def test_whoever_forgets_them_ends_all_the_same(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import os, time\nfrom floatplan.pool import processes\n"
+        "if __name__ == '__main__':\n"
+        "    pool = processes(2, ())\n    executor = pool.__enter__()\n"
+        "    executor.submit(os.getpid).result()\n    executor.submit(time.sleep, 600)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(place for place in sys.path if place)}
+    done = subprocess.run(
+        [sys.executable, str(script)], env=environment, check=False, capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert (done.returncode, done.stderr) == (0, "")

@@ -252,6 +252,6 @@ class TestScripts:
             env={**os.environ, "PYTHON": str(old)},
         )
         assert done.returncode == 2
-        assert "3.11, 3.12 or 3.13" in done.stderr
+        assert "CPython 3.11 or later" in done.stderr
         assert "Python 3.9.1" in done.stderr
         assert not (tmp_path / ".venv").exists()

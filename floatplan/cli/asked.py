@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
+from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions, typed_option
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
@@ -57,7 +57,7 @@ def _refuse_beside_a_file(choices: RobotOptions) -> None:
     """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
     for name in choices:
         advice = f"set {ROBOT_OPTIONS[name].key} in the file"
-        raise _wrong(f"--{name}", "a problem file says itself how its robot is read", advice)
+        raise _wrong(typed_option(name), "a problem file says itself how its robot is read", advice)
 
 
 def _wrong(option: str, reason: str, advice: str | None = None) -> InputError:

@@ -82,8 +82,16 @@ Verbose = Annotated[bool, flag("Log on stderr what the search does.", "--verbose
 Quiet = Annotated[bool, flag("No summary, no progress: errors only.", "--quiet", "-q")]
 
 
+def typed_option(name: str) -> str:
+    """An option by its parameter's name, as it is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
 class KeyOption(NamedTuple):
-    """An option that stands for a key of problem files: how its value is shown, what it is, the key, its type."""
+    """An option that stands for a key of problem files: how its value is shown, what it is, the key, its type.
+
+    One of type ``bool`` is a flag.
+    """
 
     metavar: str
     help: str
@@ -93,6 +101,7 @@ class KeyOption(NamedTuple):
 
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 START_HELP = "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."
+BALANCE_HELP = "Give inertias that no body can have equal moments, as MuJoCo's balanceinertia does."
 COUPLED_HELP = "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."
 OPTIONS = {
     "start": KeyOption("O,Q1,..", START_HELP, "start"),
@@ -114,6 +123,7 @@ ROBOT_OPTIONS = {
     "coupled": KeyOption("F=L,..", COUPLED_HELP, "robot.coupled"),
     "locked": KeyOption("J=A,..", "Joints that stay at an angle.", "robot.locked"),
     "reference": KeyOption("NAME", "Posture of the SRDF file beside the URDF, for other joints.", "robot.reference"),
+    "balance_inertias": KeyOption("", BALANCE_HELP, "robot.balance_inertias", bool),
 }
 Options = Annotated[Mapping[str, Any], OPTIONS]  # those that were given, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
@@ -130,7 +140,8 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
         if parameter.name not in tables:
             parameters.append(parameter.replace(annotation=hints[parameter.name]))
         for name, row in tables.get(parameter.name, {}).items():
-            hint = Annotated[row.kind | None, option(row.metavar, row.help)]  # type: ignore[name-defined]
+            asks = flag(row.help, typed_option(name)) if row.kind is bool else option(row.metavar, row.help)
+            hint = Annotated[row.kind | None, asks]  # type: ignore[name-defined]
             parameters.append(Parameter(name, parameter.kind, default=None, annotation=hint))
 
     @functools.wraps(command)

@@ -127,6 +127,9 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
         **{name: getattr(robot, name) for name in OF_ROBOT},
         "locked": dict(robot.locked),
         **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+        "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
+        "balance_inertias": robot.balance_inertias,
+        "payload": [asdict(each) for each in robot.payload],
         "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
         **(_facts_in_plane(robot) if robot.in_plane else {"base": robot.base, "frames": sorted(robot.frame_names)}),
         "wheels": explain_wheels(robot),
@@ -182,9 +185,10 @@ def init(
 ) -> None:
     """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
 
-    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight,
-    without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
-    robot's file. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
+    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight. What
+    that does beside what is asked is a warning, here and in the file, which says what was found too: plane, joints with
+    their ranges, couplings, feet, and the limits of the robot's file. Where no jump is found, or CasADi is not
+    installed, it is a turn afloat, and the file says why.
 
     What is left open is found: it turns once, backwards where it takes off from the rear, or not at all. What is asked
     is kept, or nothing is written: where no jump as asked is found, the exit code is 1, and the answer says what stands
@@ -205,7 +209,7 @@ def init(
         )
 
     given = typed.robot_choices(choices, degrees)
-    words = {name: f"--{name} {text}" for name, text in choices.items()}
+    words = {name: _typed(name, value) for name, value in choices.items()}
     asked = Asked(
         takeoff=takeoff,
         landing=landing,
@@ -221,9 +225,16 @@ def init(
     write_atomically(path, text)
     if not quiet:
         typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
+        for warning in flight.plan.warnings:
+            typer.echo(f"warning: {warning.message}", err=True)
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)
+
+
+def _typed(name: str, value: str | bool) -> str:
+    """An option of the robot as it was typed."""
+    return common.typed_option(name) if value is True else f"{common.typed_option(name)} {value}"
 
 
 def bounds(

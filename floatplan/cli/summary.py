@@ -19,6 +19,7 @@ from floatplan.errors import escaped
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Tone
 
+NONE = "not given"  # of a range
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
@@ -87,21 +88,43 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         low, high = facts["position_limits"][index]
         limits = [short(facts[f"{limit}_limits"][index]) for limit in ("velocity", "torque")]
         inertia = [] if plane is None else [_span(facts["D_min"][index + 1], facts["D_max"][index + 1], 4)]
-        ranges = "not given" if low is None or high is None else f"{low:.4g} to {high:.4g}"
+        ranges = NONE if low is None or high is None else f"{low:.4g} to {high:.4g}"
         joints.append((joint, ranges, *limits, *inertia))
     follows = []
     for joint, coupling in facts["coupled"].items():
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
+    carried = [f"{each['mass']:g} kg on {each['link']} at {shortened(each['at'])} m" for each in facts["payload"]]
     rest = [
+        *([("payload", "; ".join(carried))] if carried else []),
+        *_rotors(facts),
         ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
         ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         *([] if plane is None else _named_in_plane(facts, shapes)),
     ]
     warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
     titles = ("joint", "range, rad", "rad/s", "N m", *([] if plane is None else ["momentum by rate, kg m^2"]))
-    return Group(table, _table(titles, joints), *follows, _named(rest), *map(Text, facts["wheels"]), *warnings)
+    open_limits = any(cell in (NONE, short(None)) for row in joints for cell in row)
+    said = [Text(f'{short(None)} or "{NONE}": the robot\'s file has no limit there, or 0, which counts as none')]
+    return Group(
+        table,
+        _table(titles, joints),
+        *(said if open_limits else []),
+        *follows,
+        _named(rest),
+        *map(Text, facts["wheels"]),
+        *warnings,
+    )
+
+
+def _rotors(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The row about rotors that an SRDF file gives."""
+    if facts["rotor_file"] is None:
+        return []
+    of_joints = ", ".join(f"{joint} = {inertia:.4g}" for joint, inertia in facts["armature"].items())
+    said = f"{of_joints or 'none of joints that are planned'}; rotor_params of {Path(facts['rotor_file']).name}"
+    return [("armature, kg m^2", f"{said}, unless armature is given")]
 
 
 def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, str]]:

@@ -10,6 +10,8 @@ from floatplan.errors import InputError, naming
 from floatplan.robot.mjcf.compiled import compiled_mjcf
 from floatplan.robot.mjcf.text import whole_mjcf
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.base import free_base
+from floatplan.robot.urdf.check import read_tree
 from floatplan.robot.urdf.tree import MOVING, read_xml
 
 MOST_NAMED = 8  # in a message
@@ -42,8 +44,9 @@ def own_names(robot: Robot) -> ModelNames:
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
     """Return the names in a model, URDF or MJCF, that is to read a motion of the robot with the names ``own``.
 
-    In an MJCF the robot is what hangs together by most joints, but for those of its base, which floats here. Links of
-    ``own`` that a model has fused are left out.
+    In an MJCF the robot is what hangs together by most joints, but for those of its base, which floats here. Of a URDF
+    those are left out by which its base floats, where the motion has none of them. Links of ``own`` that a model has
+    fused are left out.
 
     Raises
     ------
@@ -55,6 +58,10 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
     names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(root, Path(path))
+    if root.tag == "robot" and set(names.joints) - set(own.joints):
+        with naming(path):
+            base = {joint.name for joint in free_base(read_tree(root))} - set(own.joints)
+        names = replace(names, joints=tuple(name for name in names.joints if name not in base))
     if not with_bodies:
         names = replace(names, bodies=tuple(name for name in names.bodies if name in own.bodies))
     pairs = {

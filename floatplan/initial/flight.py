@@ -34,7 +34,7 @@ MOST_LEFT_OUT = 4  # [-] options without which a jump is tried, where none is fo
 
 
 class NoFlightError(FloatplanError):
-    """No flight as asked was found that is proved and without warnings."""
+    """No jump as asked was found whose flight is proved, nor a flight afloat without warnings."""
 
 
 def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
@@ -108,12 +108,13 @@ def _round_posture(state: JointState) -> Posture:
 
 @dataclass(frozen=True, eq=False)
 class FirstFlight:
-    """A problem whose plan was found, proved and has no warnings.
+    """A problem whose plan was found and proved; afloat it has no warnings but of links that overlap.
 
     Attributes
     ----------
     problem : Problem
     plan : Plan
+        That of a jump may have warnings, which are told: a jump that was found is not exchanged for less.
     reasons : why it is no more than it is; empty where it is of a jump with a whole turn
     jump : the jump around it; None where it is afloat
     """
@@ -189,7 +190,7 @@ def first_flight(
     InputError
         The robot's geometry is wrong, it does not keep to its plane, or what is asked cannot be.
     NoFlightError
-        None of the flights tried has a plan that is proved and without warnings.
+        None of the jumps tried was found with a flight that is proved, and no flight afloat has no warnings.
     """
     asked = asked or Asked()
     chosen.robot.check_shapes()
@@ -263,20 +264,34 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
         found = _links_apart(jump(problem, seed=seed, starts=1, helps=helps), seed)
         if not found.ok or found.flight is None:
             return found.explanation
-        problem = flight_of_jump(found, found.flight)
-        flight = plan(problem, seed=seed, prove=True)
-        if flight.ok and flight.warnings:
-            landing = Landing(problem.landing.frame)
-            problem = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
-            flight = plan(problem, seed=seed, prove=True)
+        problem, flight = _flight_alone(flight_of_jump(found, found.flight), seed)
     except InputError as error:
         asked.refuse_own(error)
         return f"{error}."
-    if not flight.ok or flight.certificate is None or not flight.certificate.proved:
+    if not _is_proved(flight):
         return f"Its flight is not proved: {flight.explanation}"
-    if warnings := [each for each in warnings_in_plane(flight) if each.kind != "overlap"]:
-        return warnings[0].message
     return FirstFlight(problem, flight, (), found)
+
+
+def _flight_alone(problem: Problem, seed: int) -> tuple[Problem, Plan]:
+    """Plan the flight of a jump from its problem in round numbers; above the ground where it has fewer warnings so."""
+    flight = plan(problem, seed=seed, prove=True)
+    warnings = warnings_in_plane(flight)
+    if not flight.ok or not warnings:
+        return problem, flight
+    landing = Landing(problem.landing.frame)
+    above = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
+    try:
+        other = plan(above, seed=seed, prove=True)
+    except InputError:  # the rounded numbers lead into the ground: the flight stays as it is, with its warning
+        return problem, flight
+    if _is_proved(other) and len(warnings_in_plane(other)) < len(warnings):
+        return above, other
+    return problem, flight
+
+
+def _is_proved(flight: Plan) -> bool:
+    return flight.ok and flight.certificate is not None and flight.certificate.proved
 
 
 def _links_apart(found: Jump, seed: int) -> Jump:

@@ -13,8 +13,9 @@ from floatplan.initial.feet import feet, named_foot
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.source import read_source
-from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.tree import reference_postures, urdf_path
+from floatplan.robot.urdf.check import Changes, taken_urdf
+from floatplan.robot.urdf.srdf import reference_postures
+from floatplan.robot.urdf.tree import urdf_path
 
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin
@@ -47,7 +48,7 @@ def chosen_robot(source: str | Path, given: Mapping[str, Any] | None = None, foo
         free = chosen_robot(source, {key: value for key, value in given.items() if key != "locked"}, foot)
         _refuse_halves(free.robot, given["locked"])
     with naming(urdf_path(source)):
-        posture = {} if "reference" in given else _posture(source)
+        posture = {} if "reference" in given else _posture(source, bool(given.get("balance_inertias")))
     tried: list[ChosenRobot] = []
     errors: list[InputError] = []
     for plane in [None] if "plane" in given else (None, *PLANES):
@@ -112,9 +113,10 @@ def _loaded(source: str | Path, choices: dict[str, Any], foot: str | None) -> Ch
     return ChosenRobot(robot, choices, feet(robot, foot))
 
 
-def _posture(source: str | Path) -> dict[str, str]:
+def _posture(source: str | Path, balance_inertias: bool) -> dict[str, str]:
     """The reference posture to stand in, where the robot has one."""
-    text = read_source(urdf_path(source))
-    known = reference_postures(check_urdf(text.root), text)
+    text = read_source(urdf_path(source), None, balance_inertias)
+    text, tree = taken_urdf(text, Changes(balance_inertias=balance_inertias))
+    known = reference_postures(tree, text)
     fitting = [name for word in POSTURES for name in known if name.startswith(word)]
     return {"reference": fitting[0]} if fitting else {}

@@ -18,6 +18,7 @@ from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture, SelfClearance
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.check import LIMITS
 from floatplan.robot.wheels import explain_wheels, wheels
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
@@ -62,7 +63,8 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
         f" found too, and checked 2000 times a second: they {shares}."
     )
-    return [*_comment(what), *_comment(checked), *_comment(" ".join(flight.reasons))]
+    told = [line for warning in flight.plan.warnings for line in _comment(f"Warning: {warning.message}")]
+    return [*_comment(what), *_comment(checked), *told, *_comment(" ".join(flight.reasons))]
 
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
@@ -88,6 +90,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         places = {name: robot.locked[name] for name in choices["locked"]}
         told = {name: _degrees(at) if robot.layout.tree.joint[name].turns else at for name, at in places.items()}
         lines.append(f"locked = {_value(told)}")
+    if robot.balance_inertias:
+        lines.append("balance_inertias = true  # of links whose inertia no body can have")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     turning = [name for name in robot.locked if name not in sliding]
     for words, names in (("Locked", turning), ("Held, because joints that slide are not planned", sliding)):
@@ -111,7 +115,9 @@ def _joints(robot: Robot) -> list[str]:
         rows.append((joint, reach, rate, torque, f"{rest:.0f}"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     cells = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return [f"# {'  '.join(row).rstrip()}" for row in cells]
+    not_meant = [warning for warning in robot.warnings if warning.startswith(LIMITS)]
+    remarks = [line for warning in not_meant for line in _comment(f"The file has {warning}.")]
+    return [*(f"# {'  '.join(row).rstrip()}" for row in cells), *remarks]
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:

@@ -21,7 +21,7 @@ from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
 from floatplan.robot.wheels import wheels
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_REST, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal[
@@ -29,7 +29,6 @@ Kind: TypeAlias = Literal[
 ]
 
 ROUNDING = 1e-9  # [rad] of joint ranges
-ROUNDED = 1e-4  # [m/s] of a frame that would be at rest, were a file's numbers not round
 OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
 # [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m, 9 kg,
@@ -251,7 +250,7 @@ def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[Plan
     for contact in contacts:
         instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
         state = plan.at(instant)
-        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED:
+        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_REST:
             continue
         if not contact.ok:
             subject, rate, limit = contact.joint or contact.frame, contact.rate, contact.limit

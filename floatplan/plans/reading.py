@@ -182,6 +182,7 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     """
     choices: dict[str, Any] = {name: getattr(record, name) for name in ("plane", "joints", "locked", *LOSSES)}
     choices["base"] = record.base or "planar"
+    choices |= {"balance_inertias": record.balance_inertias, "payload": record.payload}
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_robot(record, plan_file) if urdf is None else urdf
     robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
@@ -249,5 +250,7 @@ def robot_record(robot: Robot) -> RobotRecord:
         base=None if robot.in_plane else robot.base,
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         resting=tuple(robot.resting.tolist()),
+        balance_inertias=robot.balance_inertias or None,
+        payload=tuple(plain(vars(each)) for each in robot.payload) or None,
         **values,
     )

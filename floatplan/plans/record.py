@@ -56,6 +56,8 @@ class RobotRecord:
     meshes that its shapes are around, by their file names in the file, and of an MJCF also those of all else that it is
     read with, such as included files;
     ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them;
+    ``balance_inertias`` and ``payload`` are there where they were asked for: whether inertias that no body can have
+    were balanced, and point masses that links carry: {"link", "mass", "at"}, kg and m in the link's frame;
     ``resting`` is its reference posture, rad; empty in files without it. In space ``base`` is "free-flyer", and
     ``plane`` is not there.
     """
@@ -72,6 +74,8 @@ class RobotRecord:
     armature: Mapping[str, float] = field(default_factory=dict)
     damping: Mapping[str, float] = field(default_factory=dict)
     resting: tuple[float, ...] = ()
+    balance_inertias: bool | None = None
+    payload: tuple[Mapping[str, Any], ...] | None = None
 
     @property
     def kind(self) -> RobotKind:
@@ -245,6 +249,7 @@ def _anything(value: Any, element: str) -> None:
     """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
 
 
+PAYLOAD = KeyedTable({"link": text, "mass": number_in("mass"), "at": pair(number_in("place"), count=3)}, unknown=NO_KEY)
 ROBOTS = {  # by what the file is, and whether the robot flies in space
     (kind, in_space): KeyedTable(
         {
@@ -258,6 +263,8 @@ ROBOTS = {  # by what the file is, and whether the robot flies in space
             "locked": by_name(number),
             "meshes": by_name(text),
             "resting": many(number, "numbers"),
+            "balance_inertias": flag,
+            "payload": many(PAYLOAD, "payloads"),
             **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
         },
         NO_KEY,

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 import tomli_w
 
-from floatplan.arguments import FINITE, by_name, in_short, made
+from floatplan.arguments import FINITE, by_name, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
@@ -21,6 +21,7 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import NOT_IN_SPACE
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.urdf.inertias import Payload, payloads
 from floatplan.robot.urdf.tree import is_address, refuse_bare_name
 from floatplan.tables import REST, ROBOT_KINDS, Base, RobotKind, Unit
 
@@ -71,6 +72,14 @@ class RobotRequest(Keyed):
     damping: Annotated[
         float | Mapping[str, float] | None,
         Key("Torque lost by a joint's rate, in simulators: of every motor, or by joint", "N m s/rad"),
+    ] = None
+    balance_inertias: Annotated[
+        bool | None,
+        Key("Whether inertias that no body can have get equal principal moments, as MuJoCo's balanceinertia does"),
+    ] = None
+    payload: Annotated[
+        Payload | Sequence[Payload] | None,
+        Key("Point mass that a link carries, or a list of them", check=optional(payloads)),
     ] = None
     base: Annotated[Base, Key('How the base moves: in a plane, or as "free-flyer" in space')] = "planar"
 
@@ -373,6 +382,8 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "reference": robot.reference_name,
         "armature": dict(robot.armature),
         "damping": dict(robot.damping),
+        "balance_inertias": robot.balance_inertias or None,
+        "payload": [table_of(each) for each in robot.payload],
     }
 
 

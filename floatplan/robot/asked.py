@@ -1,5 +1,6 @@
 """A robot as others ask for it: of a file of either kind, with the choices that it leaves open."""
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,7 +49,7 @@ def blamed(choices: Mapping[str, Any], asker: str | Path | None, prefix: str) ->
     try:
         yield
     except InputError as error:
-        word = (error.element or "").replace(".", " ").split(" ")[0]
+        word = re.split(r"[.\[ ]", error.element or "")[0]
         if asker is None or word not in choices or all(value is None for value in choices.values()):
             raise
         raise InputError(error.reason, source=asker, element=f"{prefix}{error.element}", advice=error.advice) from None

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import FINITE, Check, by_name, for_all, made, many, number, one_of, optional, text
+from floatplan.arguments import FINITE, Check, by_name, flag, for_all, made, many, number, one_of, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -28,8 +28,10 @@ from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.robot.shapes.solids import LinkSolid, link_solids
 from floatplan.robot.source import read_source
-from floatplan.robot.urdf.check import check_urdf
-from floatplan.robot.urdf.tree import UrdfText, UrdfTree, reference_posture, urdf_path
+from floatplan.robot.urdf.check import Changes, check_urdf, taken_urdf
+from floatplan.robot.urdf.inertias import Payload, payloads
+from floatplan.robot.urdf.srdf import reference_posture, with_rotors
+from floatplan.robot.urdf.tree import UrdfText, UrdfTree, urdf_path
 from floatplan.tables import Base, RobotKind, Unit
 
 
@@ -38,6 +40,12 @@ def _coupled(value: Any, element: str) -> Any:
     if isinstance(value, str) and value != "mirror":
         raise InputError(f'must be a table of joints, or "mirror", not "{value}"', element=element)
     return value if isinstance(value, str) else by_name(made(str, Coupling))(value, element)
+
+
+def _named(choices: Mapping[str, Any]) -> set[str]:
+    """Joints that choices of a robot name, other than as what another follows."""
+    coupled = choices["coupled"]
+    return {*(choices["joints"] or ()), *(choices["locked"] or ()), *(coupled if isinstance(coupled, Mapping) else ())}
 
 
 class Choices(TypedDict, total=False):
@@ -50,6 +58,8 @@ class Choices(TypedDict, total=False):
     reference: str | None
     armature: float | Mapping[str, float] | None
     damping: float | Mapping[str, float] | None
+    balance_inertias: bool | None
+    payload: Payload | Mapping[str, Any] | Sequence[Payload | Mapping[str, Any]] | None
     base: Base
     angles: Unit
 
@@ -62,11 +72,13 @@ CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arg
     "joints": optional(many(text, "names")),
     "locked": optional(by_name(FINITE)),
     "coupled": optional(_coupled),
+    "balance_inertias": optional(flag),
+    "payload": optional(payloads),
     "base": one_of(*get_args(Base)),
     "angles": one_of(*get_args(Unit)),
 }
 UNLESS_SAID: Mapping[str, Any] = {"base": "planar", "angles": "rad"}
-__all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
+__all__ = ["Coupling", "Frame", "LinkCapsule", "Payload", "PlanarTree", "Plane", "Robot"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,6 +92,8 @@ class Robot:
     Attributes
     ----------
     name, path, sha256, xml : of the file as read; ``xml`` is a URDF, of an MJCF the one that is the same robot
+        Joints by which the file's own base floats are fixed in it, inertias are balanced where that is asked for, and
+        the payload is part of its links.
     source : the file as the caller named it, such as ``example-robot-data:...``
     base : "planar", or "free-flyer" in space
     joints : (n) names of the planned joints, in the order of all arrays
@@ -109,6 +123,9 @@ class Robot:
     tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
     kind : "urdf" or "mjcf", what its file is
     files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
+    balance_inertias : whether inertias that no body can have are balanced
+    payload : point masses that links carry
+    rotor_file : the SRDF file whose ``<rotor_params>`` the rotors' inertias are from, None where none are
     """
 
     name: str
@@ -139,6 +156,9 @@ class Robot:
     reference_name: str | None = None
     kind: RobotKind = "urdf"
     files: Mapping[str, str] = field(default_factory=dict)
+    balance_inertias: bool = False
+    payload: tuple[Payload, ...] = ()
+    rotor_file: Path | None = None
 
     @classmethod
     def from_urdf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
@@ -167,11 +187,19 @@ class Robot:
             all zero.
         armature : float or mapping, optional
             Inertia of the motors' rotors as the joints feel it (the rotor's own, times the gear's ratio squared),
-            kg m^2: of every motor, or by joint. What is left out is as the file's ``<dynamics armature="..">`` has it,
-            or zero. It counts in torques; the momentum does not count it.
+            kg m^2: of every motor, or by joint. A joint that is left out has that of the file's ``<dynamics
+            armature="..">``, or none. Where the argument is left out, joints without that have what ``<rotor_params>``
+            of an SRDF file beside the URDF says; 0 is none. It counts in torques; the momentum does not count it.
         damping : float or mapping, optional
             Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
             Simulators alone know it, as the file's ``friction``.
+        balance_inertias : bool, optional
+            Whether an inertia that no body can have (a negative principal moment, or one larger than the sum of the
+            other two) is taken with all three moments equal to their mean, as MuJoCo's ``balanceinertia`` does. Such
+            files are refused otherwise.
+        payload : Payload, mapping or a sequence of these, optional
+            Point masses that links carry: ``{"link": "trunk", "mass": 2.0, "at": [0, 0, 0.05]}``, kg and m, in the
+            link's frame.
         base : str, optional
             How the base moves: "planar", or "free-flyer" for flights in space, where there is no plane and all joints
             that turn are planned unless they are locked or coupled.
@@ -216,9 +244,16 @@ class Robot:
         with naming(path):
             choices = {name: check(choices.get(name, UNLESS_SAID.get(name)), name) for name, check in CHOICES.items()}
             plane, joints, coupled, reference = (choices[n] for n in ("plane", "joints", "coupled", "reference"))
-            text = read_source(path, kind)
-            tree = check_urdf(text.root)
+            changes = Changes(
+                balance_inertias=bool(choices["balance_inertias"]),
+                payload=choices["payload"] or (),
+                with_role=_named(choices),
+            )
+            text, tree = taken_urdf(read_source(path, kind, changes.balance_inertias), changes)
             tree = replace(tree, warnings=(*text.warnings, *tree.warnings))
+            rotor_file = None
+            if text.kind == "urdf" and choices["armature"] is None:
+                tree, rotor_file = with_rotors(tree, text.path)
             posture = None if reference is None else reference_posture(reference, tree, text)
             locked = in_radians(tree, choices["locked"] or {}, choices["angles"])
             choose = partial(choose_joints, tree, base=choices["base"], locked=locked, posture=posture)
@@ -228,7 +263,13 @@ class Robot:
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
-            return robot if reference is None else replace(robot, reference_name=reference)
+            return replace(
+                robot,
+                reference_name=reference,
+                balance_inertias=changes.balance_inertias,
+                payload=changes.payload,
+                rotor_file=rotor_file,
+            )
 
     @classmethod
     def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
@@ -352,7 +393,7 @@ class Robot:
     @cached_property
     def file_tree(self) -> UrdfTree:
         """Links and joints as the file has them; the joints of ``layout.tree`` turn about the plane's normal."""
-        return check_urdf(fromstring(self.xml))
+        return check_urdf(fromstring(self.xml), self.locked)
 
     @cached_property
     def meshes(self) -> Mapping[str, str]:

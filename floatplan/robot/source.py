@@ -9,8 +9,8 @@ from floatplan.tables import RobotKind
 ROOTS: dict[str, RobotKind] = {"robot": "urdf", "mujoco": "mjcf"}
 
 
-def read_source(path: Path, kind: RobotKind | None = None) -> UrdfText:
-    """Read a robot's file, of one kind or of either.
+def read_source(path: Path, kind: RobotKind | None = None, balance_inertias: bool = False) -> UrdfText:
+    """Read a robot's file, of one kind or of either; in an MJCF, have MuJoCo balance inertias where that is asked for.
 
     Raises
     ------
@@ -28,4 +28,4 @@ def read_source(path: Path, kind: RobotKind | None = None) -> UrdfText:
         return urdf_text(path, content, root)
     from floatplan.robot.mjcf.urdf import read_mjcf  # with MuJoCo, which no URDF needs
 
-    return read_mjcf(path, content, root)
+    return read_mjcf(path, content, root, balance_inertias)

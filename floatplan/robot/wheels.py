@@ -34,8 +34,12 @@ def wheels(robot: Robot) -> dict[str, str]:
 
 
 def explain_wheels(robot: Robot) -> list[str]:
-    """Return what is done with the wheels: a sentence about those that are planned, one about those that are held."""
+    """Return what is done with the wheels: a sentence about those that are planned, one about those that are held.
+
+    Those that follow another joint turn as that does, in its range.
+    """
     found = wheels(robot)
-    planned, held = ([name for name in found if (name in robot.locked) == locked] for locked in (False, True))
+    planned = [name for name in found if name in robot.joints]
+    held = [name for name in found if name in robot.locked]
     told = ((planned, PLANNED), (held, HELD))
     return [f"wheels, which turn about their own centres of mass: {', '.join(of)}: {how}" for of, how in told if of]

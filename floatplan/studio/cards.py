@@ -155,23 +155,21 @@ def _bar(use: float | None) -> str:
     )
 
 
-def map_card(chart: Map | None, buttons: Mapping[tuple[int, ...], str], wanted: bool) -> str:
-    """The map; each point is a label of the hidden button, by its id, that jumps there."""
-    hidden = ",".join(f'div:has(>[id="{each}"])' for each in buttons.values())
-    style = f"<style>{hidden}{{display:none}}</style>"
+def map_card(chart: Map | None, wanted: bool) -> str:
+    """The map; page.js lets a click on a point press the button that jumps there."""
     if chart is None:
         words = "Drawn when the plan is proved." if wanted else "Switched off."
-        return f'{style}<div class="fp"><p>{words}</p></div>'
+        return f'<div class="fp"><p>{words}</p></div>'
     cells = []
     for row in reversed(range(ROWS)):
         cells.append(f'<span class="axis">{chart.durations[row]:.3g} s</span>')
-        cells += [_point(chart, row, column, buttons[row, column]) for column in range(COLUMNS)]
+        cells += [_point(chart, row, column) for column in range(COLUMNS)]
     cells.append("<span></span>")
     for index, value in enumerate(chart.momenta):
         cells.append(f'<span class="axis">{short(value, 2) if index % 2 == 0 else ""}</span>')
     unit = "share of the limits used" if chart.relative else "largest torque, N m"
     return (
-        f'{style}<div class="fp" id="floatplan-map">'
+        '<div class="fp" id="floatplan-map">'
         "<p>Duration (up) and angular momentum, kg m²/s (right). Click a point to go there.</p>"
         f'<div class="map" style="grid-template-columns:3.6em repeat({COLUMNS},1fr)">{"".join(cells)}</div>'
         f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>none found quickly '
@@ -179,14 +177,14 @@ def map_card(chart: Map | None, buttons: Mapping[tuple[int, ...], str], wanted: 
     )
 
 
-def _point(chart: Map, row: int, column: int, button: str) -> str:
+def _point(chart: Map, row: int, column: int) -> str:
     point = chart.points.get((row, column))
     here = " here" if (row, column) == (ROWS // 2, COLUMNS // 2) else ""
     colour, text = _point_look(chart, point)
     where = f"T = {chart.durations[row]:.4g} s, h = {short(chart.momenta[column], 3)} kg m²/s"
     status = "not planned yet" if point is None else point.status.replace("_", " ")
-    attributes = f'for="{button}" title="{where}: {status}" data-point="{row},{column}" data-status="{status}"'
-    return f'<label class="point{here}" style="background:{colour}" {attributes}>{text}</label>'
+    attributes = f'title="{where}: {status}" data-point="{row},{column}" data-status="{status}"'
+    return f'<span class="point{here}" style="background:{colour}" {attributes}>{text}</span>'
 
 
 def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:

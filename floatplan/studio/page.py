@@ -1,8 +1,10 @@
 """The page as a whole: a local server, the scene, the panel, and a thread that draws what changes.
 
-Only the studio's own page may connect, and no other that a browser on this machine shows.
+Only the studio's own page may connect, and no other that a browser on this machine shows; nobody may have viser open a
+way to it from elsewhere. Where a version of viser offers no place to see to that, the studio does not start.
 """
 
+import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -40,10 +42,14 @@ class Studio:
     ) -> None:
         viser = import_optional("viser", name="viser", element="studio", extra="view")
         self.session = Session(problem, with_map)
+        self.server: Any = None
         try:
             self._open(viser, folder, port)
         except BaseException:
             self.session.close()
+            if self.server is not None:
+                with silence(), suppress(Exception):
+                    self.server.stop()
             raise
 
     def _open(self, viser: Any, folder: str, port: int) -> None:
@@ -52,7 +58,7 @@ class Studio:
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
         with silence(), own_page_alone(f"floatplan: {self.session.view.problem.name}"):
-            self.server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
+            self.server = unshared(viser)(host=HOST, port=port, label="floatplan studio", verbose=False)
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
         gui.set_panel_label(self.session.view.problem.name)
@@ -120,11 +126,54 @@ def is_own_page(origin: str | None, host: str | None) -> bool:
 def titled(response: Any, title: str) -> Any:
     """Give viser's page a title and the studio's style; return any other response as it is."""
     if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-        style = files("floatplan.studio").joinpath("page.css").read_text("utf-8")
-        response.body = headed(response.body.decode(), title, style).encode()
+        style, script = (
+            files("floatplan.studio").joinpath(name).read_text("utf-8") for name in ("page.css", "page.js")
+        )
+        response.body = headed(response.body.decode(), title, style, script).encode()
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
     return response
+
+
+def unshared(viser: Any) -> Any:
+    """Return viser's class of servers, without its way to give a server a public address.
+
+    viser opens a tunnel to a server of its makers for any client that sends the message for it, whatever the page
+    shows.
+
+    Raises
+    ------
+    InputError
+        viser has no method ``request_share_url``, so that nobody knows how its clients are kept from that.
+    """
+    if not callable(getattr(viser.ViserServer, "request_share_url", None)):
+        raise unknown_viser("gives out public addresses")
+
+    class Server(viser.ViserServer):  # type: ignore[misc]
+        def request_share_url(self, verbose: bool = True) -> None:
+            """Open no tunnel, whoever asks for one."""
+
+    return Server
+
+
+def unknown_viser(what: str) -> fp.InputError:
+    """The refusal of a version of viser whose server cannot be kept to this machine."""
+    reason = f"this version of viser {what} in a way that is not known, and is not started"
+    return fp.InputError(reason, element="studio", advice="install viser 1.1.1")
+
+
+def single(headers: Any, name: str) -> str | None:
+    """The value of a header of a request; None where it is missing, or there more than once."""
+    values = headers.get_all(name)
+    return values[0] if len(values) == 1 else None
+
+
+class FaultsOfClients(logging.Filter):
+    """Leaves out what the server says of improper requests: whoever runs the studio did not make them."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record is about something else."""
+        return not record.getMessage().startswith(("opening handshake failed", "connection rejected"))
 
 
 @contextmanager
@@ -143,20 +192,26 @@ def own_page_alone(title: str) -> Iterator[None]:
     from websockets.asyncio import server
 
     serve, calls = server.serve, []
+    log = logging.getLogger("floatplan.studio.server")
+    log.addFilter(FaultsOfClients())
 
     def guarded(*arguments: Any, process_request: Callable[[Any, Any], Any] | None = None, **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
             headers = request.headers
-            if "Upgrade" in headers and not is_own_page(headers.get("Origin"), headers.get("Host")):
+            if "Upgrade" in headers and not is_own_page(single(headers, "Origin"), single(headers, "Host")):
                 return connection.respond(HTTPStatus.FORBIDDEN, "Only the studio's own page may connect.\n")
             if process_request is None:
                 return None
-            if "Upgrade" not in headers:
+            if "Upgrade" not in headers and "Accept-Encoding" in headers:
                 del headers["Accept-Encoding"]  # what follows is text
-            return titled(process_request(connection, request), title)
+            try:
+                return titled(process_request(connection, request), title)
+            except Exception as error:  # of a path that no file can have, or headers that are no proper ones
+                log.debug("request refused: %r", error)
+                return connection.respond(HTTPStatus.NOT_FOUND, "There is no such page.\n")
 
         calls.append(options)
-        return serve(*arguments, process_request=process, **options)
+        return serve(*arguments, process_request=process, **{**options, "logger": log})
 
     server.serve = guarded  # type: ignore[assignment, misc]
     try:
@@ -164,4 +219,4 @@ def own_page_alone(title: str) -> Iterator[None]:
     finally:
         server.serve = serve  # type: ignore[misc]
     if not calls:
-        raise fp.InputError("this version of viser starts its server in a way that is not known", element="studio")
+        raise unknown_viser("starts its server")

@@ -89,7 +89,7 @@ class Controls:
             if view.answer is not None:
                 self._curves.content = curves_card(view.answer.motion, view.answer.shares)
         if self._map_html is not None:
-            self._map_html.content = cards.map_card(view.map, self._points, self._map_wanted.value)
+            self._map_html.content = cards.map_card(view.map, self._map_wanted.value)
         if self._jump is not None:
             self._jump.draw(view)
         self._comparison.content = cards.comparison_card(view.answer, view.kept)
@@ -211,9 +211,8 @@ class Controls:
         session = self._session
         wanted = self._map_wanted = self._gui.add_checkbox("plan around this point", initial_value=True)
         on(wanted.on_update, lambda _: self._actions.do("map", lambda: session.draw_map(wanted.value)))
-        self._points = {}  # ids in the page of hidden buttons, by row and column
-        for point in np.ndindex(ROWS, COLUMNS):
-            self._points[point] = self._button("", "jump", partial(session.jump, *point))._impl.uuid
+        for row, column in np.ndindex(ROWS, COLUMNS):  # page.js hides these, and presses them
+            self._button(f"map point {row},{column}", "jump", partial(session.jump, row, column))
         self._map_html = self._gui.add_html("")
 
     def _compare(self) -> None:

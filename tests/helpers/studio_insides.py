@@ -37,4 +37,4 @@ def process_ids(session: Session) -> list[int]:
     """Of the processes that plan: at once, then thoroughly."""
     planning = session._planning
     executors = [worker._executor for worker in (planning._quick, planning._thorough)]
-    return [number for executor in executors if executor for number in executor._processes]
+    return [number for executor in executors if executor for number in executor.process_ids]

@@ -15,8 +15,10 @@ from floatplan.initial import flight
 from floatplan.initial.afloat import turns_afloat
 from floatplan.initial.flight import first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.initial.text import problem_file_text
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
+from floatplan.plans.measures import PlanWarning
 from floatplan.stance.jump import Jump
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
@@ -70,6 +72,29 @@ def test_of_a_jump_the_flight_stands_between_its_ends(monkeypatch: pytest.Monkey
     stances = [phase.contacts for phase in backflip().phases if phase.kind == "stance"]
     assert [len(group) for group in groups] == [2, 1, 1, 2]
     assert all(set(group) < set(stood) for group, stood in zip(groups, stances, strict=True))
+
+
+@needs_jumps
+def test_a_jump_that_was_found_is_not_exchanged_for_its_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One whose flight has a warning, with the ground and without, is written, and so is the warning."""
+    warning = PlanWarning("torque", "FL_calf_joint", 50.0, 45.0, "N m", 0.1, "FL_calf_joint needs more torque.")
+    warned = {"warnings": (warning,)}
+    plans: list[fp.Problem] = []
+
+    def planned_with_warning(problem: fp.Problem, **options: Any) -> fp.Plan:
+        plans.append(problem)
+        plan = fp.plan(problem, **options)
+        plan.__dict__.update(warned)
+        return plan
+
+    monkeypatch.setattr(flight, "jump", lambda problem, **_: backflip())
+    monkeypatch.setattr(flight, "plan", planned_with_warning)
+    chosen = go2_s()
+    first = first_flight(chosen)
+    assert first.jump is not None
+    assert [problem.ground for problem in plans] == [False, True]
+    text = problem_file_text(chosen, first, Path("go2.toml"))
+    assert "# Warning: FL_calf_joint needs more torque." in text
 
 
 @needs_jumps

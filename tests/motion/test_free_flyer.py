@@ -47,6 +47,8 @@ def real_robot(request):
 def free_model(robot, text=None):
     model = pin.buildModelFromXML(text or robot.xml, pin.JointModelFreeFlyer())
     model.gravity = pin.Motion(-GRAVITY * robot.plane.vertical, np.zeros(3))
+    for name, armature in robot.armature.items():
+        model.armature[model.joints[model.getJointId(name)].idx_v] = armature
     return model
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import contextlib
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +16,7 @@ import floatplan as fp
 from floatplan.planning import search as room
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.search import MOST_ATTEMPTS, Allowance, SearchOptions, SearchResult, expiry, search
+from floatplan.pool import executor
 
 MANY = 10**6
 
@@ -164,12 +163,12 @@ def test_no_budget_never_expires():
     assert expiry(-1.0)()
 
 
-class Killed(ProcessPoolExecutor):
+class Killed(executor.WorkerPool):
     """A pool whose processes the system kills."""
 
     def submit(self, *arguments: Any, **options: Any) -> Any:
         future = super().submit(*arguments, **options)
-        for process in list(self._processes):
+        for process in self.process_ids:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         return future
@@ -177,7 +176,7 @@ class Killed(ProcessPoolExecutor):
 
 def test_killed_processes_lose_no_answer(hopeless, monkeypatch):
     alone = run(hopeless, most=3, starts=3)
-    monkeypatch.setattr(concurrent.futures, "ProcessPoolExecutor", Killed)
+    monkeypatch.setattr(executor, "WorkerPool", Killed)
     shared = run(hopeless, most=3, starts=3, jobs=2)
     assert shared.counts["starts"] == alone.counts["starts"] == 3
     assert np.array_equal(shared.best.solution.x, alone.best.solution.x)

@@ -212,6 +212,28 @@ class TestAsked:
             fp.plan(problem)
         assert fp.plan(replace(problem, ground=False)).ok
 
+    @pytest.mark.parametrize(("digits", "refused"), [(6, False), (3, True)])
+    def test_a_foot_at_rest_but_for_the_digits_of_a_file_is_not_refused(self, root, digits, refused):
+        """Rates with six digits are off by what takes a foot less than the clearances' tolerance into the ground."""
+        problem = fp.load_problem(root / "problems" / "backflip.toml")
+        settled = fp.plan(problem).problem
+        ends = [settled.initial, settled.final]
+        off = 2.0 * 10.0 ** -(digits - 1)  # rad/s, about half of the last digit of 20 rad/s: towards the ground
+        signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)]
+        refusals = []
+        for sign in signs:
+            start, goal = (
+                fp.Posture(end.orientation, end.positions, end.velocities + off * np.array(sign)) for end in ends
+            )
+            try:
+                plan = fp.plan(replace(problem, start=start, goal=goal), prove=True)
+            except fp.InputError as error:
+                refusals.append(str(error))
+                continue
+            assert plan.certificate.proved
+        assert bool(refusals) is refused
+        assert all("the ground at" in refusal for refusal in refusals)
+
     def test_a_foot_that_rises_is_not(self, handstand):
         assert motion_into_ground(replace(handstand, ground=True), np.array([-1.17])) == []
 

@@ -9,6 +9,7 @@ import pytest
 from robot_samples import TWO_LINKS, inertial, joint, robot_text
 
 from floatplan.errors import InputError
+from floatplan.motion.flight import free_flyer
 from floatplan.robot import Robot
 
 
@@ -38,6 +39,20 @@ NOT_A_URDF = {
     "nested too deeply": (f"<robot>{'<a>' * 2000}{'</a>' * 2000}</robot>".encode("utf-16"), "nested too deeply"),
     "no links": (b'<robot name="r"/>', "has no <link>"),
 }
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+WITHOUT_LINKS = {  # content, and what there is to do about it
+    "nothing": ('<robot name="r"/>', "a URDF has one for each part of the robot"),
+    "xacro": (f'<robot name="r" {XACRO}><xacro:include filename="x"/></robot>', "let its name end in .xacro"),
+    "SRDF": ('<robot name="r"><group_state name="up" group="all"/></robot>', "it is an SRDF"),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_LINKS)
+def test_a_file_without_links_is_told_by_what_it_is(tmp_path, name):
+    content, advice = WITHOUT_LINKS[name]
+    error = refused(tmp_path, content)
+    assert error.reason == "has no <link>"
+    assert advice in error.advice
 
 
 @pytest.mark.parametrize("name", NOT_A_URDF)
@@ -78,6 +93,9 @@ WRONG_VALUES = {
     "mass text": (replaced('value="1"', 'value="one"'), 'link "b": mass: value', "must be a number"),
     "mass underscored": (replaced('value="1"', 'value="1_0"'), 'link "b": mass: value', "must be a number"),
     "mass negative": (replaced('value="1"', 'value="-1"'), 'link "b": mass', "is negative"),
+    "mass missing": (replaced('<mass value="1"/>', ""), 'link "b": inertial', "has no <mass>"),
+    "all missing": (robot_text('<link name="c"><inertial/></link>'), 'link "c": inertial', "has no <mass>"),
+    "axis without numbers": (replaced('<axis xyz="0 -1 0"/>', "<axis/>"), 'joint "j": axis', "has no xyz"),
     "moment left out": (replaced('ixy="0" ', ""), 'link "a": inertia', "has no ixy"),
     "mass left out": (replaced('<mass value="1"/>', "<mass/>"), 'link "b": mass', "has no value"),
     "inertia NaN": (replaced('iyy="0.02"', 'iyy="NaN"'), 'link "b": inertia: iyy', "must be a number"),
@@ -159,7 +177,7 @@ def chain_of(count):
 @pytest.mark.parametrize("count", [151, 3000])
 def test_more_joints_than_can_be_handled_are_refused_before_a_model_is_built(tmp_path, count):
     with patch("pinocchio.buildModelFromXML") as build:
-        assert f"has {count} joints, more than the 150" in refused(tmp_path, chain_of(count)).reason
+        assert f"has {count} joints that move, more than the 150" in refused(tmp_path, chain_of(count)).reason
     build.assert_not_called()
 
 
@@ -167,6 +185,26 @@ def test_as_many_joints_as_allowed_load(tmp_path):
     path = tmp_path / "long.urdf"
     path.write_text(chain_of(150))
     assert len(Robot.from_urdf(path).joints) == 150
+
+
+def with_fixed(count, in_a_row):
+    """Two links and a joint, and frames that are fixed: to the first one, or each to the one before."""
+    parents = [f"f{i - 1}" if in_a_row and i else "a" for i in range(count)]
+    frames = "".join(f'<link name="f{i}"/>' for i in range(count))
+    return robot_text(
+        J, frames, *(joint(f"x{i}", parent, f"f{i}", kind="fixed") for i, parent in enumerate(parents)), links="ab"
+    )
+
+
+@pytest.mark.parametrize("in_a_row", [False, True])
+def test_fixed_joints_do_not_count_as_joints_that_move(tmp_path, in_a_row):
+    path = tmp_path / "frames.urdf"
+    path.write_text(with_fixed(2000, in_a_row))
+    robot = Robot.from_urdf(path)
+    assert (robot.joints, robot.warnings) == (("j",), ())
+    assert robot.frames["f1999"].local == pytest.approx(600 if in_a_row else 0.3)
+    assert free_flyer(robot).nv == 7
+    assert "has 2001 fixed joints, more than the 2000" in refused(tmp_path, with_fixed(2001, in_a_row)).reason
 
 
 MASSLESS = '<link name="m"/>'
@@ -280,7 +318,7 @@ takeoff = {{ frame = "a" }}
 """
 BAR = '[[obstacles]]\nkind = "circle"\ncenter = [3, 3]\nradius = 0.1'
 ASKED = {  # URDF, what the problem file chooses, what it adds, part of the message
-    "3000 joints": (chain_of(3000), "", "", "has 3000 joints, more than the 150"),
+    "3000 joints": (chain_of(3000), "", "", "has 3000 joints that move, more than the 150"),
     "links without inertia": (SINGULAR["massless end"][0], "", "", 'joint "k": moves no inertia of its own'),
     "coupled to a joint that is not there": (
         robot_text(J, links="ab"),

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import io
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
 import trimesh
 
 from floatplan.errors import InputError
+from floatplan.robot.shapes.capsules import Outline, fit
 from floatplan.robot.shapes.collisions import find_mesh, load_mesh
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]]
 FACES = [[0, 1, 2], [1, 3, 2]]
 ONES = np.ones(3)
+MOST_TIMES = 30  # [-] the bytes of a mesh's file
+BLOCKS = 50e6  # [bytes] of a few arrays of as many numbers as are taken at once
 
 
 def stl(corners, faces):
@@ -123,6 +128,57 @@ def test_a_part_that_is_broken_is_not_left_out(tmp_path):
     both = sound.replace(geometry, geometry + broken)
     both = both.replace('<instance_geometry url="#g"/>', '<instance_geometry url="#g"/><instance_geometry url="#h"/>')
     refusal(tmp_path, "dae", both.encode())
+
+
+def sphere(rings: int) -> np.ndarray:
+    """Triangles (f, 3, 3) of a sphere by latitudes and longitudes: corners of one sum x + y + z are many."""
+    polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, rings + 1), indexing="ij")
+    places = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    corners = places[:-1, :-1], places[1:, :-1], places[1:, 1:], places[:-1, 1:]
+    return np.concatenate(
+        [np.stack([corners[i] for i in each], axis=2).reshape(-1, 3, 3) for each in ((0, 1, 2), (0, 2, 3))]
+    )
+
+
+def rim(count: int) -> np.ndarray:
+    """Triangles (f, 3, 3) whose corners, drawn at random, are all on the outline of a cylinder along y."""
+    rng = np.random.default_rng(3)
+    angle = rng.uniform(0, 2 * np.pi, 3 * count)
+    return np.stack([np.cos(angle), rng.random(3 * count), np.sin(angle)], axis=1).reshape(-1, 3, 3)
+
+
+def binary_stl(triangles: np.ndarray) -> bytes:
+    rows = np.zeros(len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    rows["corners"] = triangles
+    return b"\0" * 80 + struct.pack("<I", len(rows)) + rows.tobytes()
+
+
+def test_a_binary_stl_is_what_a_library_reads(tmp_path):
+    content = binary_stl(sphere(12))
+    mesh = read(tmp_path, "stl", content)
+    known = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
+    distinct = np.unique(np.asarray(known.vertices) + 0.0, axis=0)
+    assert np.array_equal(np.unique(mesh.corners + 0.0, axis=0), distinct)
+    assert len(mesh.corners) == len(distinct)
+
+
+def test_a_symmetric_mesh_is_merged(tmp_path):
+    """Also where sums by which corners are sorted are the same for different ones."""
+    triangles = sphere(250)
+    corners = np.unique(triangles.astype(np.float32).reshape(-1, 3) + np.float32(0.0), axis=0)
+    assert len(read(tmp_path, "stl", binary_stl(triangles)).corners) == len(corners)
+
+
+@pytest.mark.parametrize("triangles", [sphere(120), rim(8_000)], ids=["sphere", "rim"])
+def test_memory_grows_with_the_file_and_no_faster(tmp_path, triangles):
+    """Reading it, its capsules and its hull take so many times the bytes of the file and a constant."""
+    content = binary_stl(triangles)
+    tracemalloc.start()
+    mesh = read(tmp_path, "stl", content)
+    fit(Outline(mesh.corners @ np.array([1, 0, 1j]), mesh.edges))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < MOST_TIMES * len(content) + BLOCKS
 
 
 def test_near_corners_are_not_merged(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.cli.asked import is_robot
+from floatplan.errors import InputError
 from floatplan.robot.urdf import packages
 from floatplan.robot.urdf.packages import description_path, robot_content
 
@@ -42,6 +43,21 @@ class TestXacro:
         np.testing.assert_array_equal(made.tree.mass, written.tree.mass)
         assert made.sha256 == hashlib.sha256(robot_content(xacro)).hexdigest()
         assert is_robot(str(xacro))
+
+    @pytest.mark.parametrize(
+        ("content", "advice"),
+        [
+            ('<xacro:macro name="leg" params="side"><link name="${side}"/></xacro:macro>', "as it only defines macros"),
+            ('<xacro:property name="mass" value="2"/>', "give the file that has them"),
+        ],
+    )
+    def test_one_that_makes_no_link_is_told_to_be_called_by_another(self, tmp_path, content, advice):
+        file = tmp_path / "parts.xacro"
+        file.write_text(f'<robot name="parts" {XACRO}>{content}</robot>')
+        with pytest.raises(InputError, match=r"parts.xacro: has no <link>") as caught:
+            fp.Robot.from_urdf(file)
+        assert advice in caught.value.advice
+        assert "let its name end" not in str(caught.value)
 
     def test_a_plan_is_proved_of_what_the_file_makes(self, xacro, tmp_path):
         text = (ROOT / "problems" / "new_configuration.toml").read_text()

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robot_free_flyer import FreeFlyer, random_states, relative_error
-from robot_samples import TWO_LINKS, joint, robot_text
+from robot_samples import TWO_LINKS, inertial, joint, robot_text
 from straight_axes import axes_turned_in_file
 
 from floatplan.errors import InputError
@@ -24,6 +24,7 @@ from floatplan.robot.leak import (
 )
 from floatplan.robot.urdf import tree as urdf
 from floatplan.robot.urdf.tree import PREFIX, example_urdfs, robots_folder, urdf_path
+from floatplan.robot.wheels import explain_wheels, wheels
 
 installed = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
@@ -56,7 +57,7 @@ def test_real_robots_load_or_are_refused_for_a_true_reason(name, capfd):
             Robot.from_urdf(PREFIX + name)
         assert REFUSED[name] in caught.value.reason
         return
-    robot = Robot.from_urdf(PREFIX + name)
+    robot = Robot.from_urdf(PREFIX + name, armature=0.0)  # Pinocchio reads no SRDF by itself
     assert capfd.readouterr() == ("", "")
     assert out_of_plane_leak(robot) >= 0.0
     text, tilt = axes_turned_in_file(robot)
@@ -264,6 +265,53 @@ def test_reference_postures_that_are_not_there_or_wrong_are_refused(tmp_path, lo
 def test_positions_at_rest_lie_within_the_limits(load):
     text = TWO_LINKS.replace('lower="-2"', 'lower="0.5"')
     assert load(text).resting.tolist() == [0.5]
+
+
+ZEROS = '<limit lower="0" upper="0" effort="0" velocity="0"/>'
+LIMIT = '<limit lower="-1" upper="1" effort="5" velocity="7"/>'
+ALL_ZERO = [f"limits of {kind} that are zero, taken as not given: j" for kind in ("position", "velocity", "effort")]
+
+
+@pytest.mark.parametrize(
+    ("limit", "warnings"),
+    [
+        (ZEROS, ALL_ZERO),
+        ("<limit/>", ALL_ZERO),
+        (ZEROS.replace('effort="0"', 'effort="3"'), ALL_ZERO[:2]),
+        (ZEROS.replace('lower="0"', 'lower="-0.5"'), []),  # a range: the usual way to say that only it is limited
+        ("", []),
+    ],
+)
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_limits_of_zero_are_said_to_count_as_not_given(load, limit, warnings, kind):
+    text = robot_text(joint("j", "a", "b", kind=kind).replace(LIMIT, limit), joint("k", "b", "c"), links="abc")
+    robot = load(text)
+    assert [warning for warning in robot.warnings if warning.startswith("limits of")] == warnings
+    if warnings:
+        assert np.isinf([robot.file_tree.joint["j"].lower, robot.file_tree.joint["j"].upper]).all()
+
+
+def test_init_says_which_limits_it_does_not_take(tmp_path, floatplan):
+    text = robot_text(joint("j", "a", "b", kind="revolute").replace(LIMIT, ZEROS), joint("k", "b", "c"), links="abc")
+    (tmp_path / "robot.urdf").write_text(text)
+    assert floatplan("init", tmp_path / "robot.urdf", "-o", tmp_path / "first.toml").code == 0
+    assert all(f"# The file has {warning}." in (tmp_path / "first.toml").read_text() for warning in ALL_ZERO)
+    shown = " ".join(floatplan("info", tmp_path / "robot.urdf").stdout.split())
+    assert "has no limit there, or 0, which counts as none" in shown
+
+
+def test_a_wheel_that_follows_another_joint_is_not_said_to_be_planned(load):
+    """Nor to be held: it turns as its leader does, whether the file or the user couples it."""
+    at_its_center = f'<link name="w">{inertial(1.0, "0 0 0")}</link>'
+    geared = joint("w", "b", "w", more='<mimic joint="j" multiplier="-0.5"/>')
+    text = robot_text(at_its_center, geared, joint("j", "a", "b", kind="revolute"), links="ab")
+    assert load(text).coupled["w"].leader == "j"
+    assert explain_wheels(load(text)) == []
+    assert list(wheels(load(text))) == ["w"]
+    free = text.replace('<mimic joint="j" multiplier="-0.5"/>', "")
+    (planned,) = explain_wheels(load(free))
+    assert "w: planned in the range" in planned
+    assert explain_wheels(load(free, coupled={"w": "j"})) == []
 
 
 def test_limits_too_large_to_be_meant_count_as_not_given(load):

@@ -190,6 +190,8 @@ def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
 class Fragile:
     """An engine whose processes die of one row."""
 
+    is_callers = False
+
     def __init__(self, fatal):
         self.fatal = fatal
 

@@ -22,7 +22,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.tree import robots_folder
 from floatplan.studio import edits
-from floatplan.studio.page import Studio, is_own_page, titled
+from floatplan.studio.page import Studio, is_own_page, titled, unshared
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
@@ -115,8 +115,59 @@ def test_it_has_a_title_and_names_what_is_on_it(studio: Studio) -> None:
     assert "aria-label" in page.partition("</script>")[0]
     assert ".fp.curves" in page
     assert titled(None, "x") is None
-    given = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "0"}, body=b"<title>Viser</title>")
-    assert b"<title>&lt;/title&gt;</title>" in titled(given, "</title>").body
+    for body in (
+        b"<head><title>Viser</title></head>",
+        b"<head><title>viser 2</title></head>",
+        b'<head lang="en"></head>',
+    ):
+        given = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "0"}, body=body)
+        assert titled(given, "</title>").body.count(b"<title>") == 1
+        assert b"<title>&lt;/title&gt;</title>" in given.body
+
+
+def request(studio: Studio, head: str, accept: str | None = None) -> bytes:
+    """The status of what the page answers to a request."""
+    port = studio.server.get_port()
+    lines = [head, *([f"Host: localhost:{port}"] if "Host" not in head else [])]
+    lines += [] if accept is None else [f"Accept-Encoding: {accept}"]
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as line:
+        line.sendall("\r\n".join([*lines, "", ""]).encode())
+        return line.recv(12)[9:12]
+
+
+@pytest.mark.parametrize("accept", [None, "gzip", "identity", "gzip\r\nAccept-Encoding: br", ""])
+def test_it_needs_no_word_of_encodings(studio: Studio, accept: str | None) -> None:
+    """As of curl, which sends none, or of a proxy, which adds one."""
+    assert request(studio, "GET / HTTP/1.1", accept) == b"200"
+    assert request(studio, "GET /?x=1 HTTP/1.1", accept) == b"200"
+
+
+@pytest.mark.parametrize(
+    "path", ["/" + "a" * 300, "/" + "a" * 5000, "/a/" * 2000, "/%00", "/missing", "/..", "/assets"]
+)
+def test_what_no_file_has_is_no_page(studio: Studio, capfd: pytest.CaptureFixture[str], path: str) -> None:
+    assert request(studio, f"GET {path} HTTP/1.1") == b"404"
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("head", "status"),
+    [
+        ("GET / HTTP/1.1\r\nUpgrade: websocket\r\nUpgrade: websocket\r\nOrigin: http://a\r\nOrigin: http://b", b"403"),
+        ("GET / HTTP/1.1\r\nUpgrade: websocket\r\nHost: localhost\r\nHost: localhost", b"403"),
+        ("GET / HTTP/1.1\r\nUpgrade: h2c", b"403"),
+        ("GET /" + "a" * 20000 + " HTTP/1.1", b""),
+        ("nonsense", b""),
+    ],
+)
+def test_odd_requests_are_no_errors_of_the_program(
+    studio: Studio, capfd: pytest.CaptureFixture[str], head: str, status: bytes
+) -> None:
+    with logged_errors() as errors:
+        answer = request(studio, head)
+    assert answer in (status, b"400", b"414") if status == b"" else answer == status
+    assert errors == []
+    assert "Traceback" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("origin", ["http://[::1", "http://:80", "localhost:80", "", "http://localhost:80/", "\0"])
@@ -240,6 +291,59 @@ class Client:
     def close(self) -> None:
         self.page.close()
         self.reading.join()
+
+
+def test_nobody_opens_a_way_from_elsewhere(fresh: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    """viser opens a tunnel for any client that asks; nothing leaves this machine here, as the tunnel is another."""
+    asked: list[object] = []
+
+    class Tunnel:
+        def __init__(self, *where: object) -> None:
+            asked.append(where)
+
+        def get_status(self) -> str:
+            return "failed"
+
+        def __getattr__(self, name: str) -> Any:
+            return lambda *_: None
+
+    monkeypatch.setattr("viser._viser.ViserTunnel", Tunnel)
+    answered(fresh)
+    page = Client(fresh)
+    for kind in ("ShareUrlRequest", "ShareUrlDisconnect", "ShareUrlRequest"):
+        page.send(kind)
+    slider = fresh.panel.inputs.sliders["flight.duration"]
+    page.set(slider, 1.2)  # when this has come through, so have they
+    assert fresh.session.wait(lambda view: view.problem.flight.duration == 1.2, PATIENCE)
+    assert fresh.server.request_share_url() is None
+    page.close()
+    assert asked == []
+
+
+def test_a_viser_that_shares_in_another_way_is_not_started() -> None:
+    with pytest.raises(fp.InputError, match="gives out public addresses in a way that is not known"):
+        unshared(SimpleNamespace(ViserServer=type("ViserServer", (), {})))
+
+
+def test_nor_one_that_starts_its_server_in_another_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it has started is stopped."""
+    made = []
+
+    class Server:
+        def __init__(self, **_: object) -> None:
+            self.is_stopped = False
+            made.append(self)
+
+        def request_share_url(self) -> None:
+            raise AssertionError
+
+        def stop(self) -> None:
+            self.is_stopped = True
+
+    monkeypatch.setattr("viser.ViserServer", Server)
+    with pytest.raises(fp.InputError, match="starts its server in a way that is not known"):
+        Studio(fp.load_problem(ROOT / "problems" / "somersault.toml"), port=0, with_map=False)
+    assert [server.is_stopped for server in made] == [True]
 
 
 @pytest.fixture

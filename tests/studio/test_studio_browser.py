@@ -18,6 +18,7 @@ from studio_page import Page
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
+from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.edits import phase_ends
 from floatplan.studio.page import Studio
 
@@ -70,6 +71,30 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
     again = json.loads(Path("again/plan.json").read_text())
     for key in ("coefficients", "angular_momentum", "orientation", "centre", "amplitude", "status"):
         assert made[key] == again[key], key
+
+
+@pytest.mark.long
+def test_a_click_on_a_point_of_the_map_goes_there(browser: Browser) -> None:
+    """By a button that nobody sees."""
+    problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
+    with logged_errors() as errors, closing(Studio(problem, port=0)) as studio:
+        page = Page(browser, studio)
+        page.tab("Map")
+        page.wait(lambda: len(browser.run("return [...document.querySelectorAll('[data-status=optimal]')]")) > 3)
+        shown = "return [...document.querySelectorAll('button')].filter(e => e.textContent.startsWith('map point')"
+        assert browser.run(f"{shown}).length") == ROWS * COLUMNS
+        page.wait(lambda: browser.run(f"{shown} && e.offsetParent).length") == 0)
+        chart = studio.session.view.map
+        assert chart is not None
+        row, column = next(place for place in chart.points if place != (ROWS // 2, COLUMNS // 2))
+        before = studio.session.view.number
+        browser.driver.find_elements("css selector", f'[data-point="{row},{column}"]')[0].click()
+        page.wait(lambda: studio.session.view.number > before)
+        flight = studio.session.view.problem.flight
+        assert flight.duration == pytest.approx(chart.durations[row])
+        assert flight.momentum_in_plane == pytest.approx(chart.momenta[column])
+        assert page.complaints() == []
+        assert errors == []
 
 
 @pytest.mark.long

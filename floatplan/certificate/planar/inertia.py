@@ -26,9 +26,10 @@ from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.mjcf import read_mjcf, whole_mjcf
+from floatplan.certificate.planar.taken import as_recorded
 from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
 from floatplan.errors import InputError
-from floatplan.files import check_hash
+from floatplan.files import check_hash, plain
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
@@ -60,9 +61,11 @@ def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
     check_hash(content, record.sha256, path)
     included = whole_mjcf(content, path, record.meshes) if record.kind == "mjcf" else None
     roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
-    key = json.dumps([record.sha256, {} if included is None else record.meshes, *roles])
+    taken = [record.balance_inertias, record.payload]
+    key = json.dumps(plain([record.sha256, {} if included is None else record.meshes, *roles, *taken]))
     if key not in _kept:
-        tree = read_urdf(content, path) if included is None else read_mjcf(included, path)
+        balance = bool(record.balance_inertias)
+        tree = read_urdf(content, path) if included is None else read_mjcf(included, path, balance)
         robot = planar_robot(tree, record)
         if len(_kept) >= MOST:
             del _kept[next(iter(_kept))]
@@ -164,6 +167,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         is not the plane's normal.
     """
     with flint.ctx.workprec(PRECISION):
+        urdf = as_recorded(urdf, record)
         check_roles(urdf, record)
         plane = record.plane or ""
         if len(plane) != 2 or plane[0] == plane[1] or not set(plane) <= set(LETTERS):

@@ -97,9 +97,10 @@ def whole_mjcf(content: bytes, path: Path, hashes: Mapping[str, str]) -> Element
     return root
 
 
-def read_mjcf(root: Element, path: Path) -> Urdf:
+def read_mjcf(root: Element, path: Path, balance_inertias: bool = False) -> Urdf:
     """Read a whole MJCF file; the path is for messages.
 
+    With ``balance_inertias`` they are balanced, whatever the file says.
     The root link is the body of the world that floats: by a free joint, or by joints that slide and turn; else the one
     that moves, or that has a mass.
 
@@ -112,7 +113,7 @@ def read_mjcf(root: Element, path: Path) -> Urdf:
     """
     try:
         with flint.ctx.workprec(PRECISION):
-            return _Reading(root).world()
+            return _Reading(root, balance_inertias).world()
     except InputError as error:
         raise error.within(path) from None
     except (ValueError, LookupError) as error:
@@ -122,7 +123,7 @@ def read_mjcf(root: Element, path: Path) -> Urdf:
 class _Reading:
     """The settings and classes of a file, and what is read with them."""
 
-    def __init__(self, root: Element) -> None:
+    def __init__(self, root: Element, balance_inertias: bool) -> None:
         if root.tag != "mujoco":
             raise InputError(f"is not MJCF: its root element is <{root.tag}>, not <mujoco>")
         for section in root:
@@ -139,6 +140,8 @@ class _Reading:
         self.settings: dict[str, str] = {}
         for section in root.findall("compiler"):
             self.settings |= _known(section)
+        if balance_inertias:
+            self.settings["balanceinertia"] = "true"
         if self.settings.get("coordinate", "local") != "local":
             raise NotReadError("<compiler>: coordinate")
         units = {"degree": flint.arb.pi() / 180, "radian": flint.arb(1)}

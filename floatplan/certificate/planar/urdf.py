@@ -20,6 +20,7 @@ from floatplan.errors import InputError
 from floatplan.files import parsed_xml
 from floatplan.plans.record import RobotRecord
 
+KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")  # of joints in a file
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # all six in an <inertia>; without one a link is a point mass
 
 
@@ -153,12 +154,14 @@ def _link(element: Element) -> Link:
     if inertial is None:
         return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides)
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None:
+        raise InputError("its <inertial> has no <mass>", element=f'link "{name}"')
     written = dict.fromkeys(MOMENTS, "0") if inertia is None else inertia.attrib
     for key in MOMENTS:
         if key not in written:
             raise InputError(f"its <inertia> has no {key}", element=f'link "{name}"')
     xx, xy, xz, yy, yz, zz = (number(written[key]) for key in MOMENTS)
-    value = number("0" if mass is None else mass.get("value"))
+    value = number(mass.get("value"))
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
     moments = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -167,11 +170,13 @@ def _link(element: Element) -> Link:
 
 def _joint(element: Element) -> Joint:
     name, kind = _text(element, "name"), _text(element, "type")
-    if kind not in ("revolute", "continuous", "prismatic", "fixed"):
+    if kind not in KINDS:
         raise InputError(f'its type "{kind}" is none that floatplan plans with', element=f'joint "{name}"')
     parent, child, axis = element.find("parent"), element.find("child"), element.find("axis")
     if parent is None or child is None:
         raise InputError("lacks a parent or a child", element=f'joint "{name}"')
+    if axis is not None and axis.get("xyz") is None and kind not in ("fixed", "floating"):
+        raise InputError("its <axis> has no xyz", element=f'joint "{name}"')
     direction = _vector(None if axis is None else axis.get("xyz"), "1 0 0")
     ends, mimic, follower = (_text(parent, "link"), _text(child, "link")), element.find("mimic"), None
     if mimic is not None:

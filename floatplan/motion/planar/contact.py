@@ -14,6 +14,7 @@ import numpy as np
 
 from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import momentum_asked, momentum_interval
 from floatplan.motion.planar.closed_form import ballistics, frame_weights
@@ -33,10 +34,12 @@ from floatplan.motion.planar.contact_rates import (
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Frame
 from floatplan.tables import RELATIVE
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
 GOLDEN = (math.sqrt(5) - 1) / 2
+LEVEL = 5e-3  # [m] within which points of a foot's shape are as low as its lowest: a stance takes a sole for flat so
 FAST = 40.0  # [rad/s] that no joint of a legged robot turns at
 DURATIONS = np.geomspace(0.5, 2.0, 33)  # [-] of the asked one
 REFINEMENTS = 20  # [-] golden sections of the best of these
@@ -66,12 +69,16 @@ class Contact(Outlined):
         As asked for, see :class:`~floatplan.Flight`; where it is free, the one that suits both ends best.
     found : ContactRates, optional
         None where no frame stands on the ground: the base link's own flies freely.
+    point : Frame, optional
+        Where the foot is at rest: of the flight of a jump, that point on which it stands with which the joints are
+        slowest, such as its toe; else the frame itself.
     """
 
     problem: Problem
     end: End
     momentum: Momentum
     found: ContactRates | None
+    point: Frame | None = None
     shown: ClassVar[Sequence[str]] = ("frame", "end", "ok", "ratio", "joint", "rates", "angular_momentum", "verdict")
 
     @property
@@ -127,8 +134,9 @@ class Contact(Outlined):
         return self.found is None or (self.found.exist and (self.ratio is None or self.ratio <= 1 + RELATIVE))
 
     def speed(self, orientation_rate: float, rates: Array) -> float:
-        """Of the frame, m/s, by direction at most, with such rates of base and joints (n,), rad/s."""
-        equations = equations_at(self.problem.robot, *at_end(self.problem, self.end))
+        """Of its point, m/s, by direction at most, with such rates of base and joints (n,), rad/s."""
+        frame, *posture = at_end(self.problem, self.end)
+        equations = equations_at(self.problem.robot, self.point or frame, *posture)
         return float(np.abs(equations.matrix[1:] @ np.append(orientation_rate, rates) + equations.com_velocity).max())
 
     @cached_property
@@ -272,7 +280,43 @@ def _contact(given: Problem | str | Path, end: End, angular_momentum: float | No
     asked, momentum = momentum_of_ends(
         problem, optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
     )
-    return Contact(problem, end, asked, contact_rates(problem, end, momentum) if has_contact(problem, end) else None)
+    if not has_contact(problem, end):
+        return Contact(problem, end, asked, None)
+    rates, point = min(_rates_of_points(problem, end, momentum), key=lambda found: found[0].size)
+    return Contact(problem, end, asked, rates, point)
+
+
+def _rates_of_points(problem: Problem, end: End, momentum: float) -> list[tuple[ContactRates, Frame]]:
+    """Rates with which each point is at rest that the foot may stand on at an end, the frame first."""
+    robot, limits = problem.robot, rate_limits(problem)
+    frame, *posture = at_end(problem, end)
+    points = [frame] if problem.jump is None else [frame, *lowest_points(problem, end)]
+    return [(rates_at(robot, equations_at(robot, point, *posture), limits, momentum), point) for point in points]
+
+
+def lowest_points(problem: Problem, end: End) -> list[Frame]:
+    """The points of the foot's true shape that are lowest at an end: its toe, its tip, or where it is round its bottom.
+
+    A stance stands on one of them, or on the frame: which of them rests is its own business.
+    """
+    robot, tree = problem.robot, problem.robot.tree
+    frame, orientation, positions, _ = at_end(problem, end)
+    try:
+        link = robot.contact_link(frame.link)
+        shapes = robot.link_hulls[link] if link is not None else ()
+    except InputError:  # what is to be known of shapes is not to be had, such as a mesh
+        return []
+    rotations = tree.rotations(tree.absolute_angles(np.array(orientation), positions))
+    points: list[Frame] = []
+    heights: list[float] = []
+    for shape in shapes:
+        down = -1j * np.conj(rotations[shape.body])  # in the body's axes
+        for corner in (shape.start, shape.end):
+            point = Frame(shape.body, complex(corner + shape.radius * down), frame.link)
+            points.append(point)
+            heights.append(float((frame_weights(robot, point) @ rotations).imag))
+    lowest = min(heights, default=0.0)
+    return [point for point, height in zip(points, heights, strict=True) if height < lowest + LEVEL]
 
 
 def _why_none(problem: Problem, found: ContactRates) -> str:

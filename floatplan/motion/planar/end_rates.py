@@ -14,7 +14,7 @@ from floatplan.motion.planar.contact_rates import End, contact_rates, has_contac
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import end_errors
-from floatplan.tables import AT_REST, CLEARANCE
+from floatplan.tables import CLEARANCE, ROUNDED_REST
 
 ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
 REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
@@ -124,7 +124,10 @@ def _rates(problem: Problem, element: str, end: End, momentum: float) -> Array:
 
 
 def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputError]:
-    """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s."""
+    """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s.
+
+    Of rates that were rounded to six digits nothing is said: where they lead into the ground, the search finds it.
+    """
     if not problem.ground:
         return []
     rates = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
@@ -135,7 +138,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
         ("goal", goal, problem.flight.duration, -1.0, "up out of the ground at landing"),
     ):
         link, velocity = _slowest_contact(problem, state, instant, sign, float(angular_momentum[0]))
-        if velocity < -AT_REST:
+        if velocity < -ROUNDED_REST:
             errors.append(
                 InputError(
                     f"{link} moves {direction}, at {-velocity:.4g} m/s",

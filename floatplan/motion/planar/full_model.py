@@ -354,6 +354,7 @@ class MotionInFile:
 class FreeFlyer:
     """Where the joints are in ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
+    Joints by which the file lets its own base float are fixed in it, as in ``robot.xml``.
     ``model`` is that one; ``nq, nv`` are the sizes of its configuration and its velocity; ``in_q, in_v`` (J,) the first
     entry of each joint in them, in the order of :class:`FullMotion`; ``continuous`` (C,) which joints are (cos, sin) in
     a configuration.

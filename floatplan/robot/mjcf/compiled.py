@@ -11,6 +11,7 @@ from floatplan.errors import InputError, import_optional
 from floatplan.robot.mjcf.text import MjcfText
 
 ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
+BALANCE = "have it balanced: balance_inertias = true under [robot], or --balance-inertias"
 PLACES = re.compile(r",? line \d+(, column \d+)?|,? id \d+|Element name ''")  # in a text that nobody has seen
 
 
@@ -37,4 +38,6 @@ def compiled_mjcf(text: MjcfText) -> Any:
             spec.compiler.fusestatic = False
             return spec.compile()
     except Exception as error:  # of several kinds, its own among them
-        raise InputError(f"MuJoCo refuses it: {' '.join(PLACES.sub('', str(error)).split())}") from None
+        reason = " ".join(PLACES.sub("", str(error)).split())
+        advice = BALANCE if "balanceinertia" in reason else None
+        raise InputError(f"MuJoCo refuses it: {reason}", advice=advice) from None

@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import Element, SubElement, fromstring
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -18,12 +18,17 @@ from floatplan.robot.mjcf.compiled import compiled_mjcf, import_mujoco
 from floatplan.robot.mjcf.motors import joint_motors
 from floatplan.robot.mjcf.text import whole_mjcf
 from floatplan.robot.mjcf.tree import MjcfTree, new_name
+from floatplan.robot.urdf.inertias import balanced_warning
 from floatplan.robot.urdf.tree import UrdfText
+
+FULL = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of MuJoCo's fullinertia
 
 
 @np.errstate(all="ignore")  # numbers may be huge, and are looked at as those of any URDF
-def read_mjcf(path: Path, content: bytes, root: Element) -> UrdfText:
+def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool = False) -> UrdfText:
     """Return the URDF of an MJCF file, from its content and root element.
+
+    With ``balance_inertias`` MuJoCo's compiler balances them, whatever the file says.
 
     Raises
     ------
@@ -33,6 +38,7 @@ def read_mjcf(path: Path, content: bytes, root: Element) -> UrdfText:
     """
     name = (root.get("model") or "").strip() or path.stem
     text = whole_mjcf(root, path)
+    balanced = _with_balanced_inertias(text.root) if balance_inertias else []
     model = compiled_mjcf(text)
     tree = MjcfTree(model)
     motors, of_motors = joint_motors(tree)
@@ -49,8 +55,32 @@ def read_mjcf(path: Path, content: bytes, root: Element) -> UrdfText:
         kind="mjcf",
         files={name: hashlib.sha256(each).hexdigest() for name, each in text.files.items()},
         keyframes={key: {name: float(q[entry]) for name, entry in entries.items()} for key, q in keys.items() if key},
-        warnings=(*tree.warnings, *of_motors),
+        warnings=(*tree.warnings, *of_motors, *balanced),
     )
+
+
+def _with_balanced_inertias(root: Element) -> list[str]:
+    """Have the compiler balance inertias; return the warning about the bodies whose written ones it will change."""
+    SubElement(root, "compiler", balanceinertia="true")
+    names = [body.get("name") or "one without a name" for body in root.iter("body") if _unbalanced(body)]
+    return [balanced_warning(names)] if names else []
+
+
+def _unbalanced(body: Element) -> bool:
+    """Whether the inertia that is written for a body has a moment above the sum of the others."""
+    inertial = body.find("inertial")
+    if inertial is None:
+        return False
+    try:
+        full = [float(word) for word in inertial.get("fullinertia", "").split()]
+        if len(full) == len(FULL):
+            xx, yy, zz, xy, xz, yz = full
+            moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        else:
+            moments = np.array([float(word) for word in inertial.get("diaginertia", "").split()])
+    except (ValueError, np.linalg.LinAlgError):  # which MuJoCo refuses
+        return False
+    return bool(2.0 * moments.max(initial=0.0) > moments.sum())
 
 
 def _written(**values: Any) -> str:

@@ -25,6 +25,7 @@ AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of 
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] stands in Pinocchio for a limit that is not given
 UNLIMITED = (UNBOUNDED, UNBOUNDED, -UNBOUNDED, UNBOUNDED)  # of effort, of velocity, lower, upper
 POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
+WHOLE = 1e-9  # [-] of the robot's mass that may be missing from all of it
 LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
 
 
@@ -200,7 +201,17 @@ def check_model(model: Any, reference: Array, selection: Array, joints: Sequence
                 continue
             culprit = int(np.argmax(abs(vectors[base:, 0])))
         reason, advice = "moves no inertia of its own: the mass matrix is singular", "give the links beyond it mass"
+        if _carries_everything(model, joints[culprit]):
+            reason = "moves the whole robot, as what carries it weighs nothing: the mass matrix is singular"
+            advice = "give the links before it mass"
         raise InputError(reason, element=f'joint "{joints[culprit]}"', advice=f"{advice}, or lock it")
+
+
+def _carries_everything(model: Any, joint: str) -> bool:
+    """Whether all of the robot's mass is beyond a joint."""
+    data = model.createData()
+    pin.computeSubtreeMasses(model, data)
+    return bool(data.mass[model.getJointId(joint)] >= data.mass[0] * (1.0 - WHOLE))
 
 
 def sample_postures(limits: Array, count: int, generator: Random) -> Array:

@@ -15,6 +15,7 @@ CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
 SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
 FLATTEST = 1e-9  # [-] sine of the angle between sides that are prolonged until they meet
 EXTREMES = (8, 32, 96)  # [-] points of a polygon, inside which nothing is a corner of the hull
+MOST_AT_ONCE = 1_000_000  # [-] numbers in an array: of a hull of thousands of corners, some directions at a time
 MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 OUTSIDE = 1e-3  # [m] by which a polygon of fewer corners may reach beyond a convex hull
 
@@ -82,6 +83,20 @@ def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
     longest = sides[np.argsort(-abs(sides))[:64]]
     uniform = np.exp(1j * np.pi * np.arange(UNIFORM_DIRECTIONS) / UNIFORM_DIRECTIONS)
     directions = np.concatenate([longest / abs(longest), uniform])
+    block = max(1, MOST_AT_ONCE // (RADII * len(hull)))
+    best = [_tightest(hull, directions[first : first + block], radius) for first in range(0, len(directions), block)]
+    _, direction, middle, low_end, high_end = min(best, key=lambda each: each[0])
+    start, end = (complex(direction * (place + 1j * middle)) for place in (low_end, high_end))
+    return PlaneCapsule(start, end, float(-PlaneCapsule(start, end, 0.0).depth(hull).min() + radius))
+
+
+def _tightest(
+    hull: ComplexArray, directions: ComplexArray, radius: float
+) -> tuple[float, complex, float, float, float]:
+    """The least area, m^2, of capsules along some directions; its direction, and its middle and both ends along it, m.
+
+    They are those around a hull's corners, grown by ``radius``.
+    """
     turned = hull * np.conj(directions)[:, None]  # (directions, points): the capsule's axis turned onto the real one
     along, across = turned.real, turned.imag
     middle = (across.max(axis=1) + across.min(axis=1)) / 2
@@ -97,9 +112,7 @@ def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
     low_end, high_end = low[row, column], high[row, column]
     if high_end - low_end < SHORTEST * most[row]:  # a disc: below zero, any centre between them holds all points
         low_end = high_end = (low_end + high_end) / 2
-    direction = directions[row]
-    start, end = (complex(direction * (end + 1j * middle[row])) for end in (low_end, high_end))
-    return PlaneCapsule(start, end, float(-PlaneCapsule(start, end, 0.0).depth(hull).min() + radius))
+    return float(area[row, column]), complex(directions[row]), float(middle[row]), float(low_end), float(high_end)
 
 
 def convex_hull(points: ComplexArray) -> ComplexArray:
@@ -162,10 +175,13 @@ def _outer(points: ComplexArray) -> ComplexArray:
         if len(points) < 2 * count:
             break
         around = np.exp(2j * np.pi * np.arange(count) / count)
-        corners = points[np.unique((points[None, :] * np.conj(around)[:, None]).real.argmax(axis=1))]
+        extreme = [int((points * np.conj(direction)).real.argmax()) for direction in around]  # few arrays at a time
+        corners = points[np.unique(extreme)]
         corners = corners[np.argsort(np.angle(corners - corners.mean()))]
         sides = np.roll(corners, -1) - corners
-        inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
+        inside = np.ones(len(points), dtype=bool)
+        for corner, side in zip(corners, sides, strict=True):
+            inside &= ((points - corner) * np.conj(side)).imag > 0.0
         points = points[~inside]
     return points
 

@@ -26,7 +26,10 @@ from floatplan.robot.urdf.tree import number, only, triple
 MESH_KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives: a small one can hold gigabytes
 LARGEST_MESH = 100_000_000  # [bytes]
 LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
+MIXER = np.uint64(0x9E3779B97F4A7C15)  # odd, 2^64 over the golden ratio: multiplying by it spreads bits
 FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
+STL_HEADER = 84  # [bytes] of a binary STL file; the last four are the number of triangles
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
 AROUND = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
 KINDS = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")
@@ -112,6 +115,8 @@ def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
 
     if kind not in MESH_KINDS:
         raise ValueError(f'".{kind}" is not one of {", ".join(MESH_KINDS)}')
+    if kind == "stl" and (corners := _binary_stl(content)) is not None:
+        return corners, np.arange(len(corners)).reshape(-1, 3)
     loaders = trimesh.exchange.load.mesh_loaders
     if kind == "dae" and FAULT_IN_COLLADA.search(content):  # pycollada takes NaN for zero, and -1 for the last corner
         raise ValueError("a number in it is NaN, or a face has a negative corner")
@@ -122,6 +127,20 @@ def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
             part |= {"process": False} if "faces" in part else {}
         mesh = trimesh.load_scene(parsed).to_mesh()
         return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+
+
+def _binary_stl(content: bytes) -> Array | None:
+    """Corners (3 f, 3) of the f triangles of a binary STL file; None of what is none, such as one that is text.
+
+    A library takes six times the memory for this.
+    """
+    if len(content) < STL_HEADER:
+        return None
+    count = int.from_bytes(content[STL_HEADER - 4 : STL_HEADER], "little")
+    if not count or len(content) != STL_HEADER + count * STL_TRIANGLE.itemsize:
+        return None
+    triangles = np.frombuffer(content, STL_TRIANGLE, count, STL_HEADER)
+    return triangles["corners"].reshape(-1, 3).astype(np.float64)
 
 
 def _fault(corners: Array, faces: IntArray, scale: Array) -> str | None:
@@ -145,16 +164,33 @@ def _merged(corners: Array) -> tuple[Array, IntArray]:
     x, y, z = corners.T
     key = x + np.sqrt(2.0) * y + np.sqrt(3.0) * z  # one number per corner, to sort by
     _, first, numbers = np.unique(key, return_index=True, return_inverse=True)
-    if (corners[first][numbers] != corners).any():  # two corners have one key by chance
-        return corners, np.arange(len(corners))
+    if not _same(corners[first], numbers, corners):  # two corners have one key, as in symmetric meshes
+        bits = (corners + 0.0).view(np.uint64)  # of -0.0 those of 0.0
+        key = _mixed(_mixed(_mixed(bits[:, 0]) ^ bits[:, 1]) ^ bits[:, 2])
+        _, first, numbers = np.unique(key, return_index=True, return_inverse=True)
+        if not _same(corners[first], numbers, corners):
+            return corners, np.arange(len(corners))
     return corners[first], numbers
+
+
+def _mixed(bits: Any) -> Any:
+    """Integers (k,) of 64 bits, each bit spread over all others: a hash, of which equal ones are rare."""
+    for _ in range(2):
+        bits = (bits ^ (bits >> np.uint64(32))) * MIXER  # of arrays, which wrap around in silence
+    return bits
+
+
+def _same(distinct: Array, numbers: IntArray, corners: Array) -> bool:
+    """Whether corners (k, 3) are those of their numbers (k,) among distinct ones, one axis after the other."""
+    return all(bool((distinct[numbers, axis] == corners[:, axis]).all()) for axis in range(3))
 
 
 def _edges(faces: IntArray) -> IntArray:
     """Edges (e, 2) of triangles (f, 3), each once."""
-    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    count = int(ends.max()) + 1
-    return np.stack(np.divmod(np.unique(ends[:, 0] * count + ends[:, 1]), count), axis=1)
+    count = int(faces.max()) + 1
+    sides = [(faces[:, begin], faces[:, end]) for begin, end in ((0, 1), (1, 2), (2, 0))]
+    keys = np.concatenate([np.minimum(*ends) * count + np.maximum(*ends) for ends in sides])
+    return np.stack(np.divmod(np.unique(keys), count), axis=1)
 
 
 def _candidates(filename: str, folder: Path) -> Iterator[str]:
@@ -292,12 +328,12 @@ def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[
             raise InputError(reason, source=path, element=where, advice=advice)
         return Geometry(shape.tag, placement, scale, mesh)
     if shape.tag == "box":
-        size = triple(f"{where}: size", shape, "size", (0.0, 0.0, 0.0))
+        size = _triple(where, shape, "size")
         if size.min() < 0.0:
             raise InputError("is negative", element=f"{where}: size")
         return Geometry(shape.tag, placement, size)
     if shape.tag == "ellipsoid":  # of an MJCF
-        return Geometry(shape.tag, placement, triple(f"{where}: radii", shape, "radii", (0.0, 0.0, 0.0)))
+        return Geometry(shape.tag, placement, _triple(where, shape, "radii"))
     if shape.tag not in KINDS:
         return None
     radius = _length(where, shape, "radius")
@@ -326,6 +362,12 @@ def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:
     else:
         rim = radius * along * (thickness * AROUND.real + 1j * AROUND.imag)
     return Outline.convex((placed(ends)[:, None] + rim[None, :]).ravel())
+
+
+def _triple(where: str, shape: Element, key: str) -> Array:
+    if shape.get(key) is None:
+        raise InputError(f"has no {key}", element=where, advice="give three numbers")
+    return triple(f"{where}: {key}", shape, key, (0.0, 0.0, 0.0))
 
 
 def _length(where: str, shape: Element, key: str) -> float:

@@ -117,6 +117,9 @@ def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
         return InputError(reason, element=f'link "{link}"', advice=advice)
     for link, element in tree.links.items():
         for collision in element.collisions:
+            if collision.find("geometry/*") is None:
+                reason, advice = "has a <collision> without geometry", "give its <geometry>, or remove it"
+                return InputError(reason, element=f'link "{link}"', advice=advice)
             for number, shape in enumerate(collision.iterfind("geometry/*")):
                 if number or shape.tag not in KINDS:
                     reason = f"collision geometry <{shape.tag}> is not read, so clearance cannot be computed"

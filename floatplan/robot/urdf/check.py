@@ -1,48 +1,68 @@
-"""From XML to a :class:`UrdfTree`: every fault that Pinocchio would accept, drop or crash on is refused here.
-
-An inertia counts as part of the rigid body that moves: links joined by fixed joints, taken together. A camera with a
-made-up inertia does no harm on a trunk; on a joint of its own it does.
-"""
+"""From XML to a :class:`UrdfTree`: every fault that Pinocchio would accept, drop or crash on is refused here."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from xml.etree.ElementTree import Element
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
+from floatplan.robot.urdf.base import FREE_TYPES, with_free_base
+from floatplan.robot.urdf.inertias import Payload, with_payload, with_sound_inertias
 from floatplan.robot.urdf.tree import (
     LARGEST,
+    MOVING,
     Inertial,
     Mimic,
     Origin,
     UrdfJoint,
     UrdfLink,
+    UrdfText,
     UrdfTree,
     number,
     only,
-    rigid_body,
     triple,
 )
+from floatplan.robot.urdf.written import urdf_of
 
 LARGEST_ANGLE = 1e3  # [rad] limits this large are placeholders: nobody means 159 turns
 LARGEST_RATE = 1e3  # [rad/s] the same
 LARGEST_TORQUE = 1e4  # [N m] the same
 LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placeholder
-MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
-JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+MOST_JOINTS = 150  # [-] that move: Pinocchio's workspace grows as their cube, and thousands exhaust the memory
+MOST_FIXED_JOINTS = 2000  # [-] ten times those of any robot; URDF readers that call themselves link by link bear 3000
+JOINT_TYPES = (*MOVING, "fixed", *FREE_TYPES)
+LIMITS = "limits of"  # how the warnings about limits that are taken as not given begin
+AXISLESS = ("fixed", "floating")  # types of joints
+WITHOUT_RANGE = ("continuous", *AXISLESS, "planar")
 DYNAMICS = ("armature", "damping", "friction")  # attributes of a joint's <dynamics>
 SMALLEST_MASS = 1e-15  # [kg] of a link that has any
 SHORTEST_AXIS = 1e-9  # [-] length as written
-TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: rounding to three digits of a plate, whose moments are on the edge
-DEFINITE_SLACK = 1e-9  # [-] of the largest moment: rounding of a rod, whose least moment is zero
-NEGLIGIBLE = 1e-12  # [kg m^2] a grain of sand's; a fault smaller than this is noise around zero
 
 
-def check_urdf(root: Element) -> UrdfTree:
-    """Return the links and joints of a ``<robot>`` element.
+@dataclass(frozen=True)
+class Changes:
+    """In what a robot is taken otherwise than its URDF has it.
+
+    Attributes
+    ----------
+    balance_inertias : whether inertias that no body can have are balanced, see :func:`with_sound_inertias`
+    payload : point masses that links carry
+    with_role : joints that the user names: joints by which the file lets its base float stay joints where all are
+        locked
+    """
+
+    balance_inertias: bool = False
+    payload: tuple[Payload, ...] = ()
+    with_role: Collection[str] = ()
+
+
+def check_urdf(root: Element, with_role: Collection[str] = ()) -> UrdfTree:
+    """Return the links and joints of a ``<robot>`` element, its own free base read as such.
+
+    ``with_role`` as of :class:`Changes`.
 
     Raises
     ------
@@ -51,12 +71,37 @@ def check_urdf(root: Element) -> UrdfTree:
         limits are crossed, a joint's type is unknown, there are too many joints, or links and joints do not form one
         tree.
     """
+    return _without_placeholders(_changed(read_tree(root), Changes(with_role=with_role)))
+
+
+def taken_urdf(text: UrdfText, changes: Changes) -> tuple[UrdfText, UrdfTree]:
+    """Return a robot as it is taken, as a URDF and as a tree; errors as of :func:`check_urdf`.
+
+    The URDF is the file's own where it says all of it.
+    """
+    read = read_tree(text.root)
+    tree = _changed(read, changes)
+    if text.kind == "urdf":  # in that of an MJCF zeros are written where it gives no limit
+        tree = replace(tree, warnings=(*tree.warnings, *_zero_limits(tree, text.root)))
+    root = urdf_of(tree, read, text.root)
+    if root is not text.root:
+        text = replace(text, root=root, xml=tostring(root, encoding="unicode"))
+    return text, _without_placeholders(tree)
+
+
+def _changed(tree: UrdfTree, changes: Changes) -> UrdfTree:
+    tree = with_free_base(tree, changes.with_role)
+    tree = with_sound_inertias(tree, changes.balance_inertias)
+    return with_payload(tree, changes.payload)
+
+
+def read_tree(root: Element) -> UrdfTree:
+    """Return links and joints as they are written, whose inertias are not looked at; errors as :func:`check_urdf`."""
     joint_elements = root.findall("joint")
-    if len(joint_elements) > MOST_JOINTS:
-        raise InputError(f"has {len(joint_elements)} joints, more than the {MOST_JOINTS} that can be handled")
+    _check_counts(joint_elements)
     link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
     if not link_elements:
-        raise InputError("has no <link>", advice="if it is a xacro file, let its name end in .xacro")
+        raise InputError("has no <link>", advice="a URDF has one for each part of the robot")
     name = (root.get("name") or "").strip()
     if not name:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
@@ -72,9 +117,16 @@ def check_urdf(root: Element) -> UrdfTree:
     }
     joints = [_read_joint(joint, element, named) for joint, element in named.items()]
     base, ordered = _order(links, joints)
-    warnings = _check_inertias(UrdfTree(name, base, links, ordered, ()))
-    ordered, dropped = _drop_placeholders(ordered)
-    return UrdfTree(name, base, links, ordered, (*warnings, *dropped))
+    return UrdfTree(name, base, links, ordered, ())
+
+
+def _check_counts(joints: Sequence[Element]) -> None:
+    """Refuse more joints than can be handled; those that are fixed cost little."""
+    fixed = sum(joint.get("type") == "fixed" for joint in joints)
+    for count, most, which in ((len(joints) - fixed, MOST_JOINTS, "that move"), (fixed, MOST_FIXED_JOINTS, "fixed")):
+        if count > most:
+            words = f"{count} joints {which}" if which != "fixed" else f"{count} fixed joints"
+            raise InputError(f"has {words}, more than the {most} that can be handled")
 
 
 def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
@@ -98,7 +150,10 @@ def _read_inertial(place: str, link: Element) -> Inertial | None:
         return None
     origin = read_origin(place, element)
     mass_element, moments = only(place, element, "mass"), only(place, element, "inertia")
-    mass = 0.0 if mass_element is None else number(f"{place}: mass", mass_element, "value", None)
+    if mass_element is None:
+        advice = 'write <mass value="..."/>, in kg; of a link that weighs nothing remove the <inertial>'
+        raise InputError("has no <mass>", element=f"{place}: inertial", advice=advice)
+    mass = number(f"{place}: mass", mass_element, "value", None)
     if mass < 0.0:
         raise InputError(f"is negative: {mass:g} kg", element=f"{place}: mass")
     if 0.0 < mass < SMALLEST_MASS:
@@ -123,7 +178,8 @@ def _read_joint(name: str, element: Element, joints: Collection[str]) -> UrdfJoi
     kind = element.get("type")
     if kind not in JOINT_TYPES:
         known = ", ".join(JOINT_TYPES)
-        raise InputError(f'has type "{kind}"' if kind else "has no type", element=place, advice=f"give one of {known}")
+        reason = f'has type "{kind}", which URDF does not have' if kind else "has no type"
+        raise InputError(reason, element=place, advice=f"give one of {known}")
     ends = []
     for tag in ("parent", "child"):
         end = only(place, element, tag)
@@ -147,9 +203,14 @@ def _magnitude(place: str, element: Element, key: str, default: float | None, la
 
 
 def _read_axis(place: str, element: Element, kind: str) -> Array:
-    vector = triple(f"{place}: axis", only(place, element, "axis"), "xyz", (1.0, 0.0, 0.0))
+    axis = only(place, element, "axis")
+    if axis is not None and kind not in AXISLESS and axis.get("xyz") is None:
+        raise InputError(
+            "has no xyz", element=f"{place}: axis", advice='write xyz="...", or leave <axis> out for 1 0 0'
+        )
+    vector = triple(f"{place}: axis", axis, "xyz", (1.0, 0.0, 0.0))
     length = float(np.linalg.norm(vector))
-    if kind == "fixed":
+    if kind in AXISLESS:
         return read_only((1.0, 0.0, 0.0))
     if length < SHORTEST_AXIS:
         raise InputError("has zero length", element=f"{place}: axis")
@@ -161,7 +222,7 @@ def _read_limits(place: str, kind: str, limits: Element | None) -> tuple[float, 
     if limits is None:
         return -math.inf, math.inf, math.inf, math.inf
     lower = upper = 0.0
-    if kind not in ("continuous", "fixed"):
+    if kind not in WITHOUT_RANGE:
         lower, upper = (number(place, limits, key, 0.0, math.inf) for key in ("lower", "upper"))
     if lower > upper:
         raise InputError(f"lower {lower:g} exceeds upper {upper:g}", element=place)
@@ -184,11 +245,34 @@ def _read_mimic(place: str, name: str, mimic: Element | None, joints: Collection
     return Mimic(leader, number(place, mimic, "multiplier", 1.0), number(place, mimic, "offset", 0.0))
 
 
-def _drop_placeholders(joints: Iterable[UrdfJoint]) -> tuple[tuple[UrdfJoint, ...], list[str]]:
+def _zero_limits(tree: UrdfTree, root: Element) -> list[str]:
+    """The warnings about joints that move, and whose range is written as 0 to 0 or left out of their ``<limit>``.
+
+    Exporters write all four numbers as zero where nobody gave them. Of a joint with a range, zero as a rate or torque
+    is the usual way to write that there is no such limit, and no warning.
+    """
+    zero: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
+    for element in root.iterfind("joint[limit]"):
+        joint, limits = tree.joint[element.get("name", "")], element.find("limit")
+        if not joint.moves or joint.type in WITHOUT_RANGE or limits is None:
+            continue
+        nothing = {key: float(limits.get(key, "0")) == 0.0 for key in ("lower", "upper", "velocity", "effort")}
+        if nothing["lower"] and nothing["upper"]:
+            zero["position"].append(joint.name)
+            for kind in ("velocity", "effort"):
+                zero[kind] += [joint.name] if nothing[kind] else []
+    return [
+        f"{LIMITS} {kind} that are zero, taken as not given: {', '.join(names)}"
+        for kind, names in zero.items()
+        if names
+    ]
+
+
+def _without_placeholders(tree: UrdfTree) -> UrdfTree:
     """Make limits infinite that are too large to be meant, with a warning for each kind."""
     kept: list[UrdfJoint] = []
     dropped: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
-    for joint in joints:
+    for joint in tree.joints:
         fast = joint.turns and LARGEST_RATE <= joint.velocity < math.inf
         strong = joint.turns and (LARGEST_TORQUE_BESIDE_RATE if fast else LARGEST_TORQUE) <= joint.effort < math.inf
         wide = joint.turns and LARGEST_ANGLE <= max(-joint.lower, joint.upper) < math.inf
@@ -197,11 +281,12 @@ def _drop_placeholders(joints: Iterable[UrdfJoint]) -> tuple[tuple[UrdfJoint, ..
         kept.append(replace(joint, lower=lower, upper=upper, velocity=velocity, effort=effort))
         for kind, large in zip(dropped, (wide, fast, strong), strict=True):
             dropped[kind] += [joint.name] if large else []
-    return tuple(kept), [
-        f"limits of {kind} too large to be meant, taken as not given: {', '.join(names)}"
+    warnings = (
+        f"{LIMITS} {kind} too large to be meant, taken as not given: {', '.join(names)}"
         for kind, names in dropped.items()
         if names
-    ]
+    )
+    return replace(tree, joints=tuple(kept), warnings=(*tree.warnings, *warnings))
 
 
 def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tuple[UrdfJoint, ...]]:
@@ -228,17 +313,17 @@ def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tu
         reason = f"has {len(roots)} root links ({listed}), so parts of it are detached"
         raise InputError(reason, advice="connect them by a joint")
 
-    def below(link: str) -> Iterator[UrdfJoint]:
-        for joint in children[link]:
-            yield joint
-            yield from below(joint.child)
-
-    ordered = tuple(below(roots[0]))
+    ordered: list[UrdfJoint] = []
+    waiting = children[roots[0]][::-1]
+    while waiting:
+        joint = waiting.pop()
+        ordered.append(joint)
+        waiting += children[joint.child][::-1]
     if len(ordered) < len(joints):
         reached = {joint.child for joint in ordered}
         loop = _loop({child: joint for child, joint in carrier.items() if child not in reached})
         raise InputError(f'the joints form a loop, detached from the root link "{roots[0]}": {loop}')
-    return roots[0], ordered
+    return roots[0], tuple(ordered)
 
 
 def _loop(carrier: Mapping[str, UrdfJoint]) -> str:
@@ -249,40 +334,3 @@ def _loop(carrier: Mapping[str, UrdfJoint]) -> str:
         seen.append(link)
         link = carrier[link].parent
     return " - ".join([link, *reversed(seen[seen.index(link) :])])
-
-
-def _check_inertias(tree: UrdfTree) -> list[str]:
-    """Return warnings about links whose own inertia is impossible, and whose rigid body's is not.
-
-    Refused is a rigid body with a negative principal moment, or one larger than the sum of the other two. A moment of
-    zero (a massless link, a point mass, a rod) is left to the check of the model's mass matrix.
-    """
-    faults = {
-        link.name: fault
-        for link in tree.links.values()
-        if link.inertial is not None and (fault := _fault(link.inertial.inertia))
-    }
-    if not faults:
-        return []
-    body = {tree.root: tree.root}
-    for joint in tree.joints:
-        body[joint.child] = body[joint.parent] if joint.type == "fixed" else joint.child
-    placements = tree.placements({})
-    for name, fault in faults.items():
-        fixed = [link for link in tree.links if body[link] == body[name]]
-        parts = ((own, placements[link]) for link in fixed if (own := tree.links[link].inertial) is not None)
-        if _fault(rigid_body(parts)[2]):
-            advice = "no body has a negative moment, or one larger than the sum of the other two"
-            raise InputError(fault, element=f'link "{name}": inertia', advice=advice)
-    reason = "used, because together with the links fixed to them they make sound bodies"
-    return [f"links with an inertia that no body can have: {', '.join(faults)}; {reason}"]
-
-
-def _fault(inertia: Array) -> str | None:
-    moments = np.linalg.eigvalsh(inertia)
-    listed = ", ".join(f"{moment:.4g}" for moment in moments)
-    if moments[0] < -max(DEFINITE_SLACK * abs(moments[2]), NEGLIGIBLE):
-        return f"is not positive definite: principal moments {listed} kg m^2"
-    if moments[2] > moments[0] + moments[1] + max(TRIANGLE_SLACK * moments[2], NEGLIGIBLE):
-        return f"breaks the triangle inequality: principal moments {listed} kg m^2"
-    return None

@@ -22,10 +22,12 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, install_advice
-from floatplan.files import is_file, parsed_xml
+from floatplan.files import LARGEST_URDF, is_file, parsed_xml, read_regular
 from floatplan.robot.urdf.packages import ADDRESS, description_path, robot_content
 from floatplan.tables import RobotKind
 
+XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}", "{http://ros.org/wiki/xacro}")
+OF_SRDF = ("group", "group_state", "end_effector", "virtual_joint", "disable_collisions", "rotor_params")
 ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
@@ -222,12 +224,28 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
 
 
 def urdf_text(path: Path, content: bytes, root: Element) -> UrdfText:
-    """Return a URDF file as read, from its content and root element."""
+    """Return a URDF file as read, from its content and root element; InputError where that has no link."""
+    if root.find("link") is None:
+        raise InputError("has no <link>", source=path, advice=_why_no_links(path, root))
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:  # in another encoding: written anew
         text = tostring(root, encoding="unicode")
     return UrdfText(path, text, hashlib.sha256(content).hexdigest(), root)
+
+
+def _why_no_links(path: Path, root: Element) -> str:
+    """What to do about a file without links, by what it is: xacro's, with or without its ending, or an SRDF."""
+    if path.suffix.lower() == ".xacro":
+        macros = b":macro" in read_regular(path, LARGEST_URDF, "a xacro file")
+        if macros:
+            return "xacro makes a robot without links of it, as it only defines macros: give the file that calls them"
+        return "xacro makes a robot without links of it: give the file that has them, or includes those that do"
+    if any(element.tag.startswith(XACRO) for element in root.iter()):
+        return "it is a xacro file: let its name end in .xacro"
+    if any(element.tag in OF_SRDF for element in root):
+        return "it is an SRDF, which says more about a robot: give the URDF itself"
+    return "a URDF has one for each part of the robot"
 
 
 def only(place: str, element: Element, tag: str) -> Element | None:
@@ -270,62 +288,6 @@ def _parsed(place: str, text: str, largest: float) -> float:
         reason = "must be a finite number, not" if math.isinf(value) else "is larger than any robot's:"
         raise InputError(f'{reason} "{text.strip()}"', element=place)
     return value
-
-
-def reference_posture(name: str, tree: UrdfTree, text: UrdfText) -> Mapping[str, float]:
-    """Return positions, rad or m, of the joints that the SRDF state, or the keyframe of an MJCF, called ``name`` gives.
-
-    SRDF files are searched in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
-    comes before others. A state counts where the URDF has most of its joints; those it does not have, and those that do
-    not move, are left out. States of one name for several groups of joints add up.
-
-    Raises
-    ------
-    InputError
-        If no such state is found, or a position is not a number.
-    """
-    known = reference_postures(tree, text)
-    if name not in known:
-        write = {
-            "urdf": "put an SRDF file of this robot beside its URDF",
-            "mjcf": "write it as a <key> of a <keyframe>",
-        }
-        advice = f"known are {', '.join(known)}" if known else write[text.kind]
-        raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
-    return known[name]
-
-
-def reference_postures(tree: UrdfTree, text: UrdfText) -> Mapping[str, Mapping[str, float]]:
-    """Return all reference postures by their names, see :func:`reference_posture`."""
-    if text.kind == "mjcf":
-        return text.keyframes
-    urdf = text.path
-    paths = [path for folder in (urdf.parent, urdf.parent.parent / "srdf") for path in sorted(folder.glob("*.srdf"))]
-    known: dict[str, dict[str, float]] = {}
-    for path in sorted(paths, key=lambda path: path.stem != urdf.stem):
-        of_file: dict[str, dict[str, float]] = {}
-        for name, positions in _states(path, tree):
-            of_file.setdefault(name, {}).update(positions)
-        known |= {name: positions for name, positions in of_file.items() if name not in known}
-    return known
-
-
-def _states(path: Path, tree: UrdfTree) -> Iterator[tuple[str, dict[str, float]]]:
-    """Names and positions of the states in one SRDF file, less those of other robots."""
-    _, root = read_xml(path)
-    if root.tag != "robot":
-        raise InputError(f"is not an SRDF: its root element is <{root.tag}>, not <robot>", source=path)
-    for state in root.iterfind("group_state"):
-        name = state.get("name", "")
-        joints = {joint.get("name", ""): joint for joint in state.iterfind("joint")}
-        moving = {
-            joint: element
-            for joint, element in joints.items()
-            if joint in tree.joint and tree.joint[joint].moves and len(element.get("value", "").split()) <= 1
-        }
-        if 2 * sum(joint in tree.joint for joint in joints) > len(joints):
-            place = f'{path.name}: state "{name}": joint'
-            yield name, {joint: number(f'{place} "{joint}"', each, "value", None) for joint, each in moving.items()}
 
 
 def is_address(source: object) -> bool:

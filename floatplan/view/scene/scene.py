@@ -10,6 +10,7 @@ import contextlib
 import html
 import io
 import math
+import re
 import threading
 from collections.abc import Iterable, Iterator
 from functools import cached_property
@@ -137,11 +138,15 @@ def _add_space(server: Any, plan: Plan) -> Any:
     return server.scene.add_arrows("/momentum", ends_of_arrow, rgb_bytes(INK), visible=bool(h.any()), **look)
 
 
-def headed(page: str, title: str, style: str) -> str:
-    """Return viser's page with a title, a style, and names for screen readers, which it gives to few elements."""
+def headed(page: str, title: str, style: str, script: str = "") -> str:
+    """Return viser's page with a title, a style, a script, and names for screen readers, which few elements have.
+
+    They take the place of its own title; of a page without one they are at its head.
+    """
     names = files("floatplan.view.scene").joinpath("names.js").read_text("utf-8")
-    head = f"<title>{html.escape(title)}</title>\n<style>{style}</style><script>{names}</script>"
-    return page.replace("<title>Viser</title>", head, 1)
+    head = f"<title>{html.escape(title)}</title>\n<style>{style}</style><script>{names}{script}</script>"
+    page, replaced = re.subn("<title>[^<]*</title>", lambda _: head, page, count=1)
+    return page if replaced else re.sub("<head[^>]*>", lambda tag: tag[0] + head, page, count=1)
 
 
 @contextlib.contextmanager
