@@ -131,7 +131,11 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
 def _worst(found: Iterable[Value]) -> dict[str, float]:
     figures: dict[str, float] = {}
     for name, value in found:
-        figures[name] = (min if FIGURES[name].least else max)(figures.get(name, float(value)), float(value))
+        least = FIGURES[name].least
+        number = float(value)
+        if np.isnan(number):  # what could not be measured does not hold
+            number = -np.inf if least else np.inf
+        figures[name] = (min if least else max)(figures.get(name, number), number)
     return figures
 
 
