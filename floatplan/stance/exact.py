@@ -51,7 +51,8 @@ def may_fail() -> Iterator[None]:
             yield
     except np.linalg.LinAlgError:
         raise NoExactStanceError(
-            "a leg is straight where it stands with another, so that its joints cannot follow"
+            "a leg is straight where it stands with another, so that its joints cannot follow; jump.takeoff.from can"
+            " bend its knee"
         ) from None
 
 
