@@ -21,8 +21,9 @@ from floatplan.arrays import Array
 from floatplan.motion.planar.flight import momentum_set
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
+from floatplan.robot.standing import corners, heights_over_com, undersides
 from floatplan.stance.check import judged, stance_figures
-from floatplan.stance.contacts import Contact, contact_at, corners, heights_over_com, undersides
+from floatplan.stance.contacts import Contact, contact_at
 from floatplan.stance.exact import OnePoint, StanceDynamics
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi

@@ -41,6 +41,17 @@ def _chosen_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
     return robot_as_asked(source, said, PLACE, "--")
 
 
+def posture(option: str, text: str | None, degrees: bool) -> dict[str, float] | None:
+    """Return positions of joints, rad, as typed, ``joint=angle,..``; InputError where one is wrong."""
+    if text is None:
+        return None
+    positions = {joint: _number(f"{option} {joint}", value) for joint, value in _pairs(option, text, "JOINT=ANGLE")}
+    unknown = next((joint for joint, position in positions.items() if not math.isfinite(position)), None)
+    if unknown is not None:
+        raise _wrong(option, f"{unknown} = {positions[unknown]} is not a finite angle", "give one in its range")
+    return {joint: math.radians(position) for joint, position in positions.items()} if degrees else positions
+
+
 def contacts(option: str, text: str | None) -> list[tuple[str, ...]] | None:
     """Return phases of contact as typed, ``a,b;a``; InputError where one of them names nothing."""
     if text is None:

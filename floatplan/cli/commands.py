@@ -8,7 +8,7 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -105,8 +105,8 @@ def plan(
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
-    with progress("stances", quiet):
-        stances, of_stances = launches(answer, seed) if launch and answer.ok else ([], {})
+    with progress("stances", quiet, tell=True) as bar:
+        stances, of_stances = launches(answer, seed, progress=bar.say) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
         files = write_results(answer, directory, rate, tell=common.tell(quiet))
         if is_robot(source):
@@ -208,8 +208,9 @@ def launch(
     request = plan.problem.jump or fp.JumpRequest()
     if friction is not None:
         request = replace(request, friction=friction)
-    with progress("launch"), naming(plan_file):
-        found = fp.launch(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
+    end: Literal["takeoff", "landing"] = "landing" if landing else "takeoff"
+    with progress(f"{end} stance", tell=True) as bar, naming(plan_file):
+        found = fp.launch(plan, request, end=end, seed=seed, starts=starts, progress=bar.say)
     facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
     common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
 

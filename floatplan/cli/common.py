@@ -66,7 +66,7 @@ def flag(text: str, *names: str) -> Any:
     return typer.Option(*names, help=text)
 
 
-MODEL = "URDF or MJCF of what reads a reference motion: the file has its joints and bodies, in its order."
+MODEL = "URDF or MJCF of what reads the file: it has its joints, bodies and actuators, in its order."
 RobotSource = Annotated[
     str, argument("ROBOT", "A URDF, xacro or MJCF file, example-robot-data:PATH, or a NAME_description.")
 ]
@@ -295,7 +295,7 @@ def check_model(form: str, model: str | None, robot: fp.Robot, quiet: bool) -> N
     from floatplan.export.formats import names_of_model
 
     names = names_of_model(form, model, robot)
-    if names is not None:
+    if names is not None and model is not None:
         tell(quiet)(f"{model}: {names.order_beside(robot)}")
 
 

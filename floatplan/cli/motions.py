@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -108,7 +109,9 @@ def replay(
         if engine not in (None, "mujoco"):
             raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
         options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
-        _fly_jump(plan, output, json_output, gains=(gain("--kp", kp), gain("--kd", kd)), friction=friction, **options)
+        gains = gain("--kp", kp), gain("--kd", kd)
+        with naming(motion_file):
+            _fly_jump(plan, output, json_output, gains=gains, friction=friction, **options)
     if replan is not None or authority:
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
@@ -141,8 +144,9 @@ def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -
     """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
     from floatplan.simulation.replay import replays
 
-    with progress("flying"):
-        flown = replays(plan, flights, **{name: value for name, value in options.items() if value is not None})
+    given = {name: value for name, value in options.items() if value is not None}
+    with progress("flying", tell=True) as bar:
+        flown = replays(plan, flights, progress=partial(bar.count, "flight"), **given)
     facts, ok = [each.to_dict() for each in flown], all(each.landed or each.disturbed for each in flown)
     told = {"asked": flights, "flights": facts}
     common.finish(told, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
@@ -150,8 +154,8 @@ def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
     """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
-    with progress("flying"):
-        flown, files = fp.replay_jump(jump, **options), list[Path]()
+    with progress("flying", tell=True) as bar:
+        flown, files = fp.replay_jump(jump, progress=bar.count, **options), list[Path]()
     if output is not None:
         from floatplan.view.report.flights import write_jump_pages
 
@@ -259,14 +263,16 @@ def export(
     Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
     """
     from floatplan.cli.asked import gain
-    from floatplan.export.formats import format_of
+    from floatplan.export.formats import format_of, read_notes
 
     known = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
     motion = common.read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
     common.check_model(form, model, motion.problem.robot, quiet)
-    with progress("exporting", quiet):
+    with progress("exporting", quiet), naming(motion_file):
         path = motion.export(form, path, rate, kp=stiffness, kd=damping, model=model)
     if not quiet:
+        for note in read_notes(path) if form == "mujoco" else ():
+            common.tell(quiet)(f"{form}: {note}")
         common.print_path(path)

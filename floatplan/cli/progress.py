@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 DELAY = 1.0  # [s] before a bar appears
+EVERY = 2.0  # [s] words about how much is done
 LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
 
 
@@ -33,6 +35,7 @@ class ProgressBar:
 
     def __init__(self, what: str, told: bool, bar: Progress | None) -> None:
         self._what, self._told, self._bar = what, told, bar
+        self._counted = time.monotonic()
 
     def say(self, words: str) -> None:
         """Say in a few words how the work goes."""
@@ -43,6 +46,13 @@ class ProgressBar:
     def reach(self, done: int, total: int) -> None:
         """Say how much of the work is done."""
         self._update(completed=done, total=total or None)
+
+    def count(self, thing: str, done: int, total: int) -> None:
+        """Say how much is done of what is counted, "flight 3 of 20", now and then where that is a line of its own."""
+        self.reach(done, total)
+        if done == total or time.monotonic() - self._counted >= EVERY:
+            self._counted = time.monotonic()
+            self.say(f"{thing} {done} of {total}")
 
     def _update(self, **looks: Any) -> None:
         if self._bar is not None:

@@ -14,7 +14,7 @@ import typer
 import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.common import MODEL, flag, option
-from floatplan.cli.progress import ProgressBar, progress
+from floatplan.cli.progress import EVERY, ProgressBar, progress
 from floatplan.errors import InputError, escaped, import_optional
 from floatplan.files import runs_folder
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from floatplan.studies.driver import Progress
 
 PORT = 8080  # of the studio
-EVERY = 2.0  # [s] words about the progress
 SHARD = "Plan the K-th of N shares of the rows alone, into a folder of its own: see study merge."
 EXPORT = "Write the motion of each row too, in a format of floatplan export, with an index. Jumps are planned again."
 

@@ -106,11 +106,11 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
     titles = ("joint", "range, rad", "rad/s", "N m", *([] if plane is None else ["momentum by rate, kg m^2"]))
     open_limits = any(cell in (NONE, short(None)) for row in joints for cell in row)
-    said = [Text(f'{short(None)} or "{NONE}": the robot\'s file has no limit there, or 0, which counts as none')]
+    note = [Text(f'{short(None)} or "{NONE}": the robot\'s file has no limit there, or 0, which counts as none')]
     return Group(
         table,
         _table(titles, joints),
-        *(said if open_limits else []),
+        *(note if open_limits else []),
         *follows,
         _named(rest),
         *map(Text, facts["wheels"]),
@@ -123,8 +123,8 @@ def _rotors(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     if facts["rotor_file"] is None:
         return []
     of_joints = ", ".join(f"{joint} = {inertia:.4g}" for joint, inertia in facts["armature"].items())
-    said = f"{of_joints or 'none of joints that are planned'}; rotor_params of {Path(facts['rotor_file']).name}"
-    return [("armature, kg m^2", f"{said}, unless armature is given")]
+    source = f"{of_joints or 'none of joints that are planned'}; rotor_params of {Path(facts['rotor_file']).name}"
+    return [("armature, kg m^2", f"{source}, unless armature is given")]
 
 
 def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, str]]:

@@ -1,17 +1,20 @@
 """File formats of controllers, robots and simulators; SI units and radians in all of them."""
 
 import json
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.export import reference, table
-from floatplan.export.model_names import ModelNames, matched, own_names
+from floatplan.export.actuators import controls
+from floatplan.export.model_names import MjcfModel, ModelNames, matched, own_mjcf, own_names
 from floatplan.export.motion import Exportable, Exported, exported
 from floatplan.export.ros_bag import mcap_content
 from floatplan.export.table import archive
@@ -22,6 +25,7 @@ from floatplan.simulation.forward import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
 
+OF_OWN_MJCF = ("mujoco", "loco-mujoco")  # formats with the coordinates of an MJCF
 UNITREE_LEGS = ("FR", "FL", "RR", "RL")  # in the order of Unitree's SDK, in which each has hip, thigh and calf
 UNITREE_JOINTS = [f"{leg}_{part}_joint" for leg in UNITREE_LEGS for part in ("hip", "thigh", "calf")]
 
@@ -83,6 +87,10 @@ def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNa
     known = format_of(form)
     if model is not None and not known.of_model:
         raise _no_room("the order of a model", form, [name for name, each in FORMATS.items() if each.of_model])
+    if model is None and form in OF_OWN_MJCF and robot.kind == "mjcf":
+        own = own_mjcf(robot)
+        if form == "mujoco" or own.floats_by_joints:
+            return own
     return None if model is None else matched(own_names(robot), model, with_bodies="bodies" in known.of_model)
 
 
@@ -154,24 +162,95 @@ def ros_content(motion: Exported, rate: float) -> str:
 
 
 def mujoco_content(motion: Exported, rate: float) -> bytes:
-    """Return NumPy's archive for MuJoCo: a free joint at the root link, then one hinge (or slide) per joint.
+    """Return NumPy's archive for MuJoCo, which a model of the robot reads as it is: ``data.qpos[:] = qpos[k]``.
 
-    ``time`` (N,), ``qpos`` (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world,
-    angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J); and what
-    :func:`_controlled` adds. The order of a model's joints may be another: go by the names.
+    ``time`` (N,); ``joint_names`` (J,); ``torque`` (N, J): the motors' own torques; ``gravity`` (3,); and what
+    :func:`_controlled` adds. Of an MJCF, ``qpos`` (N, nq), ``qvel`` (N, nv) and ``ctrl`` (N, nu) are that file's, as of
+    :func:`_in_model`. Otherwise there is a free joint at the root link, then one hinge (or slide) per joint: ``qpos``
+    (N, 7 + J) is place, quaternion w x y z, joints; ``qvel`` (N, 6 + J) velocity in the world, angular velocity in the
+    body, joints; ``ctrl`` (N, J) is ``torque``, as of actuators of gear 1.
     """
     times = table.sample_times(motion.duration, rate)
     whole = motion.at(times)
-    quaternion = np.roll(whole.base_quaternion, 1, axis=1)
+    names = motion.joints if motion.model is None else motion.model.joints
+    order = [motion.joints.index(name) for name in names]
+    of_joints = {
+        "positions": whole.positions[:, order],
+        "velocities": whole.velocities[:, order],
+        "torques": whole.motor_torques[:, order],
+    }
+    place, turn = whole.base_position, Rotation.from_quat(whole.base_quaternion)
+    velocity, spin = whole.base_velocity, whole.base_twist[:, 3:]
+    if motion.model is None or motion.model.mjcf is None:
+        quaternion = np.roll(whole.base_quaternion, 1, axis=1)
+        in_model = {
+            "qpos": np.concatenate((place, quaternion, of_joints["positions"]), axis=1),
+            "qvel": np.concatenate((velocity, spin, of_joints["velocities"]), axis=1),
+            "ctrl": of_joints["torques"],
+        }
+    else:
+        in_model = _in_model(motion.model.mjcf, times, (place, turn, velocity, spin), of_joints)
     arrays = {
         "time": times,
-        "qpos": np.concatenate((whole.base_position, quaternion, whole.positions), axis=1),
-        "qvel": np.concatenate((whole.base_velocity, whole.base_twist[:, 3:], whole.velocities), axis=1),
-        "ctrl": whole.motor_torques,
-        "joint_names": np.array(motion.joints),
+        **in_model,
+        "torque": of_joints["torques"],
+        "joint_names": np.array(names),
         "gravity": motion.gravity,
     }
-    return archive(arrays | _controlled(motion, times))
+    controlled = _controlled(motion, times)
+    controlled |= {name: controlled[name][order] for name in ("kp", "kd") if name in controlled}
+    return archive(arrays | controlled)
+
+
+def _in_model(
+    mjcf: MjcfModel, times: Array, base: tuple[Array, Rotation, Array, Array], of_joints: dict[str, Array]
+) -> dict[str, Array]:
+    """Return ``qpos``, ``qvel`` and ``ctrl`` as an MJCF has them, ``actuator_names``, and ``notes``.
+
+    The base is where the file's own joints have it: a free joint, or joints that slide and turn. Other bodies of the
+    file are where it draws them. ``ctrl`` is what its actuators take to give the torques of the motion: a motor the
+    torque over its gear, a servo the target that makes it give that torque; where the file has no actuators, the
+    torque of each joint. ``notes`` say what the actuators cannot do.
+    """
+    model, joints = mjcf.compiled, mjcf.joints
+    base_qpos, base_qvel = mjcf.base.coordinates(*base)
+    qpos = np.tile(model.qpos0, (len(times), 1))
+    qvel = np.zeros((len(times), len(model.dof_bodyid)))
+    notes: list[str] = []
+    if mjcf.base.numbers:
+        first = mjcf.base.numbers[0]
+        start, degree = int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
+        qpos[:, start : start + base_qpos.shape[1]] = base_qpos
+        qvel[:, degree : degree + base_qvel.shape[1]] = base_qvel
+    numbers = list(joints.values())
+    qpos[:, model.jnt_qposadr[numbers]] = of_joints["positions"]
+    qvel[:, model.jnt_dofadr[numbers]] = of_joints["velocities"]
+    if not mjcf.base.numbers:
+        notes.append("the file holds its base to the world; with <freejoint/> in it, it takes this qpos and qvel")
+        qpos, qvel = np.concatenate((base_qpos, qpos), axis=1), np.concatenate((base_qvel, qvel), axis=1)
+    ctrl = of_joints["torques"]
+    if model.names["actuator"]:
+        found = controls(model, joints, times, of_joints)
+        ctrl = found.ctrl
+        notes += found.notes
+    else:
+        notes.append("the file has no actuators; ctrl is the torque of each joint, N m")
+    return {
+        "qpos": qpos,
+        "qvel": qvel,
+        "ctrl": ctrl,
+        "actuator_names": np.array(model.names["actuator"], dtype=str),
+        "notes": np.array(notes, dtype=str),
+    }
+
+
+def read_notes(path: Path) -> list[str]:
+    """Return what an exported file says of the model that is to read it; nothing where it has no room for that."""
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            return [str(note) for note in content["notes"]]
+    except (KeyError, ValueError, OSError, zipfile.BadZipFile):
+        return []
 
 
 def unitree_content(motion: Exported, rate: float) -> str:
@@ -232,7 +311,7 @@ FORMATS: dict[str, Format] = {
         pinocchio_content, "trajectory.npz", "NumPy: plan.at(); of a jump as pinocchio", of_plans=npz_content
     ),
     "pinocchio": Format(pinocchio_content, "pinocchio.npz", "NumPy: q, v, a, tau of its free-flyer model"),
-    "mujoco": Format(mujoco_content, "mujoco.npz", "NumPy: qpos, qvel, ctrl with a free joint"),
+    "mujoco": Format(mujoco_content, "mujoco.npz", "NumPy: qpos, qvel, ctrl of its MJCF", of_model=JOINTS),
     "ros": Format(ros_content, "joint_trajectory.yaml", "trajectory_msgs/JointTrajectory as YAML", 100.0, gains=False),
     "mcap": Format(mcap_content, "flight.mcap", 'a ROS 2 bag, also for Foxglove (extra "mcap")', 100.0),
     "unitree": Format(unitree_content, "unitree.csv", "CSV as Unitree's motion data", 50.0, gains=False),

@@ -1,5 +1,6 @@
 """Names and order of joints and bodies: of a robot's own file, and of the model of a program that reads a motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring
@@ -7,24 +8,43 @@ from xml.etree.ElementTree import Element, fromstring
 import numpy as np
 
 from floatplan.errors import InputError, naming
-from floatplan.robot.mjcf.compiled import compiled_mjcf
-from floatplan.robot.mjcf.text import whole_mjcf
+from floatplan.export.base_joints import BaseJoints
+from floatplan.robot.mjcf.compiled import CompiledMjcf
+from floatplan.robot.mjcf.tree import joint_names
+from floatplan.robot.mjcf.urdf import compiled_file
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import free_base
 from floatplan.robot.urdf.check import read_tree
 from floatplan.robot.urdf.tree import MOVING, read_xml
 
 MOST_NAMED = 8  # in a message
-FREE = 7  # numbers of a free joint's configuration
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfModel:
+    """An MJCF that is to read a motion: its numbers of the robot's joints, by name, and the joints of its base."""
+
+    compiled: CompiledMjcf
+    joints: Mapping[str, int]
+    base: BaseJoints
 
 
 @dataclass(frozen=True)
 class ModelNames:
-    """Names of joints of one degree of freedom and of links, in a model's order; ``root`` is that of its free joint."""
+    """Names of joints of one degree of freedom and of links, in a model's order; ``root`` is that of its free joint.
+
+    ``mjcf`` is the model itself where it is an MJCF.
+    """
 
     joints: tuple[str, ...]
     bodies: tuple[str, ...]
     root: str = "root"  # as the models of LocoMuJoCo have it; a URDF names none
+    mjcf: MjcfModel | None = None
+
+    @property
+    def floats_by_joints(self) -> bool:
+        """Whether it is an MJCF whose base floats by other joints than a free one."""
+        return self.mjcf is not None and bool(self.mjcf.base.numbers) and not self.mjcf.base.is_free
 
     def order_beside(self, robot: Robot) -> str:
         """Say whether joints and bodies are in another order here than in a robot's own file."""
@@ -39,6 +59,12 @@ class ModelNames:
 def own_names(robot: Robot) -> ModelNames:
     """Return the joints that move and the links of a robot's file, in its order."""
     return _in_urdf(fromstring(robot.xml))
+
+
+def own_mjcf(robot: Robot) -> ModelNames:
+    """Return the names in the MJCF that a robot was read from; errors as of :func:`matched`."""
+    with naming(robot.path):
+        return _in_mjcf(compiled_file(robot.path, robot.balance_inertias))
 
 
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
@@ -57,7 +83,8 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
     _, root = read_xml(Path(path))
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
-    names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(root, Path(path))
+    with naming(path):
+        names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(compiled_file(Path(path)))
     if root.tag == "robot" and set(names.joints) - set(own.joints):
         with naming(path):
             base = {joint.name for joint in free_base(read_tree(root))} - set(own.joints)
@@ -83,12 +110,19 @@ def _in_urdf(root: Element) -> ModelNames:
     return ModelNames(tuple(joints), tuple(links))
 
 
-def _in_mjcf(root: Element, path: Path) -> ModelNames:
-    with naming(path):
-        model = compiled_mjcf(whole_mjcf(root, path))
-    base = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=1).argmax()  # it carries most joints
-    bodies = (model.body(body).name for body in np.flatnonzero(model.body_rootid == base))
-    joints = [model.joint(joint) for joint in np.flatnonzero(model.body_rootid[model.jnt_bodyid] == base)]
-    free = [joint.name for joint in joints if len(joint.qpos0) == FREE]
-    moving = (joint.name for joint in joints if joint.bodyid[0] != base)
-    return ModelNames(tuple(moving), tuple(name for name in bodies if name), free[0] if free else "")
+def _in_mjcf(model: CompiledMjcf) -> ModelNames:
+    roots = model.body_rootid[model.jnt_bodyid]  # of each joint
+    base = np.bincount(roots, minlength=1).argmax()  # it carries most joints
+    bodies = [model.names["body"][body] for body in np.flatnonzero(model.body_rootid == base)]
+    of_base = roots == base
+    moving = np.flatnonzero(of_base & (model.jnt_bodyid != base))
+    free = np.flatnonzero(of_base & (model.jnt_type == model.constants["mjJNT_FREE"]))
+    names = joint_names(model)
+    joints = {names[joint]: joint for joint in moving.tolist()}
+    carrying = np.flatnonzero(of_base & (model.jnt_bodyid == base)).tolist()
+    return ModelNames(
+        joints=tuple(joints),
+        bodies=tuple(name for name in bodies if name),
+        root=model.names["joint"][free[0]] if len(free) else "",
+        mjcf=MjcfModel(model, joints, BaseJoints(model, carrying, int(base))),
+    )

@@ -54,27 +54,36 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
 
     ``joint_names``, ``jnt_type`` (1 + J,): the free joint, then the others; ``njnt``, ``frequency``; ``qpos``
     (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world, angular velocity in the
-    body, joints; ``split_points``: where the trajectory begins and ends.
+    body, joints; ``split_points``: where the trajectory begins and ends. Where the base of the model that is to read it
+    floats by joints that slide and turn, these are there in place of the free joint, with their own coordinates.
 
     Raises
     ------
     InputError
-        The model that is to read it does not float by one joint with a name.
+        The model that is to read it does not float by joints with names, or not by such as reach the motion.
     """
     names, tree = motion.names, motion.robot.file_tree
-    if not names.root:
+    by_joints = names.mjcf.base if names.mjcf is not None and names.floats_by_joints else None
+    of_base = [names.root] if by_joints is None else by_joints.names
+    if not all(of_base):
         reason, advice = "has no free joint with a name, by which LocoMuJoCo finds it", 'add <freejoint name="root"/>'
         raise InputError(reason, element="model", advice=advice)
     frames = _frames(motion, rate)
     place, turn = frames["body_positions"][:, 0], frames["body_rotations"][:, 0]
-    spin = Rotation.from_quat(turn, scalar_first=True).apply(frames["body_angular_velocities"][:, 0], inverse=True)
+    rotation = Rotation.from_quat(turn, scalar_first=True)
+    spin = rotation.apply(frames["body_angular_velocities"][:, 0], inverse=True)
+    velocity, types = frames["body_linear_velocities"][:, 0], [FREE]
+    base_qpos, base_qvel = np.concatenate((place, turn), axis=1), np.concatenate((velocity, spin), axis=1)
+    if by_joints is not None:
+        base_qpos, base_qvel = by_joints.coordinates(place, rotation, velocity, spin)
+        types = by_joints.model.jnt_type[by_joints.numbers].tolist()
     arrays = {
-        "joint_names": np.array([names.root, *names.joints]),
-        "jnt_type": np.array([FREE, *(HINGE if tree.joint[name].turns else SLIDE for name in names.joints)]),
-        "njnt": np.int64(1 + len(names.joints)),
+        "joint_names": np.array([*of_base, *names.joints]),
+        "jnt_type": np.array([*types, *(HINGE if tree.joint[name].turns else SLIDE for name in names.joints)]),
+        "njnt": np.int64(len(of_base) + len(names.joints)),
         "frequency": np.float64(rate),
-        "qpos": np.concatenate((place, turn, frames["dof_positions"]), axis=1),
-        "qvel": np.concatenate((frames["body_linear_velocities"][:, 0], spin, frames["dof_velocities"]), axis=1),
+        "qpos": np.concatenate((base_qpos, frames["dof_positions"]), axis=1),
+        "qvel": np.concatenate((base_qvel, frames["dof_velocities"]), axis=1),
         "split_points": np.array([0, len(place)]),
     }
     return archive(arrays)

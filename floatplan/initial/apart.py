@@ -17,13 +17,15 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.link_pairs import link_pairs
 from floatplan.robot.robot import Robot
 
+MOST_PAIRS = 2  # [-] that are not neighbours: a search that keeps many apart takes minutes
 STEP = math.radians(1)  # of a joint, at which links are looked at; ranges end at whole degrees
 
 
 def kept_apart(problem: Problem, positions: Callable[[Array], Array], duration: float) -> Problem | None:
     """Return a problem that keeps apart the links which a motion brings into one another.
 
-    None where the motion does not, or where nothing is left to ask.
+    None where the motion does not, or where nothing is left to ask: more than ``MOST_PAIRS`` pairs that are not
+    neighbours, left and right as one, are arms beside legs, which no distance in the plane keeps apart.
 
     Parameters
     ----------
@@ -33,20 +35,25 @@ def kept_apart(problem: Problem, positions: Callable[[Array], Array], duration: 
     """
     robot = problem.robot
     kept = [frozenset(pair.links) for pair in problem.self_clearances]
-    ranges, pairs = dict[str, tuple[float, float]](), list(problem.self_clearances)
+    ranges, apart = dict[str, tuple[float, float]](), dict[frozenset[bytes], SelfClearance]()
     for overlap in overlaps(robot, positions, duration, kept):
         if overlap.joint is None:
-            pairs.append(SelfClearance(overlap.links, link_pairs(robot).thickness))
+            alike = frozenset(robot.tree.turns[robot.layout.body_of[link]].tobytes() for link in overlap.links)
+            apart.setdefault(alike, SelfClearance(overlap.links, link_pairs(robot).thickness))
             continue
         index = _planned_index(robot, overlap.joint)
         narrow = open_range(problem, index)
         if narrow != tuple(problem.position_limits[index].tolist()):
             ranges[robot.joints[index]] = narrow
-    if not ranges and len(pairs) == len(kept):
+    if len(apart) > MOST_PAIRS or not (ranges or apart):
         return None
     known = problem.limits.position
     position = {**(known if isinstance(known, Mapping) else {}), **ranges} or known
-    return replace(problem, limits=replace(problem.limits, position=position), self_clearances=tuple(pairs))
+    return replace(
+        problem,
+        limits=replace(problem.limits, position=position),
+        self_clearances=(*problem.self_clearances, *apart.values()),
+    )
 
 
 def open_range(problem: Problem, index: int) -> tuple[float, float]:

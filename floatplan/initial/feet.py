@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.initial.legs import Leg
 from floatplan.motion.flight import frame_from_com
 from floatplan.problem.parts import JointState
 from floatplan.problem.resolution import lowest_point
 from floatplan.robot.robot import Robot
+from floatplan.robot.standing import corners, heights_over_com, undersides
 from floatplan.robot.wheels import wheels
-from floatplan.stance.contacts import corners, heights_over_com, undersides
 
 FOOT_WORDS = ("sole", "foot(?!print)", "toe", "ankle")  # the first that a link's name holds goes before others
 NOT_FEET = re.compile("imu|sensor|wheel|caster|torso|virtual", re.IGNORECASE)
@@ -47,15 +48,31 @@ def feet(robot: Robot, asked: str | None = None) -> tuple[str, ...]:
     return tuple(sorted(distinct.values(), key=lambda frame: round(place(robot, frame).real, 3)))
 
 
+def wheel_feet(robot: Robot) -> tuple[str, ...]:
+    """Return the wheels, held by their joints, on which legs that step stand, one for each; the rearmost first."""
+    tree, bottom = robot.tree, _bottoms(robot)
+    carrying = {*tree.parent[1:].tolist()}
+    distinct: dict[tuple[float, ...], str] = {}
+    for name, link in sorted(wheels(robot).items(), key=lambda wheel: bottom.get(wheel[1], np.inf)):
+        body = robot.layout.body_of[link]
+        held = name in robot.locked and body not in carrying
+        if held and link in robot.link_hulls and Leg(robot, link, robot.resting).steps:
+            distinct.setdefault(tuple(tree.turns[body].tolist()), link)
+    return tuple(sorted(distinct.values(), key=lambda frame: round(place(robot, frame).real, 3)))
+
+
 def upright(robot: Robot, foot: str) -> float:
     """Orientation, rad, in which the robot stands on a foot: turned only where the foot is on the base itself."""
     on_base = robot.frames[foot].body == 0
     return float(robot.tree.turn * (np.pi / 2 - np.angle(-place(robot, foot)))) if on_base else 0.0
 
 
-def standing_height(robot: Robot, foot: str) -> float:
-    """Height of the centre of mass over the ground on which the robot stands on a foot, m, in its resting posture."""
-    standing = replace(_resting(robot), orientation=upright(robot, foot))
+def standing_height(robot: Robot, foot: str, positions: Array | None = None) -> float:
+    """Height of the centre of mass over the ground on which the robot stands on a foot, m.
+
+    It is in the resting posture, or in that of planned positions (n,), rad.
+    """
+    standing = replace(_state(robot, positions), orientation=upright(robot, foot))
     return max(-lowest_point(robot, foot, standing), SMALLEST)
 
 
@@ -85,7 +102,7 @@ def _bottoms(robot: Robot) -> dict[str, float]:
 
 def _lowest(robot: Robot, body: int, bottom: Mapping[str, float]) -> str:
     """The link of a body that reaches lowest; of those that stand on one shape, that whose frame is lowest."""
-    links = links_of(robot, body)
+    links = [link for link in links_of(robot, body) if robot.contact_link(link) in (None, *robot.touching_links)]
     reach = min(bottom[link] for link in links) + ROUNDING
     return min((link for link in links if bottom[link] <= reach), key=lambda link: place(robot, link).imag)
 
@@ -99,8 +116,8 @@ def _over(robot: Robot, frames: Iterable[str], room: float) -> bool:
 
 def _reaching_down(robot: Robot, body: int, frame: str, bottom: Mapping[str, float]) -> str:
     """The link itself, or that of its body which reaches lower, where shapes around meshes do."""
-    links = [frame, *(link for link in links_of(robot, body) if robot.link_hulls.get(link))]
-    lowest = min(links, key=lambda link: bottom[link])
+    shaped = [link for link in links_of(robot, body) if link in robot.touching_links]
+    lowest = min((frame, *shaped), key=lambda link: bottom[link])
     return lowest if bottom[lowest] < bottom[frame] - ROUNDING else frame
 
 
@@ -108,10 +125,12 @@ def _posture(robot: Robot) -> Array:
     return np.append(0.0, robot.resting)
 
 
-def _resting(robot: Robot) -> JointState:
-    return JointState(0.0, robot.resting, *np.zeros((2, len(robot.joints))))
+def _state(robot: Robot, positions: Array | None) -> JointState:
+    """The base level and all at rest, in the resting posture or in another one."""
+    at = robot.resting if positions is None else positions
+    return JointState(0.0, at, *np.zeros((2, len(robot.joints))))
 
 
-def place(robot: Robot, frame: str) -> complex:
-    """Return a frame's place relative to the centre of mass in the resting posture, m."""
-    return frame_from_com(robot, robot.frames[frame], _resting(robot))
+def place(robot: Robot, frame: str, positions: Array | None = None) -> complex:
+    """Return a frame's place relative to the centre of mass, m, in the resting posture or in another one (n,), rad."""
+    return frame_from_com(robot, robot.frames[frame], _state(robot, positions))

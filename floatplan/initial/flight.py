@@ -29,7 +29,7 @@ DIGITS = 6  # [-] of numbers of a jump in the problem file
 PLACES = 6  # [-] of heights there, m: micrometres
 AFLOAT_WORK = 5e7  # [instants of one body] with flights afloat, about 1 s each 6e6
 SMALLEST_TURN = math.radians(3)  # [rad] that is worth a flight
-ROUNDS = 3  # [-] in which links that overlap are kept apart: others may then do
+ROUNDS = 2  # [-] in which links that overlap are kept apart: others may then do
 MOST_LEFT_OUT = 4  # [-] options without which a jump is tried, where none is found
 
 
@@ -45,12 +45,12 @@ def jump_problem(chosen: ChosenRobot, turns: int, asked: Asked) -> Problem:
     """
     robot = chosen.robot
     foot = asked.foot or chosen.feet[0 if turns * robot.plane.turn >= 0 else -1]
-    angle, unit = upright(robot, foot), math.sqrt(standing_height(robot, foot) / GRAVITY)
+    angle, unit = upright(robot, foot), math.sqrt(standing_height(robot, foot, chosen.posture) / GRAVITY)
     usual = LONG * unit if turns else SHORT * unit
     return Problem(
         robot,
-        Posture(angle, robot.resting),
-        Posture(angle + turns * math.tau, robot.resting),
+        Posture(angle, chosen.posture),
+        Posture(angle + turns * math.tau, chosen.posture),
         Flight(asked.duration or usual, angular_momentum="free", takeoff=Takeoff(foot)),
         Motion(objective="torque"),
         limits_of(chosen),
@@ -143,7 +143,7 @@ def asked_flight(
 
     What is ``given`` of the robot is as of :func:`chosen_robot`, in the ``words`` in which it is typed.
     """
-    chosen = chosen_robot(source, given, asked.foot)
+    chosen = chosen_robot(source, given, asked.foot, asked.posture)
     try:
         return chosen, first_flight(chosen, asked, seed=seed, progress=progress)
     except NoFlightError as error:
@@ -153,7 +153,8 @@ def asked_flight(
             left = {key: value for key, value in given.items() if key != name}
             try:
                 less = replace(asked, **({name: getattr(Asked, name)} if name in asked.given else {}))
-                first_flight(chosen_robot(source, left, less.foot), less, seed=seed, progress=progress, afloat=False)
+                other = chosen_robot(source, left, less.foot, less.posture)
+                first_flight(other, less, seed=seed, progress=progress, afloat=False)
             except (InputError, NoFlightError):
                 vain.append(word)
             else:
@@ -193,7 +194,6 @@ def first_flight(
         None of the jumps tried was found with a flight that is proved, and no flight afloat has no warnings.
     """
     asked = asked or Asked()
-    chosen.robot.check_shapes()
     asked.check(chosen)
     say = progress or (lambda _: None)
     reasons = _no_jump(chosen)
@@ -242,6 +242,10 @@ def _first_afloat(chosen: ChosenRobot, asked: Asked, reasons: list[str], say: Ca
 
 def _no_jump(chosen: ChosenRobot) -> list[str]:
     """Why no jump can be looked for."""
+    try:
+        chosen.robot.check_shapes()
+    except InputError as error:
+        return [f"No jump was looked for, since that takes all shapes: {error}."]
     if not chosen.feet:
         return ["No feet were found that it could stand on."]
     try:
@@ -267,7 +271,7 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
         problem, flight = _flight_alone(flight_of_jump(found, found.flight), seed)
     except InputError as error:
         asked.refuse_own(error)
-        return f"{error}."
+        return asked.reason(error, chosen)
     if not _is_proved(flight):
         return f"Its flight is not proved: {flight.explanation}"
     return FirstFlight(problem, flight, (), found)

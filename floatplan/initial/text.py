@@ -40,7 +40,7 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
         ["[motion]", f"degree = {_value(problem.motion.degree)}", f"objective = {_value(problem.motion.objective)}"],
         _limits(flight),
         *(_apart(pair) for pair in problem.self_clearances),
-        *([] if problem.jump is None else _jump(problem.jump)),
+        *([] if problem.jump is None else _jump(problem.jump, chosen)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -74,6 +74,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         f"{robot.kind} = {_value(file_of(robot, path))}",
         f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
+    if chosen.stepping:
+        lines += _comment(f"It is the plane in which the legs step: {', '.join(chosen.stepping)} bend them.")
     choices = chosen.choices
     if "joints" in choices:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
@@ -98,7 +100,8 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         lines += _comment(f"{words}: {', '.join(names)}.") if names else []
     lines += [line for told in explain_wheels(robot) for line in _comment(f"{told[0].upper()}{told[1:]}.")]
     if chosen.feet:
-        lines += _comment(f"Feet: {', '.join(chosen.feet)}.")
+        held = " They are wheels that their joints hold: those are locked, and the wheels roll with the legs."
+        lines += _comment(f"Feet: {', '.join(chosen.feet)}.{held if chosen.on_wheels else ''}")
     return lines
 
 
@@ -145,7 +148,7 @@ def _flight(flight: FirstFlight) -> list[str]:
     ]
 
 
-def _jump(jump: JumpRequest) -> list[list[str]]:
+def _jump(jump: JumpRequest, chosen: ChosenRobot) -> list[list[str]]:
     margin = ", ".join(f"{name} = {share:g}" for name, share in jump.margin.items())
     shares = "  # shares of the limits that stances may use"
     return [
@@ -154,10 +157,25 @@ def _jump(jump: JumpRequest) -> list[list[str]]:
             f"friction = {jump.friction:g}",
             f"margin = {{ {margin} }}{shares}",
             *([f"fixed = {_value(list(jump.fixed))}"] if jump.fixed else []),
+            *([f"feet = {_value(jump.feet)}"] if jump.feet != "auto" else []),
         ],
-        ["[jump.takeoff]", f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs"],
+        [
+            "[jump.takeoff]",
+            f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs",
+            *_standing(jump, chosen),
+        ],
         ["[jump.landing]", f"contacts = {_value(jump.landing.contacts)}"],
     ]
+
+
+def _standing(jump: JumpRequest, chosen: ChosenRobot) -> list[str]:
+    """The posture from which it jumps, where that is not the reference posture."""
+    if not isinstance(jump.takeoff.from_, Mapping):
+        return []
+    fault = chosen.stance.sought if chosen.stance else ""
+    why = f"It does not stand in its reference posture: {fault}. It stands as follows:" if fault else ""
+    angles = {joint: _degrees(position) for joint, position in jump.takeoff.from_.items()}
+    return [*_comment(why), f"from = {_value(angles)}"]
 
 
 def _limits(flight: FirstFlight) -> list[str]:

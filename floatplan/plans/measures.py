@@ -19,20 +19,31 @@ from floatplan.plans.overlaps import Overlap, overlaps
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
+from floatplan.robot.planar.choice import MOST_LEANING, against_gravity
 from floatplan.robot.robot import Robot
 from floatplan.robot.wheels import wheels
 from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_REST, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal[
-    "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak", "overlap"
+    "gravity",
+    "ground",
+    "position",
+    "velocity",
+    "torque",
+    "holding_torque",
+    "takeoff",
+    "landing",
+    "turns",
+    "leak",
+    "overlap",
 ]
 
 ROUNDING = 1e-9  # [rad] of joint ranges
 OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
-# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m, 9 kg,
-# 0.6 m), people's knees and hips as much; the flips among the examples without limits take up to 0.6
+# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
+# 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
 MOST_TORQUE = 2.0
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
 
@@ -43,7 +54,8 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
+    kind : str
+        "gravity", "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns", "leak"
         or "overlap"
     subject : link, both links, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
@@ -170,6 +182,7 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
     """Return what the plan does to the ground and to limits, wherever that is more than they allow."""
     problem = plan.problem
     return (
+        *_gravity(plan),
         *_ground(plan),
         *overlap_warnings(problem, lambda times: plan.joint_motion(times)[0], plan.duration),
         *_contacts(plan, contacts),
@@ -179,6 +192,18 @@ def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple
         *_turns(problem),
         *_leak(plan),
     )
+
+
+def _gravity(plan: PlannedMotion) -> Iterator[PlanWarning]:
+    """Gravity along another axis of the root link than the robot's file has it."""
+    robot = plan.robot
+    contradiction = against_gravity(robot.up, robot.gravity_direction)
+    if robot.gravity_direction is None or contradiction is None or plan.ballistics.gravity == 0:
+        return
+    angle = math.acos(min(1.0, max(-1.0, float(robot.up @ -robot.gravity_direction))))
+    advice = "[robot] plane names another" if robot.in_plane else "turn its root link, as z is up in space"
+    message = f"{contradiction[0].upper()}{contradiction[1:]}; {advice}."
+    yield PlanWarning("gravity", robot.joint_tree.root, angle, math.acos(MOST_LEANING), "rad", None, message)
 
 
 def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
@@ -326,9 +351,9 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
     for row in sorted(unlimited["torque"], key=lambda row: row.torque_peak)[-1:]:
         if row.torque_peak > most:
             message = (
-                f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no limit:"
-                f" {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any motor of"
-                " its size has; a longer flight, or less of a turn, needs less, and limits.torque keeps it."
+                f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no"
+                f" limit: {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any"
+                " motor of its size has; a longer flight, or less of a turn, needs less, and limits.torque keeps it."
             )
             yield PlanWarning("torque", row.joint, row.torque_peak, most, "N m", row.torque_instant, message)
     turning = [row for row in unlimited["velocity"] if row.joint not in wheels(robot)]

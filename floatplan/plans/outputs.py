@@ -81,8 +81,9 @@ class Outputs:
         kp, kd : float or mapping, optional
             Gains of the joints, N m/rad and N m s/rad, of all or by name, in files that have room for them.
         model : path, optional
-            URDF or MJCF of what reads a reference motion ("isaac-amp", "motion-csv", "loco-mujoco"): the file has its
-            joints and bodies, in its order.
+            URDF or MJCF of what reads a reference motion ("isaac-amp", "motion-csv", "loco-mujoco"), or flies it
+            ("mujoco"): the file has its joints, bodies and actuators, in its order. Left out, "mujoco" is for the MJCF
+            that the robot was read from.
 
         Raises
         ------

@@ -18,6 +18,7 @@ Durations: TypeAlias = Sequence[Sequence[float]]
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # on each side of the flight
+LARGEST_PITCH_ERROR = 0.5  # [rad] a robot that lands farther off has fallen
 FLIGHT_ALONE = "Planned is the flight alone, not the jump around it."
 
 
@@ -121,14 +122,18 @@ class JumpRequest(Keyed):
     landing : JumpLanding
         What stands after it.
     feet : str
-        "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
-        these, which the outlines of the feet have to be, roll on the ground without slipping.
+        "auto": feet whose outlines are circles about their frames roll on the ground without slipping, and others turn
+        about their frames' origins, where the ground's forces act; "rolling": all have to be such circles; "points", or
+        "point": none rolls.
     objective : "torque", the integral of squared torques, or "limits"
         What is least; "limits" is the largest share of what the margins leave of any limit on torque, torque-speed
         curve or rate, over the whole jump.
     clearance : float, m
         What does not stand keeps it from the ground, or half of its height where the robot stands if that is less: room
         for a landing that is not as planned. The check asks for none.
+    pitch_error : float, rad
+        By how much the robot may be turned about its feet, either way, where it touches down, and for 60 ms after, with
+        nothing but its feet on the ground; 0.07 rad, 4 degrees, if left out.
 
     Raises
     ------
@@ -143,9 +148,10 @@ class JumpRequest(Keyed):
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
-    feet: Annotated[Literal["point", "rolling"], Key()] = "point"
+    feet: Annotated[Literal["auto", "rolling", "points", "point"], Key()] = "auto"
     objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
+    pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, LARGEST_PITCH_ERROR, "rad"))] = 0.07
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:

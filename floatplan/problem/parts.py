@@ -176,9 +176,9 @@ class Flight(Keyed):
         From takeoff to landing.
     angular_momentum : float, kg m^2/s, "midpoint" or "free"
         About the centre of mass and the plane's normal; "midpoint" is (10), the middle of (9), which motions that do
-        not turn back need. Where it is "free" the search chooses it, in (9) or outside. In space 0, or three floats in the
-        world's axes, or "suggested", with which the joints' plain motion reaches the goal, and which "midpoint" means
-        there; or "free", about that.
+        not turn back need. Where it is "free" the search chooses it, in (9) or outside. In space 0, or three floats in
+        the world's axes, or "suggested", with which the joints' plain motion reaches the goal, and which "midpoint"
+        means there; or "free", about that.
     takeoff : Takeoff, optional
         The frame that leaves the ground last; the base link at the origin where left out.
     landing : Landing, optional

@@ -20,7 +20,15 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, in_radians, with_motors
+from floatplan.robot.planar.choice import (
+    Choice,
+    Coupling,
+    Plane,
+    against_gravity,
+    choose_joints,
+    in_radians,
+    with_motors,
+)
 from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
@@ -125,6 +133,9 @@ class Robot:
     files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
     balance_inertias : whether inertias that no body can have are balanced
     payload : point masses that links carry
+    gravity_direction : (3,) unit vector along gravity, where the file says which way it points
+        In the root link's axes, in the posture that an MJCF draws. None of a URDF, which does not say it, and of an
+        MJCF without gravity.
     rotor_file : the SRDF file whose ``<rotor_params>`` the rotors' inertias are from, None where none are
     """
 
@@ -159,6 +170,7 @@ class Robot:
     balance_inertias: bool = False
     payload: tuple[Payload, ...] = ()
     rotor_file: Path | None = None
+    gravity_direction: Array | None = None
 
     @classmethod
     def from_urdf(cls, source: str | Path, **choices: Unpack[Choices]) -> Robot:
@@ -256,19 +268,29 @@ class Robot:
                 tree, rotor_file = with_rotors(tree, text.path)
             posture = None if reference is None else reference_posture(reference, tree, text)
             locked = in_radians(tree, choices["locked"] or {}, choices["angles"])
-            choose = partial(choose_joints, tree, base=choices["base"], locked=locked, posture=posture)
+            choose = partial(
+                choose_joints,
+                tree,
+                base=choices["base"],
+                locked=locked,
+                posture=posture,
+                gravity_direction=text.gravity_direction,
+            )
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
                 plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
+            contradiction = against_gravity(robot.up, text.gravity_direction)
             return replace(
                 robot,
                 reference_name=reference,
                 balance_inertias=changes.balance_inertias,
                 payload=changes.payload,
                 rotor_file=rotor_file,
+                gravity_direction=text.gravity_direction,
+                warnings=(*robot.warnings, *filter(None, [contradiction])),
             )
 
     @classmethod
@@ -427,6 +449,18 @@ class Robot:
         carrying = set(self.tree.parent.tolist())
         return [link for link in self.link_hulls if self.layout.body_of[link] not in carrying]
 
+    @cached_property
+    def touching_links(self) -> list[str]:
+        """Links that can touch the ground: those with collision geometry, and those of bodies where none has any.
+
+        Links without geometry are lines to the origins of their children's joints. Such an origin may be anywhere in a
+        foot that is fixed there, and below it: beside geometry on the same body these lines touch nothing.
+        """
+        links = [link for link, hull in self.link_hulls.items() if hull]
+        with_geometry = {link for link in links if self.joint_tree.links[link].collisions}
+        bodies = {self.layout.body_of[link] for link in with_geometry}
+        return [link for link in links if link in with_geometry or self.layout.body_of[link] not in bodies]
+
     def contact_link(self, link: str) -> str | None:
         """Return the link with whose shapes another stands on the ground: itself, else one that it is fixed to.
 
@@ -453,7 +487,8 @@ class Robot:
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
         standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
-        return links.moving_hulls(self.tree, self.link_hulls, standing, exact)
+        hulls = {link: self.link_hulls[link] for link in dict.fromkeys((*self.touching_links, *standing))}
+        return links.moving_hulls(self.tree, hulls, standing, exact)
 
     @cached_property
     @one_thread

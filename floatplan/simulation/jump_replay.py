@@ -4,13 +4,13 @@ import itertools
 import math
 import time as clock
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import SEED, made, number, optional, positive, whole
+from floatplan.arguments import SEED, function, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.pool import one_thread
@@ -32,7 +32,7 @@ FALLEN = 1.0  # [rad] of tilt: more is no worse
 ROTORS = 2.5  # [-] armature that may be there, over the least inertia that a joint turns where the robot stands
 
 
-def search_gains(jump: Jump) -> tuple[Array, int]:
+def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = None) -> tuple[Array, int]:
     """Return gains (2, J) with which robots land that measure late, whatever they weigh, and how many were tried.
 
     Low gains lag behind heavy rotors and let the robot fall, high ones ring with light rotors; what lands every robot
@@ -47,7 +47,7 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
     heaviest = ROTORS * float(joint_inertia(control.robot.model, control.wanted.positions[0]).min())
     late, friction = Perturbation(noise=math.radians(0.1), delay=4e-3), jump.request.friction + TO_SPARE
     bodies, found = np.ones(control.robot.model.njoints), []
-    for multiple in MULTIPLES:
+    for trial, multiple in enumerate(MULTIPLES, start=1):
         control.gains = multiple * first
         ends = []
         for rotors, mass, correct in itertools.product((0.0, heaviest), (1 - MASSES, 1 + MASSES), (False, True)):
@@ -55,6 +55,8 @@ def search_gains(jump: Jump) -> tuple[Array, int]:
             end = control.fly(late, friction, (SEARCH, 0), correct, **chosen)
             ends.append((end.stands and not end.touched, -(min(end.tilt, FALLEN) ** 2)))
         found.append(np.sum(ends, axis=0))
+        if progress is not None:
+            progress("gains", trial, len(MULTIPLES))
     return middle_of_the_widest(np.array(found)) * first, len(MULTIPLES)
 
 
@@ -83,6 +85,7 @@ def replay_jump(
     friction: float | None = None,
     gains: Gains = (None, None),
     budget: float | None = BUDGET,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> JumpReplay:
     """Fly a jump in MuJoCo with contact, from standing to a second after its end.
 
@@ -102,6 +105,8 @@ def replay_jump(
         Of all joints or of some by name: :func:`first_gains`. Without any they are searched: :func:`search_gains`.
     budget : float, optional
         Time, s, after which no new flight begins. None: no end.
+    progress : callable, optional
+        Told what is counted, "gains" that are searched or "flight", how many are done, and of how many.
 
     Raises
     ------
@@ -113,6 +118,7 @@ def replay_jump(
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
     replan = optional(positive(1 / PERIOD, "Hz"))(replan, "replan")
     seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
+    progress = optional(function)(progress, "progress")
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
@@ -121,7 +127,7 @@ def replay_jump(
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    chosen, tried = search_gains(jump) if gains == (None, None) else (first_gains(jump, gains), 0)
+    chosen, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
     control = JumpControl(jump, chosen, replan)
     corrected: list[Flown] = []
     uncorrected: list[Flown] = []
@@ -130,6 +136,8 @@ def replay_jump(
             break
         for correct, ends in ((False, uncorrected), *([(True, corrected)] if replan is not None else [])):
             ends.append(control.fly(perturbation, friction, (seed, flight), correct, record=not flight))
+        if progress is not None:
+            progress("flight", flight + 1, flights)
     return JumpReplay(
         flights=len(uncorrected),
         asked=flights,

@@ -7,7 +7,7 @@ alone. The base is free, each joint that moves gets its own torque, and locked j
 
 import math
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -233,11 +233,23 @@ def replay(
     )
 
 
-def replays(plan: Recorded, flights: int, seed: int, budget: float, **options: Any) -> list[Replay]:
-    """Fly a plan so many times, each with the next seed; none begins after ``budget`` seconds; see :func:`replay`."""
+def replays(
+    plan: Recorded,
+    flights: int,
+    seed: int,
+    budget: float,
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> list[Replay]:
+    """Fly a plan so many times, each with the next seed; none begins after ``budget`` seconds; see :func:`replay`.
+
+    ``progress`` is told how many are flown, and of how many.
+    """
     began, flown = clock.perf_counter(), list[Replay]()
     while len(flown) < flights and (not flown or clock.perf_counter() - began < budget):
         flown.append(replay(plan, seed=seed + len(flown), **options))
+        if progress is not None:
+            progress(len(flown), flights)
     return flown
 
 

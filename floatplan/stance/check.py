@@ -13,9 +13,9 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import corners, heights_over_com, links_of, undersides
+from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.stance.contacts import links_of, near_contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 
@@ -24,6 +24,7 @@ SEAM = 1e-6  # [m, rad, per second; over the time unit per second squared] of st
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
 AROUND = 4e-3  # [s] two steps of a controller at 500 Hz, within which torques change where contacts do
+TOUCHDOWN = 0.06  # [s] from landing on, after which one that is not as planned has become a stance
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
@@ -48,16 +49,16 @@ SHARES = ("torque", "torque_speed", "velocity", "held_torque")  # figures that a
 FIGURES = {
     "residual": Figure("forces are out of balance by {:z.2g} of the weight", 1e-3),
     "torque": Figure(
-        "torques take {:.0%} of their limits",
+        "torques take {:z.0%} of their limits",
         lambda request: request.margin["torque"],
         unlimited="torques have no limit",
     ),
     "torque_speed": Figure(
-        "torques and rates take {:.0%} of the motors' curves", lambda request: request.margin["torque"]
+        "torques and rates take {:z.0%} of the motors' curves", lambda request: request.margin["torque"]
     ),
-    "held_torque": Figure("joints that are held take {:.0%} of their efforts", 1.0),
+    "held_torque": Figure("joints that are held take {:z.0%} of their efforts", 1.0),
     "velocity": Figure(
-        "rates take {:.0%} of their limits",
+        "rates take {:z.0%} of their limits",
         lambda request: request.margin["velocity"],
         unlimited="rates have no limit",
     ),
@@ -72,12 +73,17 @@ FIGURES = {
     "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", SEAM),
     "rest": Figure("at its ends it moves by {:z.2g}", SEAM),
     "level": Figure("what stands is on grounds {:z.2g} m apart", SEAM),
-    "torque_step": Figure("torques change by {:.0%} of their limits within 4 ms where contacts do", np.inf),
+    "torque_step": Figure("torques change by {:z.0%} of their limits within 4 ms where contacts do", np.inf),
     "lifted": Figure("feet that stand are up to {:z.2g} m above the ground", 0.01),
     "circle": Figure("outlines of feet that roll are circles to {:z.2g} m", POINT_FEET),
     "range": Figure("joints keep {:z.2g} rad from the ends of their ranges", 0.0, least=True),
     "pull": Figure("the least vertical force is {:z.2g} of the weight", -1e-3, least=True),
     "ground": Figure("everything else is at least {:z.2g} m above the ground", -1e-6, least=True),
+    "touchdown": Figure(
+        "where it lands turned by the pitch error, everything else is at least {:z.2g} m above the ground",
+        -1e-6,
+        least=True,
+    ),
     "feet": Figure("the feet's shapes are at least {:z.2g} m above the ground", -POINT_FEET, least=True),
     "obstacles": Figure("obstacles are {:z.2g} m away beyond their margins", 0.0, least=True),
     "self_distance": Figure("links are {:z.2g} m apart beyond their margins", 0.0, least=True),
@@ -102,7 +108,8 @@ class JumpCheck:
         ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
         accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
         rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
-        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits.
+        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits. ``touchdown``: as
+        ``ground``, of a robot that is turned by the pitch error about its feet, from its landing on for 60 ms.
     sentences : for a person, what does not hold first
     unlimited : names of figures that are shares of limits which nothing has; their values are 0
     """
@@ -115,12 +122,17 @@ class JumpCheck:
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
     """Check the stances of a jump at 2 kHz, independently of the program that found them."""
+    with np.errstate(all="ignore"):  # what files may hold overflows: such figures are infinite, and do not hold
+        return _checked(jump)
+
+
+def _checked(jump: JumpMotion) -> JumpCheck:
     assert jump.flight is not None
     grounds = [stance.ground for stance in jump.stances]
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
     flown = flight_state(jump.flight, jump.takeoff_time, times)
     flight = _surroundings(jump, flown, min(grounds))
-    figures = _worst([*_stances(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
+    figures = _worst([*_stances(jump), *_touchdown(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
     unlimited = _unlimited(jump.problem)
     broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures, unlimited))
     if not jump.flight.ok:
@@ -132,10 +144,9 @@ def _worst(found: Iterable[Value]) -> dict[str, float]:
     figures: dict[str, float] = {}
     for name, value in found:
         least = FIGURES[name].least
-        number = float(value)
-        if np.isnan(number):  # what could not be measured does not hold
-            number = -np.inf if least else np.inf
-        figures[name] = (min if least else max)(figures.get(name, number), number)
+        if np.isnan(value):  # of numbers beyond all sense, as files may hold: nothing holds of them
+            value = -np.inf if least else np.inf
+        figures[name] = (min if least else max)(figures.get(name, float(value)), float(value))
     return figures
 
 
@@ -161,7 +172,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     model, weight = robot.model, robot.mass * stance.gravity
     standing = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(standing) - stance.ground
-    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * height]).max()
+    lever = height if height > 0 else float(np.finfo(float).tiny)  # what is not above the ground does not stand on it
+    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * lever]).max()
     yield from ((name, shares.max(initial=0.0)) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
     joints, (low, high) = state.planned(robot)[0, 1:].T, np.asarray(problem.position_limits).T
@@ -227,8 +239,8 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     feet = links_of(robot, [contact for each in jump.stances for contact in each.contacts])
     stands, rolls = links_of(robot, own), links_of(robot, [each for each in own if each.radius])
     yield from (("ground", np.inf), ("feet", np.inf), ("lifted", 0.0))
-    for link, hull in robot.link_hulls.items():
-        heights = undersides(robot, corners(hull), y) + com.imag[:, None] - ground
+    for link in robot.touching_links:
+        heights = undersides(robot, corners(robot.link_hulls[link]), y) + com.imag[:, None] - ground
         yield "feet" if link in feet else "ground", heights.min()
         if link in stands:
             yield "lifted", heights.min(axis=1).max()
@@ -243,6 +255,41 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
         least = least_distances(segments, obstacle, state.times - jump.takeoff_time).min() - obstacle.margin
         if np.isfinite(least):
             yield "obstacles", least
+
+
+def _touchdown(jump: JumpMotion) -> Iterator[Value]:
+    """Least height over the ground of all but feet, m, of a robot that lands turned about its feet.
+
+    The robot is turned as a rigid body, either way, until one of its feet is on the ground: the one that is the lowest
+    then, whether it stands at that time or is still to come.
+    """
+    error, robot = jump.request.pitch_error, jump.problem.robot
+    contacts = list({each.name: each for stance in jump.stances for each in stance.contacts}.values())
+    feet: dict[str | None, list[Spot]] = {}
+    for contact in contacts:
+        for frame, spot in zip(contact.frames, contact.spots, strict=True):
+            feet.setdefault(robot.contact_link(robot.frames[frame].link), []).append(spot)
+    watched = [
+        corner
+        for link, hull in robot.link_hulls.items()
+        for corner in corners(hull)
+        if not near_contact(corner, feet.get(link, []))
+    ]
+    landing = jump.after[0].span[0]
+    for stance in jump.after if error and watched else ():
+        begin, end = stance.span[0], min(stance.span[1], landing + TOUCHDOWN)
+        if begin >= end:
+            continue
+        times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
+        y = stance.grid.at(times)[0]
+        places = heights_over_com(robot, watched, y)
+        of_feet = heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
+        radii = np.array([corner.radius for corner in watched])
+        depths = np.array([contact.depth for contact in contacts])
+        for sign in (1.0, -1.0):
+            turn = np.exp(1j * sign * error)
+            ground = ((of_feet * turn).imag - depths).min(axis=1)
+            yield "touchdown", ((places * turn).imag - radii - ground[:, None]).min()
 
 
 def _seams(jump: JumpMotion) -> Iterator[Value]:

@@ -7,24 +7,30 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
-from floatplan.robot import LinkCapsule, Robot
-from floatplan.stance.model import Spot, spot_weights
+from floatplan.robot import Robot
+from floatplan.robot.standing import (
+    HEEL,
+    HIGHEST,
+    SOLE_ENDS,
+    Spot,
+    corners,
+    heights_over_com,
+    may_roll,
+    out_of_round,
+    spot_weights,
+    standing_points,
+    undersides,
+)
 from floatplan.tables import POINT_FEET
 
 SAME = 2e-3  # [m] by which places of left and right may differ
 LEVEL = 0.02  # [m] by which feet that stand together may differ in the reference posture
-SOLE = 0.05  # [m] a foot that is shorter is a point
-HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot that stands on it; others stand on their tips
-FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
 WAYS = 64  # [-] directions in which the hull is looked at
 COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
-ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
-UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
 KNEE = 0.8  # [rad] by which a knee bends that would stand straight: legs are 8 % shorter, and can push
 BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
-NAMED, TIP = (".heel", ".toe"), ".tip"
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ class Contact:
     @property
     def of_sole(self) -> bool:
         """Whether it is an end of a sole."""
-        return self.suffix in NAMED
+        return self.suffix in SOLE_ENDS
 
     @property
     def radius(self) -> float:
@@ -70,12 +76,6 @@ class Contact:
     def name(self) -> str:
         """The first point's name."""
         return self.frame + self.suffix
-
-
-def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexArray:
-    """Places (.., points) relative to the centre of mass in postures y (n+1, ..), m: horizontal + i vertical."""
-    turned, _ = np.split(spot_weights(robot, spots), 2, axis=1)
-    return np.asarray((turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:].T)).T).T)
 
 
 def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[float, float]:
@@ -95,60 +95,34 @@ def ground_below(robot: Robot, contact: Contact, y: Array) -> float:
     return float(heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth)
 
 
-def corners(shapes: Iterable[LinkCapsule]) -> list[Spot]:
-    """Ends of shapes, with their radii."""
-    return [Spot(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
-
-
-def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
-    """Heights (.., spots) of the lowest points of circles, over the centre of mass in postures y (n+1, ..), m."""
-    return np.asarray(heights_over_com(robot, spots, y).imag - [each.radius for each in spots])
-
-
 def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     """Return the contact of a frame, a point; or toe and heel where its link has a sole.
 
-    The point is the frame's origin; where that is high above the ground, the middle of the shape's lowest end, its tip.
-
-    Parameters
-    ----------
-    frame : name of a link or joint
-    y : (n+1,) rad, orientation and joints, of the posture in which soles are flat
-
-    Raises
-    ------
-    InputError
-        The frame is unknown, or high above the lowest point of its link where its body has a lower one.
+    See :func:`floatplan.robot.standing.standing_points`, whose parameters and errors these are.
     """
-    if frame not in robot.frames:
-        raise InputError(f'no frame "{frame}" is known', advice="name a link or a joint")
-    home = robot.frames[frame]
-    spot, ends = Spot(home.body, home.local), _ends(robot, frame)
-    place = heights_over_com(robot, [spot], y)[0]
-    if not ends:
-        return (_contact(robot, frame, "", spot, 0.0),)
-    found, under = heights_over_com(robot, ends, y), undersides(robot, ends, y)
-    low = np.flatnonzero(under < under.min() + FLAT)
-    rear, front = low[found.real[low].argmin()], low[found.real[low].argmax()]
-    if found.real[front] - found.real[rear] <= SOLE:
-        depth = float(place.imag - under.min())
-        if depth <= HIGHEST:
-            return (_contact(robot, frame, "", spot, depth),)
-        _refuse_above(robot, frame, depth, y)
-        middle = Spot(home.body, (ends[rear].place + ends[front].place) / 2)
-        height = (found.imag[rear] + found.imag[front]) / 2
-        return (_contact(robot, frame, TIP, middle, float(height - under.min())),)
-    heel, toe = (
-        _contact(robot, frame, name, ends[at]._replace(radius=0.0), float(found[at].imag - under.min()), vertical)
-        for name, at, vertical in zip(NAMED, (rear, front), (True, False), strict=True)
-    )
-    return toe, heel
+    contacts = []
+    for suffix, spot, depth in standing_points(robot, frame, y):
+        twins = _twins(robot, frame, spot)
+        frames = (frame, *(name for name, _ in twins))
+        spots = (spot, *(twin for _, twin in twins))
+        contacts.append(Contact(frames, suffix, spots, depth, vertical=suffix == HEEL))
+    return tuple(contacts)
 
 
-def _ends(robot: Robot, frame: str) -> list[Spot]:
-    """Corners with which a frame's link stands on the ground."""
-    link = robot.contact_link(robot.frames[frame].link)
-    return [] if link is None else corners(robot.link_hulls[link])
+def not_round(robot: Robot, contact: Contact, y: Array) -> str:
+    """Why a contact cannot roll on circles about its frames down to the ground, for a person; "" where it can.
+
+    The outline of each link has to be such a circle, so far about what is lowest in a posture y (n+1,) that stands as
+    it may roll.
+    """
+    for frame, spot in zip(contact.frames, contact.spots, strict=True):
+        if contact.of_sole:
+            return f"{frame!r} cannot roll: its link is a sole"
+        off = out_of_round(robot, frame, spot, contact.depth, y)
+        if not may_roll(off, contact.depth):
+            outline = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
+            return f"{frame!r} cannot roll: its link is {outline}"
+    return ""
 
 
 def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
@@ -157,37 +131,12 @@ def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
     Raises
     ------
     InputError
-        The outline of a link, so far about what is lowest that it may roll, is no circle about its frame.
+        The outline of a link is no such circle: see :func:`not_round`.
     """
-    angles = robot.tree.absolute_angles(y[0], y[1:])
-    for frame, spot in zip(contact.frames, contact.spots, strict=True):
-        ways = np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS)) * robot.tree.rotations(-angles)[spot.body] * -1j
-        reach = np.zeros(ROLLS)
-        for each in _ends(robot, frame):
-            reach = np.maximum(reach, ((each.place - spot.place) * ways.conj()).real + each.radius)
-        off = float(np.abs(reach - contact.depth).max())
-        if contact.of_sole or not off < min(POINT_FEET, UNROUND * contact.depth):
-            round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
-            reason = f"{frame!r} cannot roll: its link is {'a sole' if contact.of_sole else round_}"
-            advice = 'name a frame at the centre of a round foot, or let feet = "point"'
-            raise InputError(reason, advice=advice)
+    reason = not_round(robot, contact, y)
+    if reason:
+        raise InputError(reason, advice='name a frame at the centre of a round foot, or let feet = "auto"')
     return replace(contact, spots=tuple(each._replace(radius=contact.depth) for each in contact.spots))
-
-
-def _refuse_above(robot: Robot, frame: str, depth: float, y: Array) -> None:
-    """Refuse a frame that is high above the ground, where a link's on the same body is lower: it is the foot's."""
-    home = robot.frames[frame]
-    links = [name for name, each in robot.frames.items() if each.body == home.body and name == each.link]
-    heights = heights_over_com(robot, [Spot(home.body, robot.frames[name].local) for name in links], y).imag
-    lowest = links[int(heights.argmin())]
-    if robot.frames[lowest].local != home.local:
-        reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
-        raise InputError(reason, advice=f"name a foot's frame, such as {lowest!r}")
-
-
-def _contact(robot: Robot, frame: str, suffix: str, spot: Spot, depth: float, vertical: bool = False) -> Contact:
-    twins = _twins(robot, frame, spot)
-    return Contact((frame, *(name for name, _ in twins)), suffix, (spot, *(twin for _, twin in twins)), depth, vertical)
 
 
 def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
@@ -239,7 +188,7 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
 
 def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float = LEVEL) -> str:
     """Which contact is above the ground, by more than ``most``, m, in a posture y (n+1,); for a person."""
-    heights = {link: undersides(robot, corners(hull), y).min() for link, hull in robot.link_hulls.items() if hull}
+    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in robot.touching_links}
     if not heights:
         return ""
     lowest = min(heights, key=lambda link: heights[link])
@@ -339,12 +288,14 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
 class Watched:
     """Points that stay above the ground: places on bodies, and the heights (P,) m of their centres at least.
 
-    Those that are ``low`` (P,) do for bodies that have not turned to one side since they stood.
+    Those that are ``low`` (P,) do for bodies that have not turned to one side since they stood. ``touchdown`` (P,) m
+    are the heights of those centres where the robot lands turned; minus infinity of what belongs to a foot itself.
     """
 
     spots: tuple[Spot, ...]
     least: Array
     low: BoolArray
+    touchdown: Array
 
 
 def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, room: float) -> Watched:
@@ -367,7 +318,7 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
             own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
             if all(apart + corner.radius > most for apart, most in own):
                 group.append((corner, shape.link in feet_links))
-    spots, least, low = [], [], []
+    spots, least, low, touchdown = [], [], [], []
     ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
     turned = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
     for members in filter(None, kept.values()):
@@ -387,4 +338,11 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
                 spots.append(spot._replace(radius=0.0))
                 least.append(spot.radius + (-POINT_FEET / 2 if is_foot else min(room, above / 2)))
                 low.append(farthest[index])
-    return Watched(tuple(spots), np.array(least), np.array(low, bool))
+                own_height = -np.inf if is_foot and near_contact(spot, feet) else spot.radius + min(room, above / 2)
+                touchdown.append(own_height)
+    return Watched(tuple(spots), np.array(least), np.array(low, bool), np.array(touchdown))
+
+
+def near_contact(corner: Spot, feet: Sequence[Spot]) -> bool:
+    """Whether a corner of a link that stands belongs to the foot itself, and not to the shank above it."""
+    return any(foot.body == corner.body and abs(foot.place - corner.place) < HIGHEST for foot in feet)

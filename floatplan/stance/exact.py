@@ -20,7 +20,8 @@ from scipy.optimize import root
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
 from floatplan.plans.plan import Plan
-from floatplan.stance.contacts import heights_over_com, way_between
+from floatplan.robot.standing import heights_over_com
+from floatplan.stance.contacts import way_between
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, hermite, quintic, refined, values
 from floatplan.stance.phases import Phase, instants

@@ -1,6 +1,7 @@
 """The flight of a jump: an ordinary problem whose both ends are those of the stances, planned by :func:`plan`."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,15 +9,17 @@ import numpy as np
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
+from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import Contact, corners, ground_below, heights_over_com, undersides
-from floatplan.stance.model import Spot
+from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.stance.contacts import Contact, ground_below
+from floatplan.stance.limits import scaled_limits
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
 PATIENCE = 1.6e7  # [instants of one body] with each of them at first, about a second
+BEYOND_NODES = (1.0, 1.04, 1.12)  # [-] of the least largest share, in a flight whose joints are polynomials
 LIFTED = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
 
 
@@ -91,11 +94,37 @@ def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground:
     return found
 
 
-def planned_flight(problem: Problem, seed: int) -> Plan:
-    """Return the plan of a flight's problem: of a low degree where that does soon, else of higher ones."""
-    for patience, degree in itertools.product((PATIENCE, None), DEGREES):
-        asked = replace(problem, motion=replace(problem.motion, degree=degree), jump=None)
+def tighter_limits(problem: Problem, program: JumpProgram, solution: Solution) -> list[Limits]:
+    """Return limits of a flight that takes no larger share than the whole jump, where that share is least; then wider.
+
+    The solution's factor is the largest share, of what the program's margins leave, at its nodes in flight too. Between
+    them a polynomial may need a little more.
+    """
+    request = problem.jump
+    if request is None or request.objective != "limits":
+        return []
+    velocity, known = program.node.bounds.velocity, np.isfinite(problem.velocity_limits)
+    rates = (velocity[known] / problem.velocity_limits[known]).tolist()
+    shares = [program.node.bounds.held, *(rate / request.margin["velocity"] for rate in rates)]
+    least = solution.factor * max(shares)
+    levels = [least * beyond for beyond in BEYOND_NODES]
+    return [
+        scaled_limits(problem, level * request.margin["torque"], level * request.margin["velocity"])
+        for level in levels
+        if level * max(request.margin.values()) < 1
+    ]
+
+
+def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = ()) -> Plan:
+    """Return the plan of a flight's problem: of a low degree where that does soon, else of higher ones.
+
+    Limits that are ``tighter`` than the problem's are tried before these, one after the other.
+    """
+    tries = [*((limits, PATIENCE) for limits in tighter), (problem.limits, PATIENCE), (problem.limits, None)]
+    for (limits, patience), degree in itertools.product(tries, DEGREES):
+        motion = replace(problem.motion, degree=degree)
+        asked = replace(problem, motion=motion, limits=limits, jump=None)
         found = planned(asked, SearchOptions(seed, patience=patience)).plan
         if found.ok:
             break
-    return replace(found, problem=replace(found.problem, jump=problem.jump))
+    return replace(found, problem=replace(found.problem, jump=problem.jump, limits=problem.limits))

@@ -17,8 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.robot.standing import Spot
 from floatplan.stance.contacts import Contact
-from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+from floatplan.stance.model import Pair, PlanarModel, casadi
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,8 @@ their derivatives), ``ratios``.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,31 +19,66 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import optional
+from floatplan.arguments import flag, many, number, numbers, one_of, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError, naming
+from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import check_finite, plain, read_json, write_atomically
 from floatplan.planning.repair import judged
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot, robot_record
-from floatplan.plans.record import RobotRecord
+from floatplan.plans.record import POINT, KeyedTable, RobotRecord, table
 from floatplan.plans.verdicts import Certificate, verdict_in_words
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
+from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
 from floatplan.stance.check import JumpCheck, check_jump
 from floatplan.stance.contacts import Contact
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import Spot
 from floatplan.stance.motion import Grid, Stance
+from floatplan.tables import Range
 
 FORMAT = "floatplan.jump/1"
-KEYS = ("format", "status", "explanation", "robot", "problem", "flight", "stances")
 ARRAYS = ("times", "y", "v", "a", "ratios")
+LARGEST_DEPTH = 10.0  # [m] of a foot's point over the ground
 LONGEST_EXPLANATION = 300  # [characters] in a representation
+WHOLE = "take the file as it was written, or plan the jump again"
+UNKNOWN = "must not be there: a jump's file has no such key"
+CONTACT = KeyedTable(
+    {
+        "frames": many(text, "names of frames"),
+        "suffix": one_of("", *SOLE_ENDS, TIP),
+        "places": many(POINT, "places"),
+        "depth": number(Range(0.0, LARGEST_DEPTH, "m")),
+        "vertical": flag,
+    },
+    {"rolls": flag},
+    UNKNOWN,
+)
+STANCE = KeyedTable(
+    {
+        "side": one_of("takeoff", "landing"),
+        "contacts": many(CONTACT, "tables"),
+        "place": POINT,
+        **dict.fromkeys(ARRAYS, many(lambda value, _: value, "numbers")),
+    },
+    unknown=UNKNOWN,
+)
+JUMP = KeyedTable(
+    {
+        "format": one_of(FORMAT),
+        "status": text,
+        "explanation": text,
+        "robot": table,
+        "problem": table,
+        "flight": optional(table),
+        "stances": many(STANCE, "tables"),
+    },
+    unknown="",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +125,7 @@ class Jump(Outputs, JumpMotion):
         if not self.ok:
             fault = self.check.sentences[0] if self.status == "found" else f"its status is {self.status!r}"
             reason = f"a jump that does not hold is none to {action}: {fault}"
-            raise InputError(reason, source=self.problem.name, element="stances", advice="plan it again")
+            raise InputError(reason, element="stances", advice="plan it again")
 
     @property
     def verdict(self) -> str:
@@ -176,65 +212,92 @@ def load_jump(path: str | Path, urdf: str | Path | None = None) -> Jump:
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise InputError(f"is no jump file: its format is not {FORMAT!r}", element="format")
         check_finite(content)
-        missing = [name for name in KEYS if name not in content]
-        if missing:
-            raise InputError("is missing", element=missing[0])
-    try:
-        return _read(content, path, optional(as_path)(urdf, "urdf"))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, InputError):
-            raise error.within(source=path) from None
-        raise InputError(f"is damaged: {error}", source=path) from None
+    given = optional(as_path)(urdf, "urdf")
+    with naming(path), _within():
+        return _read(content, path, given)
 
 
 def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Jump:
-    flight = None if content["flight"] is None else rebuild(record_from_dict(content["flight"]), path, urdf)
+    JUMP(content, "")
+    flight = None
+    if content["flight"] is not None:
+        with _within("flight"):
+            flight = rebuild(record_from_dict(content["flight"]), path, urdf)
     found = RobotRecord.from_dict(content["robot"])
     robot = recorded_robot(found, path, urdf) if flight is None else flight.robot
     if robot.sha256 != found.sha256:
-        raise InputError("is not the robot of the flight", element="robot.sha256")
-    problem = problem_from_dict(content["problem"], robot, path)
+        advice = "take the jump's file as it was written, or plan it again"
+        raise InputError("is not the robot of the flight", element="robot.sha256", advice=advice)
+    if isinstance(content["problem"].get("jump"), dict):  # files from before this key asked for nothing of it
+        content["problem"]["jump"].setdefault("pitch_error", 0.0)
+    with _within("problem"):
+        problem = problem_from_dict(content["problem"], robot)
     request = problem.jump or JumpRequest()
     check_size(content["stances"], "stances", LARGEST)
     sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
     for index, each in enumerate(content["stances"]):
-        sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))
+        stance = _read_stance(each, robot, problem.flight.gravity, f"stances[{index}]")
+        sides[each["side"]].append(stance)
     rolls = {each.radius > 0 for stances in sides.values() for stance in stances for each in stance.contacts}
-    if rolls - {request.feet == "rolling"}:
+    if request.feet != "auto" and rolls - {request.feet == "rolling"}:
         raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
-    answer = {"status": str(content["status"]), "explanation": str(content["explanation"])}
+    answer = {"status": content["status"], "explanation": content["explanation"]}
     return Jump(problem, request, flight, tuple(sides["takeoff"]), tuple(sides["landing"]), **answer)
 
 
-def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:
-    if not content["contacts"] or not all(each["frames"] for each in content["contacts"]):
-        raise InputError("must name what stands", element=f"{element}.contacts")
-    contacts = tuple(
-        Contact(
-            tuple(each["frames"]),
-            str(each["suffix"]),
-            tuple(
-                Spot(robot.frames[frame].body, complex(*place), each["depth"] if each.get("rolls") is True else 0.0)
-                for frame, place in zip(each["frames"], each["places"], strict=True)
-            ),
-            float(each["depth"]),
-            bool(each["vertical"]),
+@contextmanager
+def _within(element: str | None = None) -> Iterator[None]:
+    """Name the table of a jump's file in which an error is, and advise, where nothing else is, to take a whole file."""
+    try:
+        yield
+    except InputError as error:
+        found = [one.within(element=element) for one in single(error)]
+        refuse(
+            [
+                InputError(one.reason, source=one.source, element=one.element, advice=one.advice or WHOLE)
+                for one in found
+            ]
         )
-        for each in content["contacts"]
-    )
-    times = np.asarray(content["times"], dtype=np.float64)
-    if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0).all():
+
+
+def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:
+    contacts = [_read_contact(each, robot, f"{element}.contacts[{k}]") for k, each in enumerate(content["contacts"])]
+    if not contacts:
+        raise InputError("must name what stands", element=f"{element}.contacts")
+    times = _array(content["times"], f"{element}.times", (None,))
+    if len(times) < 2 or not (np.diff(times) > 0).all():
         raise InputError("must be increasing instants", element=f"{element}.times")
-    rows = {"y": 1 + len(robot.joints), "ratios": len(contacts) - 1}
-    arrays: dict[str, Array] = {}
-    for name in ("y", "v", "a", "ratios"):
-        shape = (rows.get(name, rows["y"]), len(times))
-        values = np.asarray(content[name], dtype=np.float64).reshape(-1, len(times))
-        if values.shape != shape:
-            raise InputError(f"has shape {values.shape}, not {shape}", element=f"{element}.{name}")
-        if not np.isfinite(values).all():
-            raise InputError("must be finite numbers", element=f"{element}.{name}")
-        arrays[name] = read_only(values)
-    return Stance(robot, float(gravity), contacts, complex(*content["place"]), Grid(read_only(times), **arrays))
+    size, count = 1 + len(robot.joints), len(times)
+    y, v, a = (_array(content[name], f"{element}.{name}", (size, count)) for name in ("y", "v", "a"))
+    ratios = _array(content["ratios"], f"{element}.ratios", (len(contacts) - 1, count))
+    grid = Grid(times, y, v, a, ratios)
+    return Stance(robot, float(gravity), tuple(contacts), complex(*content["place"]), grid)
+
+
+def _read_contact(content: Mapping[str, Any], robot: Robot, element: str) -> Contact:
+    frames, places = tuple(content["frames"]), content["places"]
+    if not frames or len(places) != len(frames):
+        reason = f"has {len(frames)} frames and {len(places)} places, not as many of both"
+        raise InputError(reason, element=element)
+    unknown = [frame for frame in frames if frame not in robot.frames]
+    if unknown:
+        reason = f"the robot has no frame {unknown[0]!r}"
+        raise InputError(reason, element=f"{element}.frames")
+    radius = float(content["depth"]) if content.get("rolls") is True else 0.0
+    spots = [Spot(robot.frames[name].body, complex(*place), radius) for name, place in zip(frames, places, strict=True)]
+    return Contact(frames, content["suffix"], tuple(spots), float(content["depth"]), content["vertical"])
+
+
+def _array(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
+    """Finite numbers of a shape, in which None is any size; lists of no numbers have any other sizes."""
+    array = numbers(value, element) if value != [] else np.zeros([size or 0 for size in shape])
+    if len(array.shape) != len(shape) or any(
+        size not in (None, own) for own, size in zip(array.shape, shape, strict=True)
+    ):
+        reason = f"has shape {array.shape}, not {shape}"
+        raise InputError(reason, element=element)
+    if not np.isfinite(array).all():
+        raise InputError("must be finite numbers", element=element)
+    return read_only(array.astype(np.float64))

@@ -102,7 +102,8 @@ class JumpMotion(MotionInFile):
         """Raise InputError where there is no jump to "fly", say."""
         if self.flight is None:
             reason = f"no jump was found, so there is nothing to {action}"
-            raise InputError(reason, source=self.problem.name, element="status")
+            advice = "plan it with other limits, durations or friction"
+            raise InputError(reason, element="status", advice=advice)
 
     @one_thread
     def at(self, times: npt.ArrayLike) -> JumpState:
@@ -124,7 +125,8 @@ class JumpMotion(MotionInFile):
         motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
         rows = [np.flatnonzero(index == number) for number in range(len(phases))]
         parts = [(own, motion(instants[own])) for own, motion in zip(rows, motions, strict=True) if len(own)]
-        return joined(instants, parts, [name for phase in phases for name in phase.contacts])
+        size = self.problem.robot.model.nv
+        return joined(instants, size, parts, [name for phase in phases for name in phase.contacts])
 
     @one_thread
     def planned_positions(self, times: Array) -> Array:

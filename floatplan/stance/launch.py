@@ -1,7 +1,7 @@
 """Whether a robot can bring itself to a plan's takeoff, or to rest after its landing: the least limits that do."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from floatplan.arguments import SEED, TRIES, made, one_of, optional
+from floatplan.arguments import SEED, TRIES, function, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
@@ -78,6 +78,7 @@ def launch(
     end: End = "takeoff",
     seed: int = 0,
     starts: int = STARTS,
+    progress: Callable[[str], None] | None = None,
 ) -> Launch:
     """Find the stance from rest that reaches a plan's takeoff with the least common factor on torque and rate limits.
 
@@ -92,6 +93,8 @@ def launch(
     end : "takeoff", or "landing": from the plan's landing to rest
     seed : of the starts after the first
     starts : how many are tried; the best counts
+    progress : callable, optional
+        Told in a few words what is done.
 
     Returns
     -------
@@ -108,7 +111,10 @@ def launch(
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or JumpRequest()
     end = one_of("takeoff", "landing")(end, "end")
     seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
-    margins = replace(request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0)
+    say = optional(function)(progress, "progress") or (lambda _: None)
+    margins = replace(
+        request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0
+    )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
     met = _meeting(plan, setup, end)
@@ -124,6 +130,7 @@ def launch(
     program = partial(setup.program, iterations=ITERATIONS)
     first = program(ROOM)
     for start in range(starts):
+        say(f"start {start + 1} of {starts}")
         drawn = np.random.default_rng((seed, start)).uniform(*DRAWN, len(first.phases) - 1)
         guess = plainest(first, met, v, drawn if start >= len(LASTS) else LASTS[start])
         solution = solved(first, guess)
@@ -137,7 +144,9 @@ def launch(
     return replace(answer, sentences=(*answer.sentences, told))
 
 
-def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row], dict[str, Any]]:
+def launches(
+    plan: Plan, seed: int = 0, starts: int = STARTS, progress: Callable[[str], None] | None = None
+) -> tuple[list[Row], dict[str, Any]]:
     """Rows for a person, and facts by end, of the stances that reach a plan's takeoff and follow its landing."""
     rows: list[Row] = []
     facts: dict[str, Any] = {}
@@ -146,14 +155,19 @@ def launches(plan: Plan, seed: int = 0, starts: int = STARTS) -> tuple[list[Row]
         if end not in [contact.end for contact in plan.contacts]:
             rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
             continue
+        say = None if progress is None else partial(_say_of, end, progress)
         try:
-            found = launch(plan, end=end, seed=seed, starts=starts)
+            found = launch(plan, end=end, seed=seed, starts=starts, progress=say)
         except InputError as error:
             rows.append(Row(f"{end} stance", f"none was looked for: {error}", "open"))
             continue
         facts[end] = found.to_dict()
         rows.append(Row(f"{end} stance", found.sentences[0], "good" if found.ok else "open"))
     return rows, facts
+
+
+def _say_of(end: str, progress: Callable[[str], None], words: str) -> None:
+    progress(f"{end}, {words}")
 
 
 def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:

@@ -19,38 +19,16 @@ momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre o
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.robot import Robot
+from floatplan.robot.standing import Spot, spot_weights
 
 Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical part, CasADi expressions
-
-
-class Spot(NamedTuple):
-    """A place on a body.
-
-    Attributes
-    ----------
-    body : int
-    place : in the body's frame, m
-    radius : of the circle about it that rolls on the ground, m; 0 for a point
-    """
-
-    body: int
-    place: complex
-    radius: float = 0.0
-
-
-def spot_weights(robot: Robot, spots: Sequence[Spot]) -> ComplexArray:
-    """Weights (points, 2 m) of places relative to the centre of mass: W of rotations e, then rho of angles, m."""
-    bodies, local = np.array([each.body for each in spots]), np.array([each.place for each in spots], np.complex128)
-    rolled = np.zeros((len(bodies), len(robot.tree.mass)))
-    rolled[np.arange(len(bodies)), bodies] = robot.tree.turn * np.array([each.radius for each in spots])
-    return np.concatenate((robot.tree.point_weights(bodies, local), rolled), axis=1)
 
 
 def casadi() -> Any:

@@ -11,8 +11,8 @@ import pinocchio as pin
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
+from floatplan.robot.standing import Spot, spot_weights
 from floatplan.stance.contacts import Contact
-from floatplan.stance.model import Spot, spot_weights
 
 BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 
@@ -239,9 +239,11 @@ def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
     return JumpState(read_only(times), *motion, {}, flown.torques, {})
 
 
-def joined(times: Array, parts: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
-    """Put states together: rows of each among times (N,), and points whose forces are zero elsewhere, places NaN."""
-    size = parts[0][1].positions.shape[1]
+def joined(times: Array, size: int, parts: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
+    """Put states of ``size`` coordinates together: rows of each among times (N,), none of no times.
+
+    Points that are not in contact have no forces, and no places: zero, and NaN.
+    """
     arrays = {name: np.empty((len(times), size)) for name in ("positions", "velocities", "accelerations", "torques")}
     forces = {name: np.zeros((len(times), 2)) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}

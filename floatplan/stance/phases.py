@@ -11,7 +11,8 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot import PlanarTree, Robot
-from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
+from floatplan.robot.standing import heights_over_com
+from floatplan.stance.contacts import LEVEL, Contact
 
 # Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
 FLIGHT, HOP = (2.57, 16, 0.8, 1.5), (1.2, 16, 0.3, 1.5)  # with a turn and without
@@ -223,13 +224,41 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
 def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:
     """Why a robot does not stand still on contacts in a posture (n+1,), for a person."""
     places = heights_over_com(robot, [each.spots[0] for each in contacts], positions)
-    step = float(np.ptp(places.imag - [each.depth for each in contacts]))
+    undersides = places.imag - [each.depth for each in contacts]
+    step = float(np.ptp(undersides))
     if step > LEVEL:
-        return f"its feet are {1e3 * step:.0f} mm apart in height"
+        highest = contacts[int(undersides.argmax())].name
+        return f"its feet are {1e3 * step:.0f} mm apart in height, {highest!r} is the highest"
     inside = min(-places.real.min(), places.real.max())
+    front, rear = contacts[int(places.real.argmax())].name, contacts[int(places.real.argmin())].name
+    ahead = places.real.max() < -places.real.min()  # of the middle of the feet is the centre of mass
+    end = f"ahead of {front!r}" if ahead else f"behind {rear!r}"
     if inside < -STILL:
-        return f"its centre of mass is {-1e3 * inside:.0f} mm outside its feet"
+        return f"its centre of mass is {-1e3 * inside:.0f} mm outside its feet, {end}"
     room = INSIDE * np.ptp(places.real)
     if inside < room:
-        return f"its centre of mass is {1e3 * inside:.0f} mm from the end of its feet, {1e3 * room:.0f} mm at least"
+        return (
+            f"its centre of mass is {1e3 * inside:.0f} mm from the end of its feet, {front if ahead else rear!r},"
+            f" {1e3 * room:.0f} mm at least"
+        )
     return "a joint is too near the end of its range"
+
+
+def static_beyond_ranges(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> str:
+    """Say which joints leave their ranges where a robot would stand still on contacts; empty where it never does.
+
+    Parameters
+    ----------
+    contacts, wanted, limits : as of :func:`standing_posture`, which finds no posture
+    """
+    wide = np.column_stack((np.minimum(limits[:, 0], wanted - np.pi), np.maximum(limits[:, 1], wanted + np.pi)))
+    wide[0] = limits[0]
+    static = standing_posture(robot, contacts, wanted, wide)
+    if static is None:
+        return ""
+    beyond = [
+        f"{joint} at {at:.3g} rad, where {low:.3g} to {high:.3g} rad are left of its range"
+        for joint, at, (low, high) in zip(robot.joints, static[1:], limits[1:], strict=True)
+        if not low - STILL <= at <= high + STILL
+    ]
+    return f"static would be {' and '.join(beyond)}" if beyond else ""

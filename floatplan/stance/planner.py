@@ -16,12 +16,13 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import FIGURES, SHARES
+from floatplan.stance.check import FIGURES, SHARES, JumpCheck, limit_shares
 from floatplan.stance.exact import NoExactStanceError, exact_stances, released
 from floatplan.stance.exchange import solved
-from floatplan.stance.flight import flight_problem, planned_flight
+from floatplan.stance.flight import flight_problem, planned_flight, tighter_limits
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
+from floatplan.stance.motion import flight_state
 from floatplan.stance.phases import instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
@@ -31,6 +32,7 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
+INSTANTS = 1001  # [-] of the flight, where its shares of limits are measured
 FAILED = "no jump was found near the one at hand"
 MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
 
@@ -55,7 +57,7 @@ def jump(
     ----------
     problem : Problem, or path of a problem file
     request : JumpRequest, optional
-        In place of the problem's own; that of a problem without one is the default.
+        In place of the problem's own; a problem without one needs it.
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
@@ -77,13 +79,17 @@ def jump(
     Raises
     ------
     InputError
-        The problem or the request is wrong, nothing can stand as asked, or CasADi is not installed.
+        The problem or the request is wrong, or asks for what no jump keeps; there is no request, nothing can stand as
+        asked, or CasADi is not installed.
     """
     casadi()
     kernel()  # an error of its own is none of a flight's
     file = None if isinstance(problem, Problem) else problem
     problem = given_problem(problem)
-    asked: JumpRequest = optional(made(JumpRequest))(request, "request") or problem.jump or JumpRequest()
+    asked: JumpRequest | None = optional(made(JumpRequest))(request, "request") or problem.jump
+    if asked is None:
+        advice = "add a table [jump], or give a JumpRequest; floatplan plan plans a flight alone"
+        raise InputError("no jump is asked for", source=file, element="jump", advice=advice)
     if asked is not problem.jump:
         problem = replace(problem, jump=asked)
     seed, starts, near = SEED(seed, "seed"), TRIES(starts, "starts"), optional(made(Jump))(near, "near")
@@ -209,7 +215,8 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
     problem, request = setup.problem, setup.request
     try:
         solution = released(program, solution)
-        plan = planned_flight(flight_problem(problem, program, solution), seed)
+        tighter = tighter_limits(problem, program, solution)
+        plan = planned_flight(flight_problem(problem, program, solution), seed, tighter)
         if not plan.ok:
             return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
         before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
@@ -219,14 +226,25 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"Between the program's nodes no stance was found: {error}.")
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
-    shares = [check.figures[name] / FIGURES[name].most(request) for name in SHARES if name not in check.unlimited]
-    told = (
-        f" Of what the margins leave they take {max(shares):.0%}." if request.objective == "limits" and shares else ""
-    )
+    share = _largest_share(found, check) if request.objective == "limits" else 0.0
+    told = f" Of what the margins leave the jump takes {share:.0%}." if share else ""
     held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     answer = replace(found, explanation=held)
     vars(answer)["check"] = check  # the motion is the same
     return answer
+
+
+def _largest_share(jump: Jump, check: JumpCheck) -> float:
+    """The largest share of what the margins leave of limits, in stances and in flight; 0 where nothing is limited."""
+    assert jump.flight is not None
+    times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, INSTANTS)
+    of_flight = limit_shares(jump.problem, flight_state(jump.flight, jump.takeoff_time, times))
+    largest = 0.0
+    for name in SHARES:
+        if name not in check.unlimited:
+            taken = max(check.figures[name], float(of_flight[name].max(initial=0.0)))
+            largest = max(largest, taken / FIGURES[name].most(jump.request))
+    return largest
 
 
 def _not_found(problem: Problem, request: JumpRequest, explanation: str) -> Jump:

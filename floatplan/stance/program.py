@@ -23,6 +23,7 @@ from typing import Any, Self
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.stance.check import TOUCHDOWN
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, values
 from floatplan.stance.phases import Meeting, Phase, instants, unsteady
@@ -46,6 +47,9 @@ TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
 SMOOTH, STEADY = 0.03, 1e-3  # [-] of squared torques, beside the factor; of such steps, beside these
+ONSET = 0.012  # [s] in which the ground's force may grow by the weight: feet land by so much late and early
+ABRUPT = 10.0  # [-] cost of the square of force over the weight beyond that, in which 3 to 100 make little difference
+ROUNDED = 0.02  # [-] of the weight, by which the corner of that cost is rounded
 MOST = 20.0  # [-] the largest factor that is looked for
 HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
@@ -218,7 +222,7 @@ class JumpProgram:
             if phase.side == "flight":
                 cost = self._add_flight(rows, parts, durations[index], momentum)
             else:
-                cost = self._add_stance(rows, phase, parts, forces[index], drifts[index])
+                cost = self._add_stance(rows, phase, parts, forces[index], drifts[index], durations[index])
             self._add_rates(rows, joints, step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += ca.sumsqr(unit**2 * ca.diff(parts[2][1:, :], 1, 1))
@@ -261,12 +265,14 @@ class JumpProgram:
             rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{BALANCE} ({phase.side})")
         rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
 
-    def _add_stance(self, rows: Rows, phase: Phase, parts: Sequence[Any], forces: Any, drifts: Any) -> Any:
+    def _add_stance(
+        self, rows: Rows, phase: Phase, parts: Sequence[Any], forces: Any, drifts: Any, duration: Any
+    ) -> Any:
         """Rows of a stance's nodes; a node between two phases of a side is that of the one with more contacts."""
         ca, index, count = casadi(), self.phases.index(phase), phase.intervals + 1
         function, bounds = self.node.stance(phase)
         linear = ca.mtimes(drifts, ca.DM(np.stack((1 - phase.shares, phase.shares))))
-        values, cost = rows.calls(function, *parts, forces / self.node.weight, linear)
+        values, cost, load = rows.calls(function, *parts, forces / self.node.weight, linear)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         takeoff = phase.side == "takeoff"
         seam, inner = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
@@ -291,7 +297,28 @@ class JumpProgram:
         if 0 <= (index - 1 if takeoff else index + 1) < len(self.phases):
             low[:, -1 - seam], high[:, -1 - seam] = -np.inf, np.inf
         rows.add_nodes(values, bounds, low, high, phase.name)
-        return cost
+        touches_down = phase.side == "landing" and flies and not phase.gentle
+        return cost + self._add_touchdown(rows, phase, parts, load, duration) if touches_down else cost
+
+    def _add_touchdown(self, rows: Rows, phase: Phase, parts: Sequence[Any], load: Any, duration: Any) -> Any:
+        """Rows of a landing that is not as planned, and what it costs that the ground's force grows at once.
+
+        What is watched keeps its height also where the robot is turned by the pitch error; of that less and less is
+        asked, nothing after ``TOUCHDOWN``. A foot that lands late is pressed down without a ground below it, and hits
+        it the faster the more force it was to bear by then: what is beyond one weight in ``ONSET`` costs.
+        """
+        ca = casadi()
+        times = duration * ca.DM(phase.shares).T
+        if self.node.bounds.pitch_error:
+            function, least = self.node.turned(phase)
+            (heights,) = rows.calls(function, *parts)
+            heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
+            low = np.repeat(least[:, None], len(phase.shares), axis=1)
+            bounds = [(0.0, np.inf, CLEAR)] * len(least)
+            turned = f"landing, turned by {np.degrees(self.node.bounds.pitch_error):.1f} degrees"
+            rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), turned)
+        beyond = load - times / ONSET
+        return ABRUPT * ((beyond + ca.sqrt(beyond**2 + ROUNDED**2)) / 2) ** 2
 
     @property
     def _settled(self) -> set[str]:

@@ -17,6 +17,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import FIGURES
+from floatplan.stance.limits import scaled_limits
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import CLEAR
@@ -174,15 +175,12 @@ def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str,
     """
     words = []
     for label, kind, share, size in gives:
-        request, limits, robot = problem.jump, problem.limits, problem.robot
+        request, limits = problem.jump, problem.limits
         assert request is not None
         factor = math.ceil(20 * beyond * (1 + share)) / 20
         if kind in ("torque", "velocity"):
             words.append(f"{factor:g} times the limits of {kind}")
-            own = dict(zip(robot.motors, getattr(robot, f"motor_{kind}_limits").tolist(), strict=True))
-            curves = {name: replace(each, stall=factor * each.stall) for name, each in limits.motor.items()}
-            more: dict[str, Any] = {"motor": curves} if kind == "torque" else {}
-            limits = replace(limits, **more, **{kind: _times(factor, getattr(limits, kind), own)})
+            limits = scaled_limits(problem, **{kind: factor})
         elif kind == "range":
             words.append(f"joint ranges {factor:g} times as wide")
             ends = np.asarray(problem.position_limits)
@@ -208,12 +206,3 @@ def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str,
             problem = replace(problem, obstacles=tuple(obstacles), self_clearances=tuple(pairs))
         problem = replace(problem, jump=request, limits=limits)
     return " and ".join(words), problem
-
-
-def _times(factor: float, given: Any, own: Mapping[str, float]) -> Any:
-    """Limits, as a problem gives them, times a factor; ``own`` are those of the URDF."""
-    if isinstance(given, str):
-        given = {name: most for name, most in own.items() if given == "urdf" and math.isfinite(most)} or "none"
-    if isinstance(given, Mapping):
-        return {name: factor * most for name, most in given.items()}
-    return given if given == "none" else (factor * np.asarray(given)).tolist()

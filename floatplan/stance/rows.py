@@ -10,9 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched, ground_below, heights_over_com, way_between
+from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.stance.contacts import Contact, Watched, ground_below, way_between
 from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+from floatplan.stance.model import Pair, PlanarModel, casadi
 from floatplan.stance.phases import Phase
 from floatplan.tables import POINT_FEET
 
@@ -40,6 +41,7 @@ class Bounds:
     friction : coefficient
     held : share of the efforts of joints that are held
     pressed : least vertical force over the weight, where more than one contact stands
+    pitch_error : rad, by which the robot may be turned about its feet where it lands, either way
     """
 
     torque: Array
@@ -51,6 +53,7 @@ class Bounds:
     friction: float
     held: float = 1.0
     pressed: float = LEAST_FORCE
+    pitch_error: float = 0.0
 
 
 @dataclass
@@ -195,8 +198,9 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a, forces over weight, drifts) -> (rows, cost) of a stance's node, and the rows' bounds.
+        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, cost, load); its rows' bounds.
 
+        The load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
@@ -227,8 +231,47 @@ class NodeRows:
                 height = model.places(model.weights(contact.spots[:1], anchor))[1]
                 rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("stance", [output, self._cost(moments)], forces, drifts)
+        load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
+        function = model.function("stance", [output, self._cost(moments), load], forces, drifts)
         return function, [row[1:] for row in rows]
+
+    def turned(self, phase: Phase) -> tuple[Any, Array]:
+        """Heights of what is watched where the robot is turned about a foot, a function of (y, v, a); the least, m.
+
+        The robot is turned by the pitch error either way, as a rigid body, until a foot is on the ground. No foot is
+        lower than that, so that it is enough to look at one: parts of a leg are measured from its own foot, others from
+        what stands. Of several, as heel and toe, it is the last one on the side to which it turns. A point at (x, z)
+        from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
+        """
+        model, error = self.model, self.bounds.pitch_error
+        end = self.ends[0 if phase.side == "takeoff" else 1]
+        spots, least = list[Spot](), list[float]()
+        for spot, height in zip(self.watched.spots, self.watched.touchdown.tolist(), strict=True):
+            if np.isfinite(height):
+                spots.append(spot)
+                least.append(height)
+        heights = []
+        for spot in spots:
+            feet = self._feet_of_leg(spot.body) or phase.contacts
+            along = heights_over_com(model.robot, [contact.spots[0] for contact in feet], end).real
+            for pivot, sign in ((int(along.argmin()), 1.0), (int(along.argmax()), -1.0)):
+                contact = feet[pivot]
+                x, z = model.places(model.weights([spot], contact.spots[0]._replace(radius=0.0)))
+                heights.append(z * np.cos(error) + sign * x * np.sin(error) + contact.depth)
+        return model.function("turned", [casadi().vertcat(*heights)]), np.repeat(least, 2)
+
+    def _feet_of_leg(self, body: int) -> list[Contact]:
+        """Contacts of the legs of which a body is a part; none of the base, which no leg has for its own."""
+        parent = self.model.robot.tree.parent
+        found = []
+        for contact in self.feet:
+            for spot in contact.spots:
+                above = spot.body
+                while above > 0 and above != body:
+                    above = int(parent[above])
+                if above == body > 0 and contact not in found:
+                    found.append(contact)
+        return found
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
         """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""

@@ -24,7 +24,8 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
-from floatplan.stance.model import Spot, casadi
+from floatplan.robot.standing import Spot
+from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, refined, values
 from floatplan.stance.phases import instants
 from floatplan.stance.rows import NodeRows, Rows

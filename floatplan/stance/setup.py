@@ -22,6 +22,7 @@ from floatplan.stance.contacts import (
     contact_at,
     ground_below,
     in_the_air,
+    not_round,
     rolling,
     standing_feet,
     watched_points,
@@ -29,7 +30,15 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Meeting, Phase, Side, not_static, side_phases, standing_posture
+from floatplan.stance.phases import (
+    Meeting,
+    Phase,
+    Side,
+    not_static,
+    side_phases,
+    standing_posture,
+    static_beyond_ranges,
+)
 from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
 from floatplan.stance.rows import LEAST_FORCE, Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
@@ -43,6 +52,9 @@ LESS_FRICTION = 0.85  # [-] where forces leave the cone
 STRICTER, DEEPER = 0.97, 1.5  # [-] beyond what a figure shows: shares of limits, and depths
 BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
+NO_STATIC = "none was found on these contacts: give other ones, or plan more joints"
+FARTHEST_HEIGHT = 0.2  # [m] between frames at takeoff and at landing: ankles rise by so much where soles tip
+FARTHEST_TURN = TURN / 4  # [rad] from whole turns, of a goal whose orientation is a guess of a landing's
 
 
 @dataclass(frozen=True)
@@ -79,7 +91,8 @@ class Room:
         velocity, friction = share("velocity", self.velocity), share("friction", self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        clear = self.clear + DEEPER * max(0.0, -figures.get("ground", 0.0))
+        too_low = max(0.0, -figures.get("ground", 0.0), -figures.get("touchdown", 0.0))
+        clear = self.clear + DEEPER * too_low
         apart = self.apart - min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         more = {"finer": FINER * self.finer, "clear": clear, "apart": apart}
         more["pressed"] = self.pressed + max(0.0, -figures.get("pull", 0.0))
@@ -165,6 +178,7 @@ class Setup:
             friction=room.friction * request.friction,
             held=room.torque,
             pressed=room.pressed,
+            pitch_error=request.pitch_error,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
@@ -198,6 +212,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     """
     _check_stand(problem)
     turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
+    _refuse_what_is_not_kept(problem, turns)
     before = _wanted(problem, problem.initial, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
     outer, inner = ((), []) if all(given) else usual_groups(problem.robot, problem.takeoff.frame, "takeoff", before)
@@ -215,10 +230,44 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         *side_phases("flight", [()], unit, [(time, time) if "duration" in request.fixed else None], turns),
         *side_phases("landing", landing_contacts, unit, _bounds(request, "landing", len(landing))),
     )
+    _check_frames(problem, takeoff_contacts, landing_contacts)
     standing = np.stack((posture, _turned(rest, TURN * turns)))
     met = (("start", 0, problem.initial), ("goal", -1, problem.final))
     fixed = [Meeting(at, np.append(each.orientation, each.positions)) for key, at, each in met if key in request.fixed]
     return Setup(problem, request, phases, standing, ground, tuple(fixed), _momentum(problem, request))
+
+
+def _refuse_what_is_not_kept(problem: Problem, turns: int) -> None:
+    """Refuse what a flight is asked for and a jump around it would not do, since it stands level at both ends."""
+    flight = problem.flight
+    missed = problem.final.orientation - problem.initial.orientation - TURN * turns
+    stands_level = problem.takeoff_frame.body != 0  # else its orientation is the goal's, less whole turns
+    if stands_level and abs(missed) > FARTHEST_TURN:
+        reason = (
+            f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
+        )
+        advice = "ask for whole turns, or plan the flight alone with floatplan plan"
+        raise InputError(reason, element="goal.orientation", advice=advice)
+    height = 0.0 if flight.landing is None else flight.landing.height or 0.0
+    if abs(height - problem.takeoff.position[1]) > FARTHEST_HEIGHT:
+        reason = f"a jump lands on the ground that it leaves, not {height:.3g} m up"
+        advice = "leave it out, or plan the flight alone with floatplan plan"
+        raise InputError(reason, element="flight.landing.height", advice=advice)
+
+
+def _check_frames(
+    problem: Problem, takeoff: Sequence[tuple[Contact, ...]], landing: Sequence[tuple[Contact, ...]]
+) -> None:
+    """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
+    flight = problem.flight
+    stood = [contact for phase in takeoff for contact in phase]
+    ends = (("takeoff", flight.takeoff, stood), ("landing", flight.landing, landing[0]))
+    for side, asked, contacts in ends:
+        frames = list(dict.fromkeys(frame for contact in contacts for frame in contact.frames))
+        if asked is not None and asked.frame not in frames:
+            reason = f"{asked.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
+            advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
+            raise InputError(reason, element=f"flight.{side}.frame", advice=advice)
 
 
 def _momentum(problem: Problem, request: JumpRequest) -> float | None:
@@ -310,12 +359,14 @@ def _side(
     if floating:
         raise InputError(floating, element=place, advice="name what is on the ground where it stands")
     if found is None or is_other:
-        static = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found[1:], strict=True)]
-        raise InputError(
-            f"the posture is not static: {not_static(robot, outer, wanted)}",
-            element=named,
-            advice=f"static is {', '.join(static)} rad" if static else "give another, or other contacts",
-        )
+        if found is None:
+            beyond = static_beyond_ranges(robot, outer, wanted, limits)
+            advice = f"{beyond}: give another posture, or other contacts" if beyond else NO_STATIC
+        else:
+            static = (f"{name} {at:.4g}" for name, at in zip(robot.joints, found[1:], strict=True))
+            advice = f"static is {', '.join(static)} rad"
+        reason = f"the posture is not static: {not_static(robot, outer, wanted)}"
+        raise InputError(reason, element=named, advice=advice)
     return contacts, found
 
 
@@ -354,6 +405,15 @@ def usual_groups(robot: Robot, frame: str, side: Side, wanted: Array) -> tuple[t
     return (frame,), [(toe.name,)] if toe.of_sole else []
 
 
+def _rolling_or_not(robot: Robot, contact: Contact, wanted: Array, feet: str) -> Contact:
+    """A contact as ``feet`` of a request asks for it: on circles that roll, or on points."""
+    if feet == "rolling":
+        return rolling(robot, contact, wanted)
+    if feet == "auto" and not not_round(robot, contact, wanted):
+        return rolling(robot, contact, wanted)
+    return contact
+
+
 def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, feet: str) -> tuple[Contact, ...]:
     """Contacts of a phase's names; of a sole toe and heel, or the one named."""
     found: list[Contact] = []
@@ -362,7 +422,7 @@ def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, fee
         try:
             points = contact_at(robot, frame, wanted)
             chosen = [each for each in points if not dot or each.name == name]
-            chosen = [rolling(robot, each, wanted) for each in chosen] if feet == "rolling" else chosen
+            chosen = [_rolling_or_not(robot, each, wanted, feet) for each in chosen]
         except InputError as error:
             raise error.within(element=place) from None
         if not chosen:

@@ -170,6 +170,9 @@ def load_study_file(path: str | Path) -> StudyFile:
         raise InputError("is for flights alone", source=path, element="plan.search", advice="raise plan.starts")
     problem = path.parent / tables.problem
     base = load_problem(problem)
+    if tables.plan.jump and base.jump is None:
+        advice = f"add a table [jump] to {problem.name}, or leave it out"
+        raise InputError("is for problems of whole jumps", source=path, element="plan.jump", advice=advice)
     if base.robot.in_plane is None:
         raise base.robot.not_in_plane
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")

@@ -264,7 +264,7 @@ class JumpTab:
             inputs.slider(f"{name}, %", (f"jump.margin.{name}",), LEAST_MARGIN, 1.0, 0.01, hint)
         hint = "Height that what does not stand keeps above the ground."
         inputs.slider("clearance, mm", ("jump.clearance",), 0.0, HIGHEST, 1e-3, hint)
-        for key, words in (("objective", ("torque", "limits")), ("feet", ("point", "rolling"))):
+        for key, words in (("objective", ("torque", "limits")), ("feet", ("auto", "rolling", "points"))):
             inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
 
     def draw(self, view: View) -> None:

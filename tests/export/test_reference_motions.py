@@ -383,7 +383,7 @@ def test_the_command_tells_of_another_order(
     assert "in the same order as in the robot's file" in run.stderr
     run = floatplan("export", plan_file, "-f", "ros", "--model", model)
     assert run.code == 2
-    assert "no room for the order of a model; take one of isaac-amp, motion-csv, loco-mujoco" in run.stderr
+    assert "no room for the order of a model; take one of mujoco, isaac-amp, motion-csv, loco-mujoco" in run.stderr
 
 
 def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -434,8 +434,10 @@ def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path: Path) -> None:
         near(content["body_positions"][frame], data.xpos[1:])
     same = export(motion, "isaac-amp", tmp_path / "same", rate=RATE, model=path)
     assert same.read_bytes() == (tmp_path / "amp").read_bytes()
-    with pytest.raises(InputError, match="has no free joint with a name"):
-        export(motion, "loco-mujoco", tmp_path / "loco", model=path)
+    loco = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE, model=path))
+    own = mujoco.MjModel.from_xml_path(str(path))
+    assert loco["joint_names"].tolist() == [own.joint(number).name for number in range(own.njnt)]
+    assert loco["qpos"].shape[1] == own.nq
 
 
 def test_a_model_is_read_whole_and_safely(pair: fp.Plan, tmp_path: Path) -> None:

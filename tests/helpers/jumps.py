@@ -36,6 +36,7 @@ def go2_problem(turns: int = -1) -> fp.Problem:
         fp.Motion(objective="torque"),
         fp.Limits(velocity="urdf", torque="urdf"),
         name="go2",
+        jump=fp.JumpRequest(),
     )
 
 

@@ -222,7 +222,11 @@ REFUSED = {
     "huge": (ARM.format("").replace("0.3", "1e300"), "", r"is larger than any robot's"),
     "unknown": ("<wheel/>", "", r"MuJoCo refuses it: .*wheel"),
     "no mass": ('<body><joint name="j"/></body>', "", r"MuJoCo refuses it: .*mass"),
-    "no mesh": ('<geom type="mesh" mesh="m"/>', '<asset><mesh name="m" file="no.stl"/></asset>', r"no such file"),
+    "no mesh": (
+        '<geom type="mesh" mesh="m"/>',
+        '<compiler meshdir="here"/><asset><mesh name="m" file="no.stl"/></asset>',
+        r'robot\.xml: <mesh> "m": here/no\.stl: no such file; .* and of the <compiler>\'s meshdir',
+    ),
     "a mesh that is none": (
         '<geom type="mesh" mesh="m"/>',
         '<asset><mesh name="m" file="robot.xml" content_type="model/stl"/></asset>',
@@ -232,7 +236,13 @@ REFUSED = {
     "two places": (2 * '<include file="robot.xml"/>', "", "is included twice"),
     "out of the folder": ('<include file="../robot.xml"/>', "", r"lies outside the folder"),
     "absolute": ('<include file="/etc/passwd"/>', "", r"lies outside the folder"),
-    "empty include": ("<include/>", "", r"<include>: .*(is a directory|not a regular)"),
+    "empty include": ("<include/>", "", r"robot\.xml: <include>: names no file; write one"),
+    "a directory": ('<include file="./"/>', "", r'robot\.xml: <include> "\./": is a directory, .*; its path is from'),
+    "no include": (
+        '<include file="no.xml"/>',
+        "",
+        r'robot\.xml: <include> "no\.xml": no such file; its path is from the',
+    ),
     "held": ("", "", r'body "base": is held to the world by turn'),
     "entities": ("", "", r"declares a document type"),
     "no URDF": ("", "", r"is not an MJCF: its root element is <robot>; read it as one: .*from_urdf"),
@@ -283,6 +293,21 @@ def test_files_included_count_and_so_do_their_hashes(tmp_path):
         fp.Robot.from_mjcf(robot.path)
 
 
+def test_what_an_included_file_asks_for_names_that_file(tmp_path):
+    (tmp_path / "parts").mkdir()
+    asks = {
+        "include": '<include file="parts/none.xml"/>',
+        "mesh": '<asset><mesh name="shell" file="none.stl"/></asset>',
+        "inline": '<asset><mesh name="shell" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>',
+    }
+    for tag, text in asks.items():
+        (tmp_path / "parts" / f"{tag}.xml").write_text(f"<mujocoinclude>{text}</mujocoinclude>")
+        path = mjcf(tmp_path, "", f'<include file="parts/{tag}.xml"/>')
+        with pytest.raises(InputError, match=r"no such file|is written here") as refused:
+            fp.Robot.from_mjcf(path)
+        assert refused.value.source == str(tmp_path / "parts" / f"{tag}.xml")
+
+
 def test_an_included_loop_ends(tmp_path):
     (tmp_path / "one.xml").write_text('<mujocoinclude><include file="./two.xml"/></mujocoinclude>')
     (tmp_path / "two.xml").write_text('<mujocoinclude><include file="parts/../one.xml"/></mujocoinclude>')
@@ -294,8 +319,13 @@ def test_files_are_not_without_number(tmp_path, monkeypatch):
     monkeypatch.setattr(mjcf_text, "MOST_FILES", 1)
     for name in ("one.xml", "two.xml"):
         (tmp_path / name).write_text("<mujocoinclude/>")
+    path = mjcf(tmp_path, '<include file="one.xml"/><include file="two.xml"/>')
     with pytest.raises(InputError, match="is read with more than 1 other files"):
-        fp.Robot.from_mjcf(mjcf(tmp_path, '<include file="one.xml"/><include file="two.xml"/>'))
+        fp.Robot.from_mjcf(path)
+    monkeypatch.undo()
+    monkeypatch.setattr(mjcf_text, "LARGEST_TOTAL", 20)
+    with pytest.raises(InputError, match=r"robot\.xml: is read with more than 0 MB of other files"):
+        fp.Robot.from_mjcf(path)
 
 
 def test_a_file_of_another_kind_is_refused_as_such():

@@ -12,9 +12,10 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.robot import Robot
+from floatplan.robot.standing import Spot
 from floatplan.stance.contacts import contact_at, rolling
 from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import PlanarModel, Spot, casadi
+from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance
 from floatplan.stance.planner import ROOM
 from floatplan.stance.rows import CLEAR

@@ -15,7 +15,8 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.robot import Robot
-from floatplan.stance.contacts import contact_at, heights_over_com, rolling, standing_feet
+from floatplan.robot.standing import heights_over_com
+from floatplan.stance.contacts import contact_at, rolling, standing_feet
 from floatplan.stance.exact import StanceDynamics
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.motion import Grid, Stance, hermite, quintic

@@ -40,10 +40,11 @@ def as_recorded(urdf: Urdf, record: RobotRecord) -> Urdf:
     links = dict(urdf.links)
     if record.balance_inertias and record.kind == "urdf":  # of an MJCF its reader has done it
         links = {name: _balanced(link) for name, link in links.items()}
-    for each in record.payload or ():
-        if each["link"] not in links:
-            raise InputError(f'the robot has no link "{each["link"]}"', element="robot.payload")
-        links[each["link"]] = _carrying(links[each["link"]], number(repr(each["mass"])), each["at"])
+    for point in record.payload or ():
+        name = point["link"]
+        if name not in links:
+            raise InputError(f'the robot has no link "{name}"', element="robot.payload")
+        links[name] = _carrying(links[name], number(repr(point["mass"])), point["at"])
     return replace(urdf, links=links)
 
 
@@ -54,11 +55,11 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
     for joint in urdf.joints:
         if joint.kind in FREE_KINDS and joint.name not in names:
             raise InputError(f"is {joint.kind}, and carries a part of the robot alone", element=f'joint "{joint.name}"')
-    given = [name for name in names if name in roles]
-    if not names or (given == names and base[0].kind not in FREE_KINDS):
+    locked = [name for name in names if name in roles]
+    if not names or (locked == names and base[0].kind not in FREE_KINDS):
         return urdf
-    if given:
-        raise InputError("is one of those by which the base floats", element=f'joint "{given[0]}"')
+    if locked:
+        raise InputError("is one of those by which the base floats", element=f'joint "{locked[0]}"')
     frames, carriers = set[str](), {joint.child: joint for joint in urdf.joints}
     link = base[-1].child
     while link in carriers:
@@ -76,17 +77,17 @@ def _free_base(urdf: Urdf) -> list[Joint]:
         below.setdefault(joint.parent, []).append(joint)
     link, rotation = urdf.root, Placement().rotation
     chain: list[tuple[Joint, Any]] = []
-    found: list[Joint] = []
+    base: list[Joint] = []
     while _is_massless(urdf.links[link]) and len(below.get(link, ())) == 1:
         (joint,) = below[link]
         rotation = rotation * joint.origin.rotation
         if joint.kind != "fixed":
             chain.append((joint, joint.axis if joint.kind == "floating" else rotation * joint.unit_axis))
             if _floats(chain):
-                found = [joint for joint, _ in chain]
+                base = [joint for joint, _ in chain]
         link = joint.child
     followed = {joint.mimic[0] for joint in urdf.joints if joint.mimic is not None}
-    return [] if any(joint.mimic or joint.name in followed for joint in found) else found
+    return [] if any(joint.mimic or joint.name in followed for joint in base) else base
 
 
 def _is_massless(link: Link) -> bool:

@@ -44,7 +44,7 @@ class Placement:
 class Link:
     """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2).
 
-    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
     """
 
     name: str

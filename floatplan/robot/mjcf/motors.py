@@ -1,12 +1,12 @@
 """What the actuators of a compiled MJCF can, and what their joints feel of them."""
 
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.mjcf.compiled import CompiledMjcf
 from floatplan.robot.mjcf.tree import MjcfTree
 
 UNLIMITED = np.array([-math.inf, math.inf])
@@ -20,40 +20,61 @@ def joint_motors(tree: MjcfTree) -> tuple[dict[int, dict[str, float]], list[str]
     where the joint is driven in one direction only.
     """
     model, motors = tree.model, {}
-    of_joints = model.actuator_trntype <= int(import_mujoco().mjtTrn.mjTRN_JOINTINPARENT)
+    of_joints = model.actuator_trntype <= model.constants["mjTRN_JOINTINPARENT"]
     others = [f"number {1 + each}" for each in np.flatnonzero(~of_joints)]
+    of_base = np.isin(model.actuator_trnid[:, 0], tree.joints[tree.bodies[0]]) & of_joints
+    pushing = [model.names["actuator"][each] or f"number {1 + each}" for each in np.flatnonzero(of_base)]
     idle, uneven = [], []
     for joint in tree.moving:
-        actuators = np.flatnonzero(of_joints & (model.actuator_trnid[:, 0] == joint)).tolist()
-        torques = np.sum([_torques(model, each) for each in actuators] or [UNLIMITED], axis=0)
+        actuators = actuators_of(model, joint)
+        torques = np.sum([actuator_torques(model, each) for each in actuators] or [UNLIMITED], axis=0)
         if model.jnt_actfrclimited[joint]:
             torques = np.clip(torques, *model.jnt_actfrcrange[joint])
         low, high = torques.tolist()
-        effort, degree = min(-low, high), model.jnt_dofadr[joint]
+        effort = min(-low, high)
         idle += [] if actuators or not of_joints.any() else [tree.joint_names[joint]]
         uneven += [] if effort > 0.0 and low == -high else [tree.joint_names[joint]]
-        felt = [float(getattr(model, f"dof_{key}")[degree]) for key in ("armature", "damping", "frictionloss")]
-        for index, key in enumerate(("actuator_armature", "actuator_damping")):  # of newer versions of MuJoCo
-            if hasattr(model, key):
-                felt[index] += float(model.actuator_gear[actuators, 0] ** 2 @ getattr(model, key)[actuators])
-        felt = [effort if 0.0 < effort < math.inf else 0.0, *felt]
-        motors[joint] = dict(zip(("effort", "armature", "damping", "friction"), felt, strict=True))
+        limit = effort if 0.0 < effort < math.inf else 0.0
+        motors[joint] = {"effort": limit, **joint_losses(model, joint, actuators)}
     said = {
         "actuators that act on no joint, left out": others,
+        "actuators that push the base, which flies freely, left out": pushing,
         "joints without an actuator, planned as if they had one without limits": idle,
         "torques that differ by direction, taken to be the smaller one, or without limit where that is zero": uneven,
     }
     return motors, [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
 
 
-def _torques(model: Any, number: int) -> Array:
+def actuators_of(model: CompiledMjcf, joint: int) -> list[int]:
+    """Return the numbers of the actuators that act on a joint."""
+    of_joints = model.actuator_trntype <= model.constants["mjTRN_JOINTINPARENT"]
+    numbers: list[int] = np.flatnonzero(of_joints & (model.actuator_trnid[:, 0] == joint)).tolist()
+    return numbers
+
+
+def joint_losses(model: CompiledMjcf, joint: int, actuators: Sequence[int]) -> dict[str, float]:
+    """Return ``armature``, kg m^2, ``damping``, N m s/rad, and ``friction``, N m, of a joint with its actuators."""
+    degree = model.jnt_dofadr[joint]
+    losses = {
+        "armature": float(model.dof_armature[degree]),
+        "damping": float(model.dof_damping[degree]),
+        "friction": float(model.dof_frictionloss[degree]),
+    }
+    for key in ("armature", "damping"):
+        of_actuators = getattr(model, f"actuator_{key}", None)  # of newer versions of MuJoCo
+        if of_actuators is not None:
+            losses[key] += float(model.actuator_gear[actuators, 0] ** 2 @ of_actuators[actuators])
+    return losses
+
+
+def actuator_torques(model: CompiledMjcf, number: int) -> Array:
     """Least and largest torque of an actuator on its joint: by its range of forces, and of control where known."""
-    mujoco, gear = import_mujoco(), model.actuator_gear[number, 0]
+    constants, gear = model.constants, model.actuator_gear[number, 0]
     forces = model.actuator_forcerange[number] if model.actuator_forcelimited[number] else UNLIMITED
     by_control = (
-        model.actuator_gaintype[number] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[number] == mujoco.mjtBias.mjBIAS_NONE
-        and model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_NONE
+        model.actuator_gaintype[number] == constants["mjGAIN_FIXED"]
+        and model.actuator_biastype[number] == constants["mjBIAS_NONE"]
+        and model.actuator_dyntype[number] == constants["mjDYN_NONE"]
     )
     if by_control and model.actuator_ctrllimited[number]:
         forces = np.clip(np.sort(model.actuator_gainprm[number, 0] * model.actuator_ctrlrange[number]), *forces)

@@ -1,12 +1,13 @@
 """An MJCF file with all that it includes, as one element, and the content of its meshes: MuJoCo itself opens no file.
 
-Left out is what a robot in flight does not have: sensors, pictures, terrain, sizes of buffers. Elements by which a
-short file makes thousands of bodies, or calls code, are refused.
+Left out is what a robot in flight does not have, and what makes MuJoCo's compiler simulate or allocate: sensors,
+pictures, terrain, sizes and buffers, options of its solvers, ranges of lengths. Elements by which a short file makes
+thousands of bodies, or calls code, are refused.
 """
 
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, check_depth, parsed_xml, read_regular
@@ -14,8 +15,18 @@ from floatplan.robot.shapes.collisions import LARGEST_MESH
 
 MOST = {"*": 20_000, "body": 1000}  # [-] elements of a file with its includes: many times those of any robot
 MOST_FILES = 200  # [-] included files, and meshes
+LARGEST_TOTAL = 500_000_000  # [bytes] of all of them, which are held at once
 FOLDERS = ("meshdir", "assetdir", "texturedir", "strippath")  # of a <compiler>: where files are
-LEFT_OUT = ("size", "visual", "statistic", "custom", "sensor", "texture", "material", "hfield", "skin")
+LEFT_OUT = (
+    *("size", "visual", "statistic", "custom", "sensor", "texture", "material", "hfield", "skin"),
+    "lengthrange",  # of a <compiler>: for how long to simulate each actuator
+)
+ATTRIBUTES_LEFT_OUT = (
+    "material",
+    *("nsample", "delay", "interp", "actdim"),  # of actuators: buffers of any size
+    "octree_maxdepth",  # of meshes: trees of any size
+)
+OPTIONS = ("gravity", "density", "viscosity", "wind")  # attributes of an <option> that say what the robot is in
 SAVED = "load the file in MuJoCo and save it with mj_saveLastXML, which writes out what they make"
 REFUSED = {  # elements: why, and what to do about it
     **dict.fromkeys(("replicate", "composite"), ("makes many bodies out of one", SAVED)),
@@ -29,13 +40,20 @@ REFUSED = {  # elements: why, and what to do about it
 class MjcfText:
     """A ``<mujoco>`` element without includes, of the file at ``path``.
 
-    ``files`` is the content of what it is read with, by paths from its folder; ``meshes`` are the paths of mesh assets.
+    ``files`` is the content of what it is read with, by paths from its folder; ``meshes`` are the paths of mesh assets;
+    ``askers`` the included files that elements which name a further file are in.
     """
 
     root: Element
     path: Path
     files: dict[str, bytes] = field(default_factory=dict)
     meshes: dict[str, str] = field(default_factory=dict)
+    askers: dict[Element, Path] = field(default_factory=dict)
+
+    def refused(self, reason: str, element: Element, advice: str | None = None) -> InputError:
+        """What is said of an element, which names the file that it is in."""
+        source = self.askers.get(element, self.path)
+        return InputError(reason, source=source, element=_place(element), advice=advice)
 
 
 def whole_mjcf(root: Element, path: Path) -> MjcfText:
@@ -59,12 +77,27 @@ def whole_mjcf(root: Element, path: Path) -> MjcfText:
         if element.tag in REFUSED:
             reason, advice = REFUSED[element.tag]
             raise InputError(f"{reason}; it is not read", element=_place(element), advice=advice)
-        element.attrib.pop("material", None)
+        for name in ATTRIBUTES_LEFT_OUT:
+            element.attrib.pop(name, None)
         for child in list(element):
             if child.tag in LEFT_OUT or (child.tag, child.get("type")) == ("geom", "hfield"):
                 element.remove(child)
+    for option in root.findall("option"):
+        _keep_surroundings(option)
+    # Else MuJoCo would simulate each muscle for the range of its length.
+    SubElement(SubElement(root, "compiler"), "lengthrange", mode="none")
     _read_meshes(text)
     return text
+
+
+def _keep_surroundings(option: Element) -> None:
+    """Leave of an ``<option>`` what the robot is in: compiling ends with a step of simulation, by any solver."""
+    flags = [flag.get("gravity") for flag in option.findall("flag") if flag.get("gravity") is not None]
+    attributes = {name: value for name, value in option.attrib.items() if name in OPTIONS}
+    option.clear()
+    option.attrib.update(attributes)
+    for flag in flags:
+        SubElement(option, "flag", gravity=str(flag))
 
 
 def _check_size(root: Element) -> None:
@@ -82,16 +115,21 @@ def _place(element: Element) -> str:
 def _included(text: MjcfText, include: Element) -> Element:
     """The root element of the file that an ``<include>`` names."""
     folder = text.path.parent.resolve()
-    target = (folder / include.get("file", "")).resolve()
+    written = include.get("file", "").strip()
+    if not written:
+        raise text.refused("names no file", include, 'write one: <include file=".."/>, or remove the element')
+    target = (folder / written).resolve()
     if not target.is_relative_to(folder):
         reason, advice = "lies outside the folder of the file that includes it", "put it into that folder"
-        raise InputError(reason, element=_place(include), advice=advice)
+        raise text.refused(reason, include, advice)
     name = target.relative_to(folder).as_posix()
     if name in text.files or target == text.path.resolve():
-        raise InputError("is included twice, or includes itself", element=_place(include))
+        raise text.refused("is included twice, or includes itself", include, "remove one of the elements")
     root = parsed_xml(_content(text, name, LARGEST_URDF, include), text.path.parent / name)
     if root.tag not in ("mujoco", "mujocoinclude"):
         raise InputError(f"is not an MJCF: its root element is <{root.tag}>", source=text.path.parent / name)
+    for tag in ("include", "mesh"):
+        text.askers.update(dict.fromkeys(root.iter(tag), text.path.parent / name))
     return root
 
 
@@ -102,7 +140,12 @@ def _content(text: MjcfText, name: str, largest: int, element: Element) -> bytes
     try:
         text.files[name] = read_regular(text.path.parent / name, largest, "a part of an MJCF")
     except InputError as error:
-        raise error.within(element=_place(element)) from None
+        reason = error.reason if element.tag == "include" else f"{name}: {error.reason}"
+        by = "" if element.tag == "include" else ", and of the <compiler>'s meshdir or assetdir"
+        advice = error.advice or f"its path is from the folder of {text.path.name}{by}"
+        raise text.refused(reason, element, advice) from None
+    if sum(map(len, text.files.values())) > LARGEST_TOTAL:
+        raise InputError(f"is read with more than {LARGEST_TOTAL // 1_000_000} MB of other files, as no robot is")
     return text.files[name]
 
 
@@ -115,7 +158,7 @@ def _read_meshes(text: MjcfText) -> None:
     for mesh in text.root.iterfind("asset/mesh"):
         if not mesh.get("file") or mesh.get("refpos") or mesh.get("refquat"):
             reason = "is written here or moved by refpos or refquat, and only meshes of files, as they are, can be read"
-            raise InputError(reason, element=_place(mesh), advice="write the mesh to a file, in its place")
+            raise text.refused(reason, mesh, "write the mesh to a file, in its place")
         written = PurePath(mesh.get("file", ""))
         path = PurePath(folder) / (written.name if compiler.get("strippath") == "true" else written)
         name = path.as_posix()

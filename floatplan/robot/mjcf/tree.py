@@ -1,21 +1,25 @@
 """Which bodies of a compiled MJCF are the robot, what they are called, and what of them is no tree of rigid links."""
 
+import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.mjcf.compiled import CompiledMjcf
+from floatplan.robot.urdf.base import moves_freely
 
-SKEW = 1e-9  # [-] between axes of unit length that are at right angles but for rounding
+PLANAR = 3  # joints of a base that moves in a plane
+DIGITS = 12  # of a unit vector; the rest is rounding of the quaternion that turned it
 LOSSES = ("dof_armature", "dof_damping", "dof_frictionloss")
 TENDON_ACTS = ("limited", "actfrclimited", "stiffness", "damping", "frictionloss", "armature")  # where one is not zero
 
 
 class MjcfTree:
-    """The robot in a ``mujoco.MjModel``: the one body of the world that moves, and what it carries.
+    """The robot in a compiled MJCF: the one body of the world that moves, and what it carries.
 
     Attributes
     ----------
@@ -30,7 +34,7 @@ class MjcfTree:
         No body of the world moves, or several do; or the robot has what a tree of rigid links has not.
     """
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: CompiledMjcf) -> None:
         self.model = model
         moved = sorted(set(model.body_rootid[model.jnt_bodyid].tolist()))
         if len(moved) != 1:
@@ -46,72 +50,105 @@ class MjcfTree:
 
     @cached_property
     def body_names(self) -> dict[int, str]:
-        """Names of all bodies by their numbers; one without is called ``body`` and its number."""
-        return self._names("body", self.model.nbody, lambda body: f"body{body}")
+        """Names of all bodies by their numbers, see :func:`body_names`."""
+        return body_names(self.model)
 
     @cached_property
     def joint_names(self) -> dict[int, str]:
-        """Names of all joints by their numbers; one without is called after its body."""
-        bodies = self.model.jnt_bodyid.tolist()
-        return self._names("joint", self.model.njnt, lambda joint: f"{self.body_names[bodies[joint]]}_joint")
+        """Names of all joints by their numbers, see :func:`joint_names`."""
+        return joint_names(self.model)
+
+    @property
+    def gravity_direction(self) -> Array | None:
+        """Unit vector (3,) along gravity, in the base's axes as the file draws it; None where the file has none."""
+        gravity = self.model.opt_gravity
+        strength = float(np.linalg.norm(gravity))
+        disabled = int(self.model.opt_disableflags) & self.model.constants["mjDSBL_GRAVITY"]
+        if disabled or not 0.0 < strength < math.inf:
+            return None
+        turned = pin.Quaternion(*self.model.body_quat[self.bodies[0]].tolist()).normalized().inverse()
+        return read_only((turned * (gravity / strength)).round(DIGITS) + 0.0)
 
     def slides(self, joint: int) -> bool:
         """Whether a joint slides; it turns otherwise."""
-        return bool(self.model.jnt_type[joint] == import_mujoco().mjtJoint.mjJNT_SLIDE)
-
-    def _names(self, kind: str, count: int, otherwise: Callable[[int], str]) -> dict[int, str]:
-        given = {number: str(getattr(self.model, kind)(number).name) for number in range(count)}
-        taken = set(given.values())
-        return {number: name or new_name(otherwise(number), taken) for number, name in given.items()}
+        return bool(self.model.jnt_type[joint] == self.model.constants["mjJNT_SLIDE"])
 
     def _check_base(self) -> None:
-        """The base is free, or slides along two axes and turns about a third, or nothing at all holds it."""
-        kinds, base = import_mujoco().mjtJoint, self.joints[self.bodies[0]]
-        types = self.model.jnt_type[base].tolist()
-        axes = self.model.jnt_axis[base][np.argsort(types, kind="stable")]  # those that slide first
-        in_plane = sorted(types) == [kinds.mjJNT_SLIDE, kinds.mjJNT_SLIDE, kinds.mjJNT_HINGE]
-        if in_plane:
-            in_plane = bool(np.linalg.norm(np.cross(*axes[:2])) > SKEW and abs(axes[:2] @ axes[2]).max() < SKEW)
-        if base and types != [kinds.mjJNT_FREE] and not in_plane:
-            reason = f"is held to the world by {', '.join(self.joint_names[joint] for joint in base)}, and cannot fly"
-            advice = "let it have a <freejoint/>, or slide along two axes and turn about the third"
+        """The base is free, or its joints let it move as freely in a plane or in space, or nothing at all holds it."""
+        kinds, base = self.model.constants, self.joints[self.bodies[0]]
+        of_type: dict[int, list[Array]] = {}
+        for joint in base:
+            of_type.setdefault(int(self.model.jnt_type[joint]), []).append(self.model.jnt_axis[joint])
+        slides, turns = of_type.get(kinds["mjJNT_SLIDE"], []), of_type.get(kinds["mjJNT_HINGE"], [])
+        if len(of_type.get(kinds["mjJNT_BALL"], [])) == 1 and not turns:
+            turns = list(np.eye(3))  # as freely as three hinges about these axes
+        if base and kinds["mjJNT_FREE"] not in of_type and not moves_freely(slides, turns):
+            reason = (
+                f"is held to the world by {', '.join(self.joint_names[joint] for joint in base)}, which do not let it "
+                "move freely, in a plane or in space"
+            )
+            advice = (
+                "let it have a <freejoint/>; or slide along two axes and turn about the third, or slide along three "
+                "and turn about three, each about another than the one before it"
+            )
             raise InputError(reason, element=f'body "{self.body_names[self.bodies[0]]}"', advice=advice)
 
     def _check_rigid(self) -> None:
-        mujoco, model = import_mujoco(), self.model
+        model, constants = self.model, self.model.constants
         for joint in self.moving:
-            if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
+            if model.jnt_type[joint] == constants["mjJNT_BALL"]:
                 reason, advice = "is a ball joint, and only joints of one axis can be planned", "write three hinges"
                 raise InputError(reason, element=f'joint "{self.joint_names[joint]}"', advice=advice)
         for number in np.flatnonzero(model.eq_active0).tolist():
             reason = "is a constraint between bodies or joints, and a robot that is planned is a tree of joints"
             advice = "remove it; joints that follow others can be coupled to them: coupled ="
-            raise InputError(reason, element=_called("equality", model.equality(number), number), advice=advice)
-        pulled = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON, 0].tolist()
-        acting = [getattr(model, f"tendon_{key}", np.zeros((model.ntendon, 1))) for key in TENDON_ACTS]
-        for number in range(model.ntendon):
+            raise InputError(reason, element=_called(model, "equality", number), advice=advice)
+        pulled = model.actuator_trnid[model.actuator_trntype == constants["mjTRN_TENDON"], 0].tolist()
+        tendons = range(len(model.names["tendon"]))
+        acting = [getattr(model, f"tendon_{key}", np.zeros(len(tendons))) for key in TENDON_ACTS]
+        for number in tendons:
             if number in pulled or any(np.any(values[number]) for values in acting):
                 reason = "is a tendon that pulls, and only joints with a motor of their own can be planned"
-                raise InputError(reason, element=_called("tendon", model.tendon(number), number), advice="remove it")
+                raise InputError(reason, element=_called(model, "tendon", number), advice="remove it")
 
     def _left_out(self) -> list[str]:
         """Warnings about what is in the file and not planned with."""
-        model, option, base = self.model, self.model.opt, self.bodies[0]
+        model, base = self.model, self.bodies[0]
         springs = [self.joint_names[joint] for joint in self.moving if model.jnt_stiffness[joint]]
         losses = np.stack([getattr(model, key) for key in LOSSES])[:, model.dof_bodyid == base]
-        others = [self.body_names[body] for body in range(1, model.nbody) if model.body_rootid[body] != base]
+        others = [self.body_names[body] for body in range(1, len(model.body_rootid)) if model.body_rootid[body] != base]
         there = {
             f"the springs of {', '.join(springs)}": bool(springs),
             f"armature, damping and friction of {self.body_names[base]}": losses.any(),
             "gravity compensation": model.body_gravcomp[self.bodies].any(),
-            "the forces of a medium": option.density or option.viscosity or option.wind.any(),
+            "the forces of a medium": model.opt_density or model.opt_viscosity or model.opt_wind.any(),
             f"bodies of the world ({', '.join(others)})": bool(others),
         }
         left_out = [what for what, present in there.items() if present]
         held = (
             [] if self.joints[base] else [f"{self.body_names[base]} is fixed to the world in the file; here it flies"]
         )
+        if len(self.joints[base]) > PLANAR:
+            names = ", ".join(self.joint_names[joint] for joint in self.joints[base])
+            held = [f"read as the free base: {names}, by which the file lets the robot float"]
         return [*held, *([f"left out: {'; '.join(left_out)}"] if left_out else [])]
+
+
+def body_names(model: CompiledMjcf) -> dict[int, str]:
+    """Return names of all bodies by their numbers; one without is called ``body`` and its number."""
+    return _names(model, "body", lambda body: f"body{body}")
+
+
+def joint_names(model: CompiledMjcf) -> dict[int, str]:
+    """Return names of all joints by their numbers; one without is called after its body."""
+    bodies, of_bodies = model.jnt_bodyid.tolist(), body_names(model)
+    return _names(model, "joint", lambda joint: f"{of_bodies[bodies[joint]]}_joint")
+
+
+def _names(model: CompiledMjcf, kind: str, otherwise: Callable[[int], str]) -> dict[int, str]:
+    given = dict(enumerate(model.names[kind]))
+    taken = set(given.values())
+    return {number: name or new_name(otherwise(number), taken) for number, name in given.items()}
 
 
 def new_name(name: str, taken: set[str]) -> str:
@@ -122,5 +159,6 @@ def new_name(name: str, taken: set[str]) -> str:
     return name
 
 
-def _called(kind: str, view: Any, number: int) -> str:
-    return f'{kind} "{view.name}"' if view.name else f"{kind} number {number + 1}"
+def _called(model: CompiledMjcf, kind: str, number: int) -> str:
+    name = model.names[kind][number]
+    return f'{kind} "{name}"' if name else f"{kind} number {number + 1}"

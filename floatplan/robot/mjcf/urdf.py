@@ -14,12 +14,12 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
-from floatplan.robot.mjcf.compiled import compiled_mjcf, import_mujoco
+from floatplan.robot.mjcf.compiled import CompiledMjcf, compiled_mjcf
 from floatplan.robot.mjcf.motors import joint_motors
-from floatplan.robot.mjcf.text import whole_mjcf
+from floatplan.robot.mjcf.text import MjcfText, whole_mjcf
 from floatplan.robot.mjcf.tree import MjcfTree, new_name
 from floatplan.robot.urdf.inertias import balanced_warning
-from floatplan.robot.urdf.tree import UrdfText
+from floatplan.robot.urdf.tree import UrdfText, read_xml
 
 FULL = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of MuJoCo's fullinertia
 
@@ -38,14 +38,13 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
     """
     name = (root.get("model") or "").strip() or path.stem
     text = whole_mjcf(root, path)
-    balanced = _with_balanced_inertias(text.root) if balance_inertias else []
-    model = compiled_mjcf(text)
+    model, balanced = _compiled(text, balance_inertias)
     tree = MjcfTree(model)
     motors, of_motors = joint_motors(tree)
-    meshes = {number: text.meshes[model.mesh(number).name] for number in range(model.nmesh)}
+    meshes = {number: text.meshes[mesh] for number, mesh in enumerate(model.names["mesh"])}
     parts = [*_links(tree, meshes), *_joints(tree, motors)]
     xml = f"<robot {_written(name=name)}>{''.join(parts)}</robot>"
-    keys = {model.key(number).name: model.key_qpos[number] for number in range(model.nkey)}
+    keys = dict(zip(model.names["key"], model.key_qpos, strict=True))
     entries = {tree.joint_names[joint]: int(model.jnt_qposadr[joint]) for joint in tree.moving}
     return UrdfText(
         path=path,
@@ -56,7 +55,19 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
         files={name: hashlib.sha256(each).hexdigest() for name, each in text.files.items()},
         keyframes={key: {name: float(q[entry]) for name, entry in entries.items()} for key, q in keys.items() if key},
         warnings=(*tree.warnings, *of_motors, *balanced),
+        gravity_direction=tree.gravity_direction,
     )
+
+
+def compiled_file(robot_file: Path, balance_inertias: bool = False) -> CompiledMjcf:
+    """Return an MJCF file as MuJoCo compiles it; errors as of :func:`read_mjcf`, of what the robot is apart."""
+    _, root = read_xml(robot_file)
+    return _compiled(whole_mjcf(root, robot_file), balance_inertias)[0]
+
+
+def _compiled(text: MjcfText, balance_inertias: bool) -> tuple[CompiledMjcf, list[str]]:
+    balanced = _with_balanced_inertias(text.root) if balance_inertias else []
+    return compiled_mjcf(text), balanced
 
 
 def _with_balanced_inertias(root: Element) -> list[str]:
@@ -121,20 +132,20 @@ def _links(tree: MjcfTree, meshes: Mapping[int, str]) -> Iterator[str]:
         yield f"<link {_written(name=tree.body_names[body])}>{inertial}{collisions}</link>"
 
 
-def _collision(model: Any, geom: int, meshes: Mapping[int, str]) -> str:
-    kinds, kind, size = import_mujoco().mjtGeom, int(model.geom_type[geom]), model.geom_size[geom]
+def _collision(model: CompiledMjcf, geom: int, meshes: Mapping[int, str]) -> str:
+    kinds, kind, size = model.constants, int(model.geom_type[geom]), model.geom_size[geom]
     place, mesh = _place(model.geom_pos[geom], model.geom_quat[geom]), int(model.geom_dataid[geom])
-    if kind == kinds.mjGEOM_MESH:
+    if kind == kinds["mjGEOM_MESH"]:
         shape = f"mesh {_written(filename=meshes[mesh], scale=model.mesh_scale[mesh])}"
         place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()  # from where MuJoCo has it
     else:
         shape = {
-            int(kinds.mjGEOM_SPHERE): f"sphere {_written(radius=size[0])}",
-            int(kinds.mjGEOM_CAPSULE): f"capsule {_written(radius=size[0], length=2 * size[1])}",
-            int(kinds.mjGEOM_CYLINDER): f"cylinder {_written(radius=size[0], length=2 * size[1])}",
-            int(kinds.mjGEOM_BOX): f"box {_written(size=2 * size)}",
-            int(kinds.mjGEOM_ELLIPSOID): f"ellipsoid {_written(radii=size)}",
-        }.get(kind, kinds(kind).name)
+            kinds["mjGEOM_SPHERE"]: f"sphere {_written(radius=size[0])}",
+            kinds["mjGEOM_CAPSULE"]: f"capsule {_written(radius=size[0], length=2 * size[1])}",
+            kinds["mjGEOM_CYLINDER"]: f"cylinder {_written(radius=size[0], length=2 * size[1])}",
+            kinds["mjGEOM_BOX"]: f"box {_written(size=2 * size)}",
+            kinds["mjGEOM_ELLIPSOID"]: f"ellipsoid {_written(radii=size)}",
+        }.get(kind, model.constant(kind, "mjGEOM_"))
     return f"<collision>{_origin(place)}<geometry><{shape}/></geometry></collision>"
 
 

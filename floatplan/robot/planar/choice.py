@@ -20,6 +20,7 @@ from floatplan.tables import Unit
 LETTERS = "xyz"
 USUAL_PLANES = {"x": "yz", "y": "xz", "z": "xy"}  # by the normal's letter
 LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal: "1.5708" for pi/2 is 4e-6 off
+MOST_LEANING = math.sqrt(0.5)  # [-] cosine between a vertical and the upward line of the file
 TILT_ROUNDING = 1e-5  # [rad] below it lies a right angle written as 1.5708 or 1.570796; not worth a warning
 
 
@@ -75,8 +76,19 @@ def _planes_of(axes: Iterable[Array]) -> list[str]:
     return [f'"{USUAL_PLANES[normal]}"' for normal in normals]
 
 
-def choose_plane(name: str | None, axes: Iterable[Array]) -> str:
+def _nothing_to_plan(name: str, axes: Iterable[Array], *, asked: bool) -> InputError:
+    """What is said where no joint turns in a plane, which was asked for or is left of all; ``axes`` are (3,)."""
+    others = _planes_of(axes)
+    advice = f"joints turn in {either(others)}" if asked and others else None
+    reason = f'no joint is left to plan in the plane "{name}"'
+    return InputError(reason, element="plane" if asked else "joints", advice=advice)
+
+
+def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Array | None = None) -> str:
     """Return ``name``, or else that of the plane in which most joints turn.
+
+    Where it is known which way gravity points, this is a plane with a vertical, if any joint turns in such a one, and
+    its vertical is the axis nearest to the line of gravity.
 
     Parameters
     ----------
@@ -84,6 +96,8 @@ def choose_plane(name: str | None, axes: Iterable[Array]) -> str:
         Two letters, horizontal then vertical.
     axes : (3,) each
         The joints' axes in the root link.
+    gravity_direction : (3,), optional
+        In the root link.
 
     Raises
     ------
@@ -100,16 +114,43 @@ def choose_plane(name: str | None, axes: Iterable[Array]) -> str:
     if not turning:
         raise InputError("no joint that turns is left to plan", element="joints")
     counts = {letter: sum(_is_parallel(axis, _unit(letter)) for axis in turning) for letter in LETTERS}
+    vertical = None if gravity_direction is None else LETTERS[int(np.argmax(np.abs(gravity_direction)))]
+    if any(count for letter, count in counts.items() if letter != vertical):
+        counts = {letter: count for letter, count in counts.items() if letter != vertical}
     most = max(counts.values())
     if most == 0:
         reason = "no joint that could be planned turns about the x, y or z axis of the root link"
         raise InputError(reason, element="plane", advice="lock the joints that tilt the others at another angle")
     winners = [letter for letter, count in counts.items() if count == most]
     if len(winners) > 1:
-        planes = " or ".join(f'plane="{USUAL_PLANES[letter]}"' for letter in winners)
+        planes = " or ".join(f'plane="{_plane_about(letter, vertical)}"' for letter in winners)
         reason = f"as many joints turn about {' and '.join(winners)} ({most} each)"
         raise InputError(reason, element="plane", advice=f"give {planes}")
-    return USUAL_PLANES[winners[0]]
+    return _plane_about(winners[0], vertical)
+
+
+def _plane_about(normal: str, vertical: str | None) -> str:
+    """Name of the plane with a normal, and with a vertical where it has that axis; the usual one otherwise."""
+    usual = USUAL_PLANES[normal]
+    if vertical is None or vertical not in usual:
+        return usual
+    return usual.replace(vertical, "") + vertical
+
+
+def against_gravity(vertical: Array, gravity_direction: Array | None) -> str | None:
+    """Say that a vertical (3,) is not the one of a robot's file, or None where it is, or where the file has none.
+
+    The file may draw the robot leaning: up to half a right angle, another axis of its root link is no better vertical.
+    """
+    if gravity_direction is None or vertical @ -gravity_direction >= MOST_LEANING:
+        return None
+    of_file, of_flights = (
+        ", ".join(f"{part:.3g}" for part in direction + 0.0) for direction in (gravity_direction, -vertical)
+    )
+    return (
+        f"the file's gravity points along ({of_file}) in the root link's axes, "
+        f"and that of flights along ({of_flights}): they contradict each other"
+    )
 
 
 def _is_parallel(axis: Array, direction: Array) -> bool:
@@ -195,10 +236,12 @@ def choose_joints(
     locked: Mapping[str, float] | None,
     posture: Mapping[str, float] | None = None,
     base: str = "planar",
+    gravity_direction: Array | None = None,
 ) -> Choice:
     """Settle the plane and the role of every moving joint.
 
-    In space, with the base "free-flyer", there is no plane, and joints turn about any axis.
+    In space, with the base "free-flyer", there is no plane, and joints turn about any axis. ``gravity_direction`` is as
+    of :func:`choose_plane`.
 
     A joint is, in this order: locked if the user locks it; coupled if the user couples it; planned if ``joints``
     names it; coupled if the file has it ``<mimic>`` a planned joint; planned if ``joints`` is not given and it turns
@@ -227,18 +270,15 @@ def choose_joints(
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
     if base != "planar":
         if plane is not None:
-            raise InputError(
-                "a flight in space has none", element="plane", advice='leave it out, or base = "free-flyer"'
-            )
+            advice = 'leave it out, or base = "free-flyer"'
+            raise InputError("a flight in space has none", element="plane", advice=advice)
         return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
-    plane_name = choose_plane(plane, [axes[name] for name in named or free])
+    plane_name = choose_plane(plane, [axes[name] for name in named or free], gravity_direction)
     if joints is None:  # all that turn in the plane and are not held fast by their limits
         ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
         free = [name for name in free if any_sign.sign(axes[name]) and ranges[name].lower != ranges[name].upper]
         if not free:
-            reason, others = f'no joint is left to plan in the plane "{plane_name}"', _planes_of(axes.values())
-            advice = f"joints turn in {either(others)}" if plane is not None and others else None
-            raise InputError(reason, element="joints" if plane is None else "plane", advice=advice)
+            raise _nothing_to_plan(plane_name, axes.values(), asked=plane is not None)
     planned = tuple(free if joints is None else joints)
     chosen = Plane.of_axes(plane_name, [axes[name] for name in planned])
     signs = {name: chosen.sign(axis) for name, axis in axes.items()}

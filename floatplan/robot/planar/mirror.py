@@ -1,9 +1,11 @@
 """Joints left and right of the plane that are each other's mirror image, and are coupled to move as one."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import Choice, Coupling
 from floatplan.robot.urdf.tree import UrdfTree
@@ -15,9 +17,10 @@ def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | Non
     """Return couplings that make left and right limbs move as one.
 
     Two joints of ``choice`` are a pair where, at planned positions zero, they lie at the same place in the plane, at
-    equal distances on either side of the middle (the joints' median), and on the same or on paired links. The ratio is
-    -1 where their axes oppose each other. The one that comes first leads, or the one among ``joints`` where these are
-    given.
+    equal distances on either side of the middle (the joints' median), and on the same or on paired links. A joint is
+    beside the plane as far as what it carries, or as its origin: where on its axis a file puts the origin means
+    nothing. The ratio is -1 where their axes oppose each other. The one that comes first leads, or the one among
+    ``joints`` where these are given.
 
     Raises
     ------
@@ -43,15 +46,17 @@ def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
     """The joints that have a mirror image, and their mirror images."""
     plane, names = choice.in_plane, choice.planned
     placements = tree.placements(choice.positions_at_zero)
-    axes = np.array([plane.horizontal, plane.vertical, plane.normal])
-    places = np.array([axes @ placements[tree.joint[name].child].translation for name in names])
-    tolerance = MIRRORED * (float(np.ptp(places, axis=0).max()) or 1.0)
-    beside = places[:, 2] - np.median(places[:, 2])
-    mirrored = places - 2.0 * np.outer(beside, (0.0, 0.0, 1.0))
-    gaps = np.linalg.norm(places[:, None] - mirrored[None, :], axis=2)
+    origins = np.array([placements[tree.joint[name].child].translation for name in names])
+    carried = _carried_centers(tree, placements, names)
+    in_plane = origins @ np.array([plane.horizontal, plane.vertical]).T  # (joints, 2), m
+    beside = np.array([carried @ plane.normal, origins @ plane.normal])  # (2, joints), m: two ways to measure it
+    extent = max(np.ptp(in_plane, axis=0).max(), np.ptp(beside, axis=1).min())
+    tolerance = MIRRORED * (float(extent) or 1.0)
+    beside -= np.median(beside, axis=1, keepdims=True)
+    gaps = _mirror_gaps(in_plane, beside, tolerance)
     partner: dict[str, str] = {}
     for i, name in enumerate(names):
-        if name in partner or abs(beside[i]) <= tolerance:
+        if name in partner:
             continue
         images = [
             (gap, other)
@@ -62,6 +67,32 @@ def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
             other = min(images)[1]
             partner[name], partner[other] = other, name
     return partner
+
+
+def _carried_centers(tree: UrdfTree, placements: Mapping[str, Any], names: Sequence[str]) -> Array:
+    """Centres of mass (joints, 3) of all that joints carry, m in the root link; a joint's origin where that is none."""
+    centers = np.empty((len(names), 3))
+    for index, name in enumerate(names):
+        child, mass, moment = tree.joint[name].child, 0.0, np.zeros(3)
+        for link in tree.links.values():
+            carries = link.name == child or tree.joint[name] in tree.path(link.name)
+            if carries and link.inertial is not None:
+                mass += link.inertial.mass
+                moment += link.inertial.mass * (placements[link.name] * link.inertial.origin.placement.translation)
+        centers[index] = moment / mass if mass > 0.0 else placements[child].translation
+    return centers
+
+
+def _mirror_gaps(in_plane: Array, beside: Array, tolerance: float) -> Array:
+    """How far joints (joints, joints) are from the mirror images of others, m; infinite next to the middle.
+
+    Of the measures ``beside`` (measures, joints) of the distance from the middle, that counts by which the gap is less.
+    """
+    apart = np.linalg.norm(in_plane[:, None] - in_plane[None, :], axis=2)
+    gaps = np.hypot(apart, np.abs(beside[:, :, None] + beside[:, None, :]))
+    away = np.abs(beside) > tolerance
+    gaps[~(away[:, :, None] & away[:, None, :])] = np.inf
+    return np.asarray(gaps.min(axis=0))
 
 
 def _together(tree: UrdfTree, name: str, other: str, partner: Mapping[str, str]) -> bool:

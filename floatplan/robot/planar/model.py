@@ -111,7 +111,7 @@ def _add_link(model: Any, link: UrdfLink, joint: int, above: int, placement: Any
     if link.inertial is not None:
         origin = link.inertial.origin.placement
         inertia.mass, inertia.lever = link.inertial.mass, origin.translation
-        inertia.inertia = origin.rotation @ link.inertial.inertia @ origin.rotation.T
+        inertia.inertia = link.inertial.in_link
     return int(model.addFrame(pin.Frame(link.name, joint, above, placement, pin.FrameType.BODY, inertia)))
 
 

@@ -32,7 +32,7 @@ def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
     link, rotation = tree.root, np.eye(3)
     chain: list[UrdfJoint] = []
     axes: list[Array] = []
-    found: tuple[UrdfJoint, ...] = ()
+    base: tuple[UrdfJoint, ...] = ()
     while tree.links[link].inertial is None and not tree.links[link].collisions and len(below.get(link, ())) == 1:
         (joint,) = below[link]
         rotation = rotation @ joint.origin.placement.rotation
@@ -40,24 +40,27 @@ def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
             chain.append(joint)
             axes.append(rotation @ joint.axis)
             if _floats(chain, axes):
-                found = tuple(chain)
+                base = tuple(chain)
         link = joint.child
     followed = {joint.mimic.joint for joint in tree.joints if joint.mimic is not None}
-    return () if any(joint.mimic or joint.name in followed for joint in found) else found
+    return () if any(joint.mimic or joint.name in followed for joint in base) else base
 
 
 def _floats(chain: Sequence[UrdfJoint], axes: Sequence[Array]) -> bool:
-    """Whether joints with these axes (3,), in the root link while all are at zero, move freely in a plane or in space.
-
-    Three slides that are independent at zero and three turns of which none is about the axis of the one before reach
-    every direction of motion at almost every position, though not at zero (as Euler angles z, x, z).
-    """
+    """Whether joints with these axes (3,), in the root link at zero, move freely in a plane or in space."""
     if len(chain) == 1 and chain[0].type in FREE_TYPES:
         return True
     slides = [axis for joint, axis in zip(chain, axes, strict=True) if joint.type == "prismatic"]
     turns = [axis for joint, axis in zip(chain, axes, strict=True) if joint.turns]
-    if len(slides) + len(turns) < len(chain):
-        return False
+    return len(slides) + len(turns) == len(chain) and moves_freely(slides, turns)
+
+
+def moves_freely(slides: Sequence[Array], turns: Sequence[Array]) -> bool:
+    """Whether joints that slide along, and turn about, axes (3,) move freely in a plane or in space.
+
+    Three slides that are independent at zero and three turns of which none is about the axis of the one before reach
+    every direction of motion at almost every position, though not at zero (as Euler angles z, x, z).
+    """
     if (len(slides), len(turns)) == (3, 3):
         pairs = pairwise(turns)
         spread = all(np.linalg.norm(np.cross(one, other)) > INDEPENDENT for one, other in pairs)
@@ -85,21 +88,21 @@ def with_free_base(tree: UrdfTree, with_role: Collection[str] = ()) -> UrdfTree:
     """
     base = free_base(tree)
     names = [joint.name for joint in base]
-    left = [joint for joint in tree.joints if joint.type in FREE_TYPES and joint.name not in names]
-    if left:
+    misplaced = [joint for joint in tree.joints if joint.type in FREE_TYPES and joint.name not in names]
+    if misplaced:
         reason = (
-            f'has type "{left[0].type}", and only a massless root link may carry the whole robot by such a joint: '
-            f'what "{left[0].parent}" carries by it would fly on its own'
+            f'has type "{misplaced[0].type}", and only a massless root link may carry the whole robot by such a joint: '
+            f'what "{misplaced[0].parent}" carries by it would fly on its own'
         )
         advice = "fix it, or move its child by joints of one axis each"
-        raise InputError(reason, element=f'joint "{left[0].name}"', advice=advice)
-    given = [name for name in names if name in with_role]
-    if not base or (given == names and base[0].type not in FREE_TYPES):
+        raise InputError(reason, element=f'joint "{misplaced[0].name}"', advice=advice)
+    locked = [name for name in names if name in with_role]
+    if not base or (locked == names and base[0].type not in FREE_TYPES):
         return tree
-    if given:
+    if locked:
         reason = f"is one of the joints by which the robot's base floats: {', '.join(names)}"
         advice = "leave them all out" if base[0].type in FREE_TYPES else "leave them all out, or lock them all"
-        raise InputError(reason, element=f'locked "{given[0]}"', advice=advice)
+        raise InputError(reason, element=f'locked "{locked[0]}"', advice=advice)
     frames = {joint.parent for joint in tree.path(base[-1].child)}
     links = {name: replace(link, frame=True) if name in frames else link for name, link in tree.links.items()}
     joints = tuple(_fixed(joint) if joint.name in names else joint for joint in tree.joints)

@@ -128,17 +128,19 @@ def with_payload(tree: UrdfTree, payload: Sequence[Payload]) -> UrdfTree:
         There is no such link, or mass or inertia are larger than those of any robot.
     """
     links = dict(tree.links)
-    for each in payload:
-        if each.link not in links:
+    for carried in payload:
+        if carried.link not in links:
             advice = f"the links are: {', '.join(links)}"
-            raise InputError(f'no link is called "{each.link}"', element="payload", advice=advice)
-        point = Inertial(Origin(read_only(each.at), read_only(np.zeros(3))), each.mass, read_only(np.zeros((3, 3))))
-        before = links[each.link].inertial
+            raise InputError(f'no link is called "{carried.link}"', element="payload", advice=advice)
+        point = Inertial(
+            Origin(read_only(carried.at), read_only(np.zeros(3))), carried.mass, read_only(np.zeros((3, 3)))
+        )
+        before = links[carried.link].inertial
         parts = [point] if before is None else [before, point]
         mass, center, inertia = rigid_body((part, pin.SE3.Identity()) for part in parts)
         if max(mass, abs(inertia).max(), abs(center).max()) > LARGEST:
             reason = f"makes its link heavier than any robot's: {mass:g} kg, moments of {abs(inertia).max():g} kg m^2"
-            raise InputError(reason, element=f'payload "{each.link}"', advice="give kg, and m in the link's frame")
+            raise InputError(reason, element=f'payload "{carried.link}"', advice="give kg, and m in the link's frame")
         together = Inertial(Origin(read_only(center), read_only(np.zeros(3))), mass, read_only(inertia))
-        links[each.link] = replace(links[each.link], inertial=together)
+        links[carried.link] = replace(links[carried.link], inertial=together)
     return replace(tree, links=links)

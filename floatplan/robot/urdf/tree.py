@@ -63,6 +63,17 @@ class Inertial:
     mass: float
     inertia: Array
 
+    @property
+    def in_link(self) -> Array:
+        """Inertia (3, 3) about the centre of mass in the link's axes, exactly symmetric, as Pinocchio wants it."""
+        return turned_inertia(self.origin.placement.rotation, self.inertia)
+
+
+def turned_inertia(rotation: Array, inertia: Array) -> Array:
+    """Return ``rotation @ inertia @ rotation.T`` (3, 3) without the rounding by which it is not symmetric."""
+    turned = rotation @ inertia @ rotation.T
+    return np.asarray((turned + turned.T) / 2)
+
 
 def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Array]:
     """Mass, kg, centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, of links that are fixed to one another.
@@ -75,7 +86,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
     inertia = np.zeros((3, 3))
     for own, place in solid:
         arm = place.translation - center
-        inertia += place.rotation @ own.inertia @ place.rotation.T
+        inertia += turned_inertia(place.rotation, own.inertia)
         inertia += own.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return mass, center, inertia
 
@@ -84,7 +95,7 @@ def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Arr
 class UrdfLink:
     """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements.
 
-    ``frame``: it only stands between two joints of an MJCF's body, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
     """
 
     name: str
@@ -192,7 +203,8 @@ class UrdfText:
     """A robot's file as read: as a URDF, the text and its root element; the SHA-256 of its bytes.
 
     Of an MJCF, ``files`` are the SHA-256 of what it is read with, by their paths from its folder, ``keyframes`` its
-    reference postures, and ``warnings`` say what it has and a URDF has not.
+    reference postures, ``gravity_direction`` is as of :class:`~floatplan.robot.robot.Robot`, and ``warnings`` say what
+    it has and a URDF has not.
     """
 
     path: Path
@@ -203,6 +215,7 @@ class UrdfText:
     files: Mapping[str, str] = field(default_factory=dict)
     keyframes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    gravity_direction: Array | None = None
 
 
 def read_xml(path: Path) -> tuple[bytes, Element]:

@@ -283,10 +283,12 @@ def warned(shown: Plan | JumpView) -> list[dict[str, Any]]:
 
 def phase_lines(view: JumpView) -> list[list[str]]:
     """Cells of a jump's phases, under ``PHASES``."""
-    lines, rolls = [], ", rolling" if view.jump.request.feet == "rolling" else ""
+    lines = []
+    rolling = {name for stance in view.jump.stances for each in stance.contacts if each.radius for name in each.names}
     for phase in view.jump.phases:
         times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
-        lines.append([phase.kind, *times, f"{', '.join(phase.contacts)}{rolls}" if phase.contacts else "nothing"])
+        stands = ", ".join(f"{name} (rolls)" if name in rolling else name for name in phase.contacts)
+        lines.append([phase.kind, *times, stands or "nothing"])
     return lines
 
 

@@ -1,0 +1,166 @@
+"""The legs of a robot: from the hip over the knee to the foot; how they bend, and whether they can step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.robot.robot import Robot
+from floatplan.robot.standing import FLAT, SOLE, Spot, corners, heights_over_com
+
+NO_LENGTH = 0.05  # [-] of a leg's length: joints that are no farther apart than that are at one place
+SAMPLES = 128  # [-] of a leg's postures
+STEPS = 0.15  # [-] of its length by which a leg that steps can shorten; one that only sways keeps its length
+MOST_LEANING, LEANS = np.radians(70), 141  # [rad, -] of a sole away from square to its shank, and how many are tried
+WIDEST = np.pi  # [rad] either way from the reference posture, of joints without a range
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A limb on which a robot stands.
+
+    Attributes
+    ----------
+    robot : Robot
+    foot : the frame on which it stands
+    posture : (n,) rad, the robot's reference posture, which tells the sole of a foot from its back
+    """
+
+    robot: Robot
+    foot: str
+    posture: Array
+
+    @cached_property
+    def bodies(self) -> list[int]:
+        """Bodies from the hip's to the foot's; empty where the foot is part of the base."""
+        found, body = list[int](), self.robot.frames[self.foot].body
+        while body > 0:
+            found.append(body)
+            body = int(self.robot.tree.parent[body])
+        return found[::-1]
+
+    @cached_property
+    def joints(self) -> list[int]:
+        """Indices of the planned joints that move the foot against the base."""
+        return np.flatnonzero(self.robot.tree.turns[self.robot.frames[self.foot].body]).tolist()
+
+    @cached_property
+    def corners(self) -> list[Spot]:
+        """Corners of the foot's shape; the frame's origin where it has none."""
+        link = self.robot.contact_link(self.robot.frames[self.foot].link)
+        home = self.robot.frames[self.foot]
+        return corners(self.robot.link_hulls[link]) if link else [Spot(home.body, home.local)]
+
+    @cached_property
+    def sole(self) -> tuple[Spot, Spot] | None:
+        """Both ends of the foot's sole, which is below the way from the first to the second.
+
+        It is the side of the foot on which it stands, as flat as soles are, that is longest and faces away from the
+        shank. A foot that is fixed to the shank has none: it stands on its tip; and neither has one without geometry.
+        """
+        link = self.robot.contact_link(self.robot.frames[self.foot].link)
+        if link is None or not self.robot.joint_tree.links[link].collisions:
+            return None
+        y = np.append(0.0, self.posture)
+        origins = self._distinct(y)
+        if len(origins) < 3 or origins[-1] != Spot(self.bodies[-1], 0j):
+            return None
+        knee, ankle = heights_over_com(self.robot, origins[-2:], y)
+        places = heights_over_com(self.robot, self.corners, y)
+        away = (ankle - knee) / abs(ankle - knee)
+        radii = np.array([each.radius for each in self.corners])
+        best, most = None, 0.0
+        for lean in np.linspace(-MOST_LEANING, MOST_LEANING, LEANS):
+            turned = places * np.conj(away * np.exp(1j * lean)) * -1j  # as if the ground were there
+            under = turned.imag - radii
+            low = np.flatnonzero(under < under.min() + FLAT)
+            first, second = low[turned.real[low].argmin()], low[turned.real[low].argmax()]
+            length = float(turned.real[second] - turned.real[first])
+            if length > SOLE and length * np.cos(lean) > most:
+                best, most = (self.corners[first], self.corners[second]), length * np.cos(lean)
+        return best
+
+    @property
+    def support(self) -> tuple[Spot, ...]:
+        """What may be on the ground where the robot stands: the ends of the sole, or all corners of the foot."""
+        return self.sole or tuple(self.corners)
+
+    @cached_property
+    def bend_spots(self) -> list[Spot]:
+        """Hip, knee and end of the leg, in the order from the base; fewer where it has no knee.
+
+        The knee is the joint with the longest bones: that between thigh and shank, whatever else a leg has.
+        """
+        y = np.append(0.0, self.posture)
+        spots = self._distinct(y)
+        if self.sole is None:
+            places = heights_over_com(self.robot, self.corners, y)
+            last = heights_over_com(self.robot, spots[-1:], y)[0] if spots else 0j
+            far = int(np.abs(places - last).argmax())
+            if spots and abs(places[far] - last) > NO_LENGTH * self._length(y):
+                spots = [*spots, self.corners[far]]
+        if len(spots) < 3:
+            return spots
+        places = heights_over_com(self.robot, spots, y)
+        bones = np.abs(np.diff(places))
+        knee = 1 + int(np.minimum(bones[:-1], bones[1:]).argmax())
+        return spots[knee - 1 : knee + 2]
+
+    def bend(self, y: Array) -> float:
+        """Angle of the knee in a posture y (n+1,), rad: 0 where the leg is straight, positive counterclockwise."""
+        hip, knee, end = heights_over_com(self.robot, self.bend_spots, y)
+        return float(np.angle((end - knee) / (knee - hip)))
+
+    @cached_property
+    def has_knee(self) -> bool:
+        """Whether it is a leg of thigh and shank."""
+        return len(self.bend_spots) == 3
+
+    @cached_property
+    def steps(self) -> bool:
+        """Whether it can lift its foot by bending."""
+        return len(self.joints) > 1 and self.shortens() > STEPS
+
+    def shortens(self) -> float:
+        """By what share of its greatest length the foot can come nearer to the first joint of the leg."""
+        if not self.bodies:
+            return 0.0
+        robot = self.robot
+        low, high = robot.position_limits.T
+        low = np.maximum(low, self.posture - WIDEST)
+        high = np.minimum(high, self.posture + WIDEST)
+        drawn = np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
+        y = np.column_stack((np.zeros(SAMPLES), drawn)).T
+        hip, foot = heights_over_com(robot, [Spot(self.bodies[0], 0j), self._end], y).T
+        length = np.abs(foot - hip)
+        return float(1 - length.min() / length.max()) if length.max() > 0 else 0.0
+
+    @cached_property
+    def _end(self) -> Spot:
+        """The ankle of a foot that has one, else the tip of the leg: a sole's turning moves the leg no nearer."""
+        return self.bend_spots[-1] if self.bend_spots else self.corners[0]
+
+    def _distinct(self, y: Array) -> list[Spot]:
+        """Origins of the leg's joints from the hip on, of those at one place the last."""
+        spots = [Spot(body, 0j) for body in self.bodies]
+        if not spots:
+            return []
+        places, least = heights_over_com(self.robot, spots, y), NO_LENGTH * self._length(y)
+        return [
+            spot
+            for index, spot in enumerate(spots)
+            if index + 1 == len(spots) or abs(places[index + 1] - places[index]) > least
+        ]
+
+    @cached_property
+    def length(self) -> float:
+        """Sum of its bones in the reference posture, m."""
+        return self._length(np.append(0.0, self.posture))
+
+    def _length(self, y: Array) -> float:
+        """Sum of the leg's bones, m."""
+        spots = [*(Spot(body, 0j) for body in self.bodies), self.corners[0]]
+        return float(np.abs(np.diff(heights_over_com(self.robot, spots, y))).sum())

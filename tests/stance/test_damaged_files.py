@@ -1,0 +1,120 @@
+"""Files of jumps of which any value may be anything: what is wrong is said with its place, in words of the file."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fuzz_mutations import NUMBERS, TEXTS
+from jumps import INSTALLED
+from needed import skip_or_fail
+from once import made_once
+
+import floatplan as fp
+from floatplan.errors import InputError
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+HOSTILE: tuple[Any, ...] = (*NUMBERS, *TEXTS, None, True, [], {}, [[]], [None], {"": 0}, [1, "x"], "1.0")
+PYTHON_WORDS = ("could not convert", "iterable", "subscriptable", "' object", "attribute", "unhashable", "NoneType")
+LONG_LISTS = 3  # entries of a list of numbers that are spoiled, of all that are there
+
+
+def hop(root: Path) -> fp.Jump:
+    found: fp.Jump = made_once("high_jumper.toml", lambda: fp.jump(root / "problems/jumps/high_jumper.toml", starts=1))
+    return found
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Paths of everything in a file, of long lists only some of the entries."""
+    if path:
+        yield path
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from places(item, (*path, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value[:LONG_LISTS]):
+            yield from places(item, (*path, index))
+
+
+def spoiled(content: Any, path: tuple[Any, ...], value: Any) -> Any:
+    other = copy.deepcopy(content)
+    inside = other
+    for step in path[:-1]:
+        inside = inside[step]
+    inside[path[-1]] = value
+    return other
+
+
+@pytest.mark.filterwarnings("error")
+def test_any_value_of_a_jumps_file_may_be_anything(root: Path, tmp_path: Path) -> None:
+    """Each place with some hostile value: refused with file and place, or a jump whose check says what is broken."""
+    content = json.loads(hop(root).to_json())
+    rng, path, refused = random.Random(0), tmp_path / "jump.json", 0
+    chosen = [each for each in places(content) if each[0] != "flight" or len(each) < 3]
+    for place in chosen:
+        value = rng.choice(HOSTILE)
+        path.write_text(json.dumps(spoiled(content, place, value)))
+        try:
+            found = fp.load_jump(path)
+        except InputError as error:
+            refused += 1
+            message = str(error)
+            assert str(path) in message
+            assert not [word for word in PYTHON_WORDS if word in message], message
+            continue
+        assert found.check.ok in (True, False)
+        assert not [name for name, figure in found.check.figures.items() if figure != figure]
+    assert refused > len(chosen) / 2
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (("stances", 1, "v"), [["0.5"]], r"stances\[1\]\.v"),
+        (("stances", 0, "contacts", 0, "frames"), ["no_such_frame"], r"stances\[0\]\.contacts\[0\]\.frames"),
+        (("stances", 0, "contacts"), 3.5, r"stances\[0\]\.contacts: 3\.5"),
+        (("stances", 1, "side"), "below", r"stances\[1\]\.side"),
+        (("problem", "jump", "friction"), "much", r"problem\.jump\.friction"),
+        (("flight", "angular_momentum"), "much", r"flight\.angular_momentum"),
+    ],
+)
+def test_what_is_wrong_has_a_place_and_advice(
+    place: tuple[Any, ...], value: Any, said: str, root: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "some.json"
+    path.write_text(json.dumps(spoiled(json.loads(hop(root).to_json()), place, value)))
+    with pytest.raises(InputError, match=said) as caught:
+        fp.load_jump(path)
+    assert str(path) in str(caught.value)
+    assert caught.value.advice
+
+
+def test_a_jump_that_stands_in_the_ground_does_not_hold(root: Path, tmp_path: Path) -> None:
+    """Its centre of mass hangs below its foot: nothing is divided by that height, and what does not hold is said."""
+    content = json.loads(hop(root).to_json())
+    for stance in content["stances"]:
+        stance["y"][0] = [angle + math.pi for angle in stance["y"][0]]
+    path = tmp_path / "jump.json"
+    path.write_text(json.dumps(content))
+    check = fp.load_jump(path).check
+    assert not check.ok
+    assert "out of balance" in " ".join(check.sentences)
+
+
+def test_no_instants_of_a_jump(root: Path) -> None:
+    """States at no times are empty, of the shapes that others have."""
+    found = hop(root)
+    none, one = found.at([]), found.at([0.1])
+    assert none.positions.shape == (0, one.positions.shape[1])
+    assert none.torques.shape == (0, one.torques.shape[1])
+    assert {name: force.shape for name, force in none.forces.items()} == dict.fromkeys(one.forces, (0, 2))
+    assert found.q([]).shape == (0, found.q([0.1]).shape[1])
+    assert found.contact_points([])["foot"].shape == (0, 3)
