@@ -17,7 +17,7 @@ from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import FIGURES, SHARES, JumpCheck, limit_shares
-from floatplan.stance.exact import exact_stances, released
+from floatplan.stance.exact import NoExactStanceError, exact_stances, released
 from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight, tighter_limits
 from floatplan.stance.jump import Jump
@@ -213,15 +213,17 @@ def _corrected(
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
     problem, request = setup.problem, setup.request
-    solution = released(program, solution)
     try:
+        solution = released(program, solution)
         tighter = tighter_limits(problem, program, solution)
         plan = planned_flight(flight_problem(problem, program, solution), seed, tighter)
+        if not plan.ok:
+            return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
+        before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
     except InputError as error:
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
-    if not plan.ok:
-        return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
+    except NoExactStanceError as error:
+        return _not_found(problem, request, f"Between the program's nodes no stance was found: {error}.")
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
     share = _largest_share(found, check) if request.objective == "limits" else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from jumps import GO2, INSTALLED, backflip
 import floatplan as fp
 from floatplan.initial import flight
 from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.flight import first_flight
+from floatplan.initial.flight import FirstFlight, first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
 from floatplan.planning.planned import planned
@@ -161,3 +162,19 @@ def test_a_foot_at_rest_but_for_round_numbers_is_no_warning(root: Path, rate: fl
     foot = {"takeoff": fp.Takeoff("foot"), "landing": fp.Landing("foot")}
     problem = fp.Problem(robot, *ends, fp.Flight(0.605615, 4.20297, horizontal_velocity=-1.01873, **foot))
     assert [warning.kind for warning in fp.plan(problem).warnings] == kinds
+
+
+@needs_jumps
+@pytest.mark.parametrize("ground", [False, True])
+def test_a_flight_that_was_planned_above_the_ground_is_asked_so_in_the_file(tmp_path: Path, ground: bool) -> None:
+    chosen, flown = go2_s(), backflip().flight
+    assert flown is not None
+    problem = flight.flight_of_jump(backflip(), flown)
+    if ground:
+        landing = fp.Landing(problem.landing.frame)
+        problem = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
+    path = tmp_path / "go2.toml"
+    path.write_text(problem_file_text(chosen, FirstFlight(problem, flown, (), backflip()), path))
+    again = fp.load_problem(path)
+    assert again.ground == ground
+    assert again.landing_height == pytest.approx(problem.landing_height, abs=1e-6)
