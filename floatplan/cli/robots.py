@@ -199,6 +199,7 @@ def init(
     in the way, and without which option one is found.
     """
     from floatplan.cli import asked as typed
+    from floatplan.cli.results import check_folder
     from floatplan.initial.asked import Asked
     from floatplan.initial.flight import asked_flight
     from floatplan.initial.text import problem_file_text
@@ -211,6 +212,7 @@ def init(
         raise InputError(
             "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
         )
+    check_folder(path.parent)
 
     given = typed.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}

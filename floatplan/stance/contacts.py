@@ -7,6 +7,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
+from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Robot
 from floatplan.robot.standing import (
     HEEL,
@@ -29,6 +30,7 @@ STANDING = 5e-3  # [m] what is no higher than that over the ground, in the stand
 WAYS = 64  # [-] directions in which the hull is looked at
 COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
+LEVEL_LINE = 1e-9  # [-] slope of a line that is as good as level
 KNEE = 0.8  # [rad] by which a knee bends that would stand straight: legs are 8 % shorter, and can push
 BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
 
@@ -83,6 +85,18 @@ def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[floa
     angles, (one, two) = robot.tree.absolute_angles(y[0], y[1:]), spot_weights(robot, [first, second])
     way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
     return float(way.real), float(way.imag)
+
+
+def is_ground(obstacle: Obstacle, ground: float) -> bool:
+    """Whether an obstacle is the ground at a height, m, on which a robot stands, or below that.
+
+    It is a half-plane with a level line that is at rest. Nothing but feet touches the ground of a jump, and these stand
+    on it, which the capsules around them, thicker than the feet, would not allow of an obstacle.
+    """
+    if not isinstance(obstacle, HalfPlane) or any(obstacle.velocity):
+        return False
+    across, up = obstacle.normal
+    return abs(across) <= LEVEL_LINE * up and obstacle.point[1] <= ground + POINT_FEET
 
 
 def links_of(robot: Robot, contacts: Iterable[Contact]) -> set[str | None]:
