@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -104,8 +105,9 @@ def test_a_jump_that_was_found_is_not_exchanged_for_its_warnings(monkeypatch: py
 def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[fp.Problem] = []
 
-    def none(problem: fp.Problem, **_: Any) -> Jump:
+    def none(problem: fp.Problem, progress: Callable[[str], None], **_: Any) -> Jump:
         asked.append(problem)
+        progress("start 1 of 1")
         return Jump(problem, fp.JumpRequest(), explanation="The torques stand in the way.")
 
     monkeypatch.setattr(flight, "jump", none)
@@ -116,6 +118,12 @@ def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyP
     assert found.jump is None
     assert len(found.reasons) == 2
     assert all("The torques stand in the way." in reason for reason in found.reasons)
+    assert tried[:4] == [
+        "jump with a whole turn",
+        "jump with a whole turn: start 1 of 1",
+        "jump without a turn",
+        "jump without a turn: start 1 of 1",
+    ]
     assert "afloat" in tried[-1]
 
 
