@@ -13,6 +13,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from packaging.tags import sys_tags
 
 KERNEL = Path(__file__).parent / "floatplan" / "kernel"
+ELSEWHERE = "FLOATPLAN_KERNEL_ELSEWHERE"  # set by scripts/environment, which compiles it while the dependencies come
 
 
 class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -39,10 +40,13 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and say of a wheel for which platform it then is."""
-        if self.target_name != "wheel":
+        if self.target_name != "wheel" or (version == "editable" and os.environ.get(ELSEWHERE)):
             return
         try:
-            self._building.build()
+            if version == "editable":
+                self._building.build_if_needed()
+            else:
+                self._building.build()
         except self._building.CompilerError as error:
             self.app.abort(f"floatplan cannot be installed: {error}")
         if version != "editable":

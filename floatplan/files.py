@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
-from floatplan.arguments import either
 from floatplan.errors import InputError
 
 LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
@@ -129,7 +128,7 @@ def read_json(path: Path, largest: int = LARGEST_PLAN, kind: str = "a plan file"
         raise InputError(f"is a TOML file, not {kind}", source=path, advice=advice)
     if path.is_dir():
         inside = next((name for name in MADE if is_file(path / name)), None)
-        advice = f"did you mean {path / inside}?" if inside else f"give the file in it: {either(MADE)}"
+        advice = f"did you mean {path / inside}?" if inside else f"give the file in it: {', '.join(MADE)}"
         raise InputError(f"is a directory, not {kind}", source=path, advice=advice)
     text = read_text(path, largest, kind)
     return _parsed(path, "JSON", lambda: json.loads(text, object_pairs_hook=_single_keys))

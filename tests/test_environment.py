@@ -13,8 +13,16 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 NEEDED = ("scripts/environment", "pyproject.toml", "floatplan/kernel/build.py")
 PYTHON = """#!/bin/sh
-case "$*" in *install*) echo "$@" >> installed; exit 0 ;; esac
+case "$*" in *install*) echo "$@" "elsewhere=${{FLOATPLAN_KERNEL_ELSEWHERE:-}}" >> installed; exit 0 ;; esac
 exec {python} "$@"
+"""
+
+
+COMPILER = """#!/bin/sh
+while [ $# -gt 1 ]; do
+  if [ "$1" = -o ]; then echo "$@" > "$2"; fi
+  shift
+done
 """
 
 
@@ -52,7 +60,22 @@ def test_without_compiler_and_index_it_says_so_and_installs_nothing(checkout: Pa
     assert not (checkout / "installed").exists()
 
 
-def test_with_a_compiler_it_installs(checkout: Path) -> None:
-    executable(checkout / "bin" / "c++", "#!/bin/sh\nexit 0\n")
+def test_with_a_compiler_it_installs_and_compiles_meanwhile(checkout: Path) -> None:
+    executable(checkout / "bin" / "c++", COMPILER)
     assert made(checkout).returncode == 0
-    assert "--editable" in (checkout / "installed").read_text()
+    (installed,) = (checkout / "installed").read_text().splitlines()
+    assert "--editable" in installed
+    assert installed.endswith("elsewhere=1")
+    assert (checkout / "floatplan" / "kernel" / "_kernel.so").is_file()
+    assert (checkout / ".venv" / "installed-alone").is_file()
+
+
+def test_where_compiling_fails_it_says_so_and_tries_again_next_time(checkout: Path) -> None:
+    executable(checkout / "bin" / "c++", '#!/bin/sh\n[ "$1" = --version ] || { echo "no memory" >&2; exit 1; }\n')
+    done = made(checkout)
+    assert done.returncode == 1
+    assert "floatplan: c++ cannot compile the kernel:\nno memory" in done.stderr
+    assert not (checkout / ".venv" / "installed-alone").exists()
+    executable(checkout / "bin" / "c++", COMPILER)
+    assert made(checkout).returncode == 0
+    assert (checkout / ".venv" / "installed-alone").is_file()

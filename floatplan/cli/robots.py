@@ -189,13 +189,10 @@ def init(
 ) -> None:
     """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
 
-    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight. What
-    that does beside what is asked is a warning, here and in the file, which says what was found too: plane, joints with
-    their ranges, couplings, feet, and the limits of the robot's file. Where no jump is found, or CasADi is not
+    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight.
+    What that does beside what is asked is a warning, here and in the file, which says what was found too: plane, joints
+    with their ranges, couplings, feet, and the limits of the robot's file. Where no jump is found, or CasADi is not
     installed, it is a turn afloat, and the file says why.
-
-    It stands in a posture of its file (a keyframe, a state of the SRDF beside it; --reference names one), in that of
-    --posture, or in one that is looked for where the file has none to jump from.
 
     What is left open is found: it turns once, backwards where it takes off from the rear, or not at all. What is asked
     is kept, or nothing is written: where no jump as asked is found, the exit code is 1, and the answer says what stands

@@ -1,5 +1,6 @@
 // All that is compiled for each set of instructions: within a namespace that has the type Vector of LANES doubles,
 // all() and multiply_add().
+#include "entries.hpp"
 #include "lanes.hpp"
 #include "doubles.hpp"
 #include "tree.hpp"

@@ -130,8 +130,8 @@ static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Se
     arena.take(m.candidate, settings.candidates);
 }
 
-static inline Index plan_batch(const Robot &robot, const Grid *grids, const Index *nodes,
-                                      const Powers &powers, const Settings &settings, Batch &batch) {
+Index plan_batch(const Robot &robot, const Grid *grids, const Index *nodes,
+                 const Powers &powers, const Settings &settings, Batch &batch) {
     const Index n = robot.joints, width = robot.width, columns = 6 + width;
     Index size = 0, most_nodes = nodes[settings.levels - 1];
     for (Index i = 0; i < n; ++i) size += robot.free[i];

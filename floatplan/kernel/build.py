@@ -3,26 +3,32 @@
 Standard library alone: an installation runs it before there is anything else.
 """
 
+import contextlib
+import fcntl
 import hashlib
 import importlib.util
 import os
+import platform
 import shlex
 import shutil
+import signal
+import struct
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 SOURCES = tuple(sorted(path.name for kind in ("*.hpp", "*.cpp") for path in FOLDER.glob(kind)))
+UNITS = ("avx512.cpp", "avx2.cpp", "baseline.cpp", "dispatch.cpp")  # compiled side by side, the longest first
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
 COMPILERS = ("c++", "g++", "clang++")
 WHEEL = "ziglang"  # a package that is a compiler, for machines that have none
-FLAGS = (
+COMPILE_FLAGS = (
     "-std=c++17",
     "-O3",
     "-fPIC",
-    "-shared",
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -30,6 +36,7 @@ FLAGS = (
     "-fno-rtti",
     "-fvisibility=hidden",
 )
+LINK_FLAGS = ("-shared", *(("-Wl,--as-needed",) if sys.platform == "linux" else ()))  # no C++ library is needed
 LONGEST = 900  # [s] that compiling may take
 
 
@@ -95,31 +102,136 @@ def build(folder: Path = FOLDER) -> Path:
     CompilerError
         There is no compiler, or it fails.
     """
-    compile_ = command()
-    flags = [*FLAGS, f'-DFLOATPLAN_SOURCES="{sources_digest()}"', *shlex.split(os.environ.get("ARCHFLAGS", ""))]
-    if sys.platform == "linux":
-        flags.append("-Wl,--as-needed")  # nothing of the C++ library is used
+    compiler_command = command()
+    architecture = shlex.split(os.environ.get("ARCHFLAGS", ""))  # of macOS
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        made = Path(scratch) / LIBRARY
         caches = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), scratch)
-        try:
-            subprocess.run(
-                [*compile_, *flags, str(FOLDER / "kernel.cpp"), "-o", str(made)],
-                check=True,
-                capture_output=True,
-                text=True,
-                timeout=LONGEST,
-                env={**os.environ, **caches},
-            )
-        except (OSError, subprocess.SubprocessError) as error:
-            said = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[:5]
-            raise CompilerError("\n".join((f"{shlex.join(compile_)} cannot compile the kernel:", *said))) from error
-        made.replace(folder / LIBRARY)
+        environment = {**os.environ, **caches}
+        digests = (f'-DFLOATPLAN_SOURCES="{sources_digest()}"', f'-DFLOATPLAN_BUILD="{_build_digest()}"')
+        objects = [str(Path(scratch, unit).with_suffix(".o")) for unit in UNITS]
+        _run_side_by_side(
+            [
+                [*compiler_command, *COMPILE_FLAGS, *digests, *architecture, "-c", str(FOLDER / unit), "-o", made]
+                for unit, made in zip(UNITS, objects, strict=True)
+            ],
+            environment,
+        )
+        library = Path(scratch, LIBRARY)
+        link = [*compiler_command, *LINK_FLAGS, *architecture, *objects, "-o", str(library)]
+        _run_side_by_side([link], environment)
+        if not library.is_file():
+            raise CompilerError(f"{shlex.join(compiler_command)} ends without an error and without a library")
+        library.replace(folder / LIBRARY)
     return folder / LIBRARY
 
 
-if __name__ == "__main__":
+def build_if_needed(folder: Path = FOLDER) -> Path:
+    """Compile the kernel unless its library is there, of these sources and by this compiler.
+
+    While another process does the same, wait for it and take what it has made.
+
+    Parameters
+    ----------
+    folder : path
+
+    Returns
+    -------
+    Path
+        The library.
+
+    Raises
+    ------
+    CompilerError
+        There is no compiler, or it fails.
+    """
+    library = folder / LIBRARY
+    with _locked(folder):
+        if library.is_file() and not is_cut_off(library) and _build_digest().encode() in library.read_bytes():
+            return library
+        return build(folder)
+
+
+def is_cut_off(library: Path) -> bool:
+    """Whether a library for Linux ends before its contents do: whoever loads that is killed by the system."""
+    with library.open("rb") as file:
+        head = file.read(64)
+        if len(head) < 64 or not head.startswith(b"\x7fELF"):
+            return False  # the loader says what is wrong
+        sections, size, count = (*struct.unpack_from("=Q", head, 40), *struct.unpack_from("=2H", head, 58))
+        return bool(library.stat().st_size < sections + size * count)  # their table is what a linker writes last
+
+
+def _build_digest() -> str:
+    """Digest of all that makes a library what it is: sources, compiler, its flags, and the machine it compiles for."""
+    compiler_command = command()
+    version = subprocess.run([*compiler_command, "--version"], capture_output=True, text=True).stdout
+    parts = (
+        sources_digest(),
+        *compiler_command,
+        version,
+        *COMPILE_FLAGS,
+        *LINK_FLAGS,
+        os.environ.get("ARCHFLAGS", ""),
+        platform.machine(),
+    )
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold a folder, so that one process at a time compiles into it; the system lets go of it when the process ends."""
+    handle = os.open(folder, os.O_RDONLY)
     try:
-        build()
+        with contextlib.suppress(OSError):  # not every file system has locks: then both compile, and either is taken
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _run_side_by_side(commands: Sequence[Sequence[str]], environment: dict[str, str]) -> None:
+    """Run commands of the compiler at the same time; where one fails, the others end."""
+    try:
+        with contextlib.ExitStack() as stack:
+            processes = [stack.enter_context(_running(each, environment)) for each in commands]
+            for process in processes:
+                _, errors = process.communicate(timeout=LONGEST)
+                if process.returncode:
+                    raise subprocess.CalledProcessError(process.returncode, process.args, stderr=errors)
+    except (OSError, subprocess.SubprocessError) as error:
+        reason = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[:5]
+        raise CompilerError("\n".join((f"{shlex.join(command())} cannot compile the kernel:", *reason))) from error
+
+
+@contextlib.contextmanager
+def _running(arguments: Sequence[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """Run a command while this lasts; what is left of it then is killed, with the processes that it has started."""
+    with subprocess.Popen(
+        arguments,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Compile the kernel in place; with ``--if-needed`` only where there is none of these sources by this compiler."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing is left behind
+    try:
+        if "--if-needed" in arguments:
+            build_if_needed()
+        else:
+            build()
     except CompilerError as error:
         sys.exit(f"floatplan: {error}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

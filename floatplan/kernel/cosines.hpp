@@ -37,7 +37,7 @@ static inline double raise_bound(const Cosines &of, double *box) {
 }
 
 // Bounds boxes, or both halves of each, cut across the joint that moves the sum most.
-static inline Index bound_boxes(const Cosines &of) {
+Index bound_boxes(const Cosines &of) {
     const Index n = of.joints, size = 2 * n + 1;
     for (Index k = 0; k < of.count; ++k) {
         double *low = of.parts + k * size, *high = low + of.count * size;

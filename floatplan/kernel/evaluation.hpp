@@ -1,9 +1,9 @@
 // A program at one x as the search sees it, with the derivatives of all of its rows: what tests hold to differences and to
 // Pinocchio, and what other solvers are given.
 
-static inline Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions,
-                                     const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                     Attempt &attempt, Evaluation &at) {
+Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions,
+                       const Nodes *levels, const Settings &settings, const Exchange &rules,
+                       Attempt &attempt, Evaluation &at) {
     Program program(robot, constraints, motions, levels, settings, rules, attempt);
     Constrained search(program, settings, rules, attempt);
     const Index nodes = levels[settings.levels - 1].nodes, size = program.size;

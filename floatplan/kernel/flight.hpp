@@ -261,7 +261,12 @@ class FlightUpdate {
     }
 };
 
-static inline void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what) {
+// How many numbers an update works in.
+Index flight_room(const Robot &robot, const Constraints &constraints, Flight &flight) {
+    return FlightUpdate(robot, constraints, flight, nullptr).room();
+}
+
+void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what) {
     FlightUpdate update(robot, constraints, flight, flight.room);
     switch (what) {
     case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);

@@ -5,11 +5,9 @@ Structures, enumerations and functions are written in the kernel's own header, w
 
 import ctypes
 import re
-import struct
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -17,9 +15,10 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
-from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
+from floatplan.kernel.build import FOLDER, LIBRARY, is_cut_off, sources_digest
 
 HEADER = "kernel.hpp"
+EXPORTS = "dispatch.cpp"
 NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "Index": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
 ARRAYS = {"double": np.dtype(np.float64), "Index": np.dtype(np.int64)}
 MULTIPLES = {"Eights": 8}  # kinds of counts
@@ -123,7 +122,7 @@ def functions(text: str, known: dict[str, type[Structure]]) -> dict[str, tuple[A
 
 STRUCTURES = structures(_read(HEADER))
 ENUMERATIONS = enumerations(_read(HEADER))
-FUNCTIONS = functions(_read("kernel.cpp"), STRUCTURES)
+FUNCTIONS = functions(_read(EXPORTS), STRUCTURES)
 
 
 def constants(name: str, *modules: Mapping[str, Any], **others: Any) -> Structure:
@@ -211,7 +210,7 @@ def structure_array(name: str, filled: Sequence[Filled | None]) -> Any:
 
 
 class Kernel(SimpleNamespace):
-    """The library, loaded: its functions as ``kernel.cpp`` exports them."""
+    """The library, loaded: its functions as ``dispatch.cpp`` exports them."""
 
     instructions: Any
 
@@ -222,16 +221,6 @@ class Kernel(SimpleNamespace):
             exported.restype, exported.argtypes = returned, arguments
             setattr(self, name, exported)
         self.instructions = int(self.instructions())
-
-
-def _is_cut_off(path: Path) -> bool:
-    """Whether a library for Linux ends before its contents do: whoever loads that is killed by the system."""
-    with path.open("rb") as file:
-        head = file.read(64)
-        if len(head) < 64 or not head.startswith(b"\x7fELF"):
-            return False  # the loader says what is wrong
-        sections, size, count = (*struct.unpack_from("=Q", head, 40), *struct.unpack_from("=2H", head, 58))
-        return bool(path.stat().st_size < sections + size * count)  # their table is what a linker writes last
 
 
 @cache
@@ -247,7 +236,7 @@ def kernel() -> Kernel:
     try:
         if path.is_file():
             reason = "damaged: python -m floatplan.kernel.build"
-            if not _is_cut_off(path):
+            if not is_cut_off(path):
                 loaded = Kernel(ctypes.CDLL(str(path)))
                 if loaded.sources().decode() == sources_digest():
                     return loaded

@@ -137,8 +137,8 @@ class Measured {
     }
 };
 
-static inline Index measure_batch(const Robot &robot, const Interpolation *interpolations,
-                                  const Constraints *constraints, Peaks &peaks) {
+Index measure_batch(const Robot &robot, const Interpolation *interpolations,
+                    const Constraints *constraints, Peaks &peaks) {
     const Index last = peaks.levels - 1;
     Room room;
     Measured measured(robot, peaks);

@@ -82,18 +82,30 @@ class DualMethod {
 
   private:
     static constexpr double dependent = 1e-10;  // of a normal's length: what is left of it is rounding
+    // What is added to the diagonal of a Hessian that is singular or nearly so, of its largest entry: the first of these
+    // that makes it positive definite. It is a proximal term: without it the factors would be large, and the residuals
+    // with them. One that is further from singular than the first shift is taken as it is.
+    static constexpr double shifts[] = {1e-8, 1e-6, 1e-4, 1e-2};
     Index n = 0;
     double *j, *r, *factor, *d, *z, *by, *normal;
     double *idle;           // (rows): values before the step, of active rows infinite
 
-    // J = L^-T, and the solution without rows. What rounding has made indefinite becomes definite.
-    bool start(const Quadratic &qp) {
-        double most = 0;
-        for (Index k = 0; k < n; ++k) most = larger(most, qp.hessian[k * n + k]);
-        for (double added : {0.0, 1e-15, 1e-13, 1e-11, HUGE_VAL}) {
-            if (added == HUGE_VAL) return false;
-            if (cholesky(qp.hessian, n, factor, added * most)) break;
+    // L of the Hessian, shifted where that is needed; false where no shift makes it positive definite.
+    bool factorise(const double *hessian) {
+        double most = 0, least_pivot = HUGE_VAL;
+        for (Index k = 0; k < n; ++k) most = larger(most, hessian[k * n + k]);
+        if (cholesky(hessian, n, factor)) {
+            for (Index k = 0; k < n; ++k) least_pivot = smaller(least_pivot, factor[k * n + k] * factor[k * n + k]);
+            if (least_pivot > shifts[0] * most) return true;
         }
+        for (double shift : shifts)
+            if (cholesky(hessian, n, factor, shift * most)) return true;
+        return false;
+    }
+
+    // J = L^-T, and the solution without rows.
+    bool start(const Quadratic &qp) {
+        if (!factorise(qp.hessian)) return false;
         for (Index k = 0; k < n; ++k) {
             if (!std::isfinite(qp.gradient[k])) return false;
             x[k] = -qp.gradient[k];
@@ -219,7 +231,7 @@ class DualMethod {
 };
 
 // Whether it is solved; the direction and the multipliers are the solution, the active rows those that it needs.
-static inline Index solve_quadratic(Quadratic &qp) {
+Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
     Room room;
     const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) && method.solve(qp);

@@ -223,7 +223,7 @@ static inline void torque_slopes(const SpatialTree &tree, const SpatialMotion &m
 }
 
 // What is asked at all instants; 1 where there was no memory.
-static inline Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion) {
+Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion) {
     SpatialBodies at;
     Room room;
     if (!room.make([&](Arena &arena) { at.lay_out(arena, tree.joints); })) return 1;

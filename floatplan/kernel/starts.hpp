@@ -181,9 +181,9 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
 }
 
 // So many problems of one robot, degrees and kinds of rows, each with starts of its own.
-static inline Index follow_rows(const Robot &robot, const Constraints *constraints, const Motions *motions,
-                                const Nodes *levels, const Settings &settings, const Exchange &rules,
-                                const Powers *powers, Attempt *attempts, Draws *draws, Index count) {
+Index follow_rows(const Robot &robot, const Constraints *constraints, const Motions *motions,
+                  const Nodes *levels, const Settings &settings, const Exchange &rules,
+                  const Powers *powers, Attempt *attempts, Draws *draws, Index count) {
     for (Index row = 0; row < count; ++row)
         if (follow_starts(robot, constraints[row], motions[row], levels, settings, rules, powers, attempts[row],
                           draws[row]))

@@ -182,7 +182,7 @@ static inline bool carry_drifts(const Turning &t, Index cell, TurningRoom &room,
 
 // What is asked in all cells: the attitude, each from its border, or from where the last one ended; how small turns go
 // on; or those that drifts make. 0, or 1 where it cannot be integrated, 2 without memory.
-static inline Index turn_in_space(const Turning &t, Asked asked) {
+Index turn_in_space(const Turning &t, Asked asked) {
     TurningRoom at;
     Room room;
     if (!room.make([&](Arena &arena) { at.lay_out(arena, t.stages, t.columns > 3 ? t.columns : 3); })) return 2;

@@ -17,6 +17,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from statistics import median
 from typing import Any
 
 import coal  # which Pinocchio brings
@@ -261,7 +262,7 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
         if len(line) > 1  # else a point, of a link that ends at its joint
     ]
     lengths = [float(np.linalg.norm(line[1] - line[0])) for *_, line in lines]
-    radius = LINE_RADIUS * float(np.median(lengths or [0.0]))
+    radius = LINE_RADIUS * median(lengths or [0.0])
     for (link, body, placement, line), length in zip(lines, lengths, strict=True):
         rotation = pin.Quaternion.FromTwoVectors(UPWARDS, line[1] - line[0]).matrix()
         bar = Geometry("capsule", pin.SE3(rotation, line.mean(axis=0)), np.array([radius, radius, length]))
@@ -308,22 +309,17 @@ def _hull(corners: Array) -> Any:
 
 def _cut(corners: Array, direction: Array, level: float) -> Array | None:
     """Corners of the part of a convex hull with ``direction @ point >= level``; None where nothing is there."""
-    import trimesh
-
     height = corners @ direction - level
     if (height >= 0).all():
         return corners
-    if not (height > 0).any():
+    hull = _hull(corners) if (height > 0).any() else None
+    if hull is None:
         return None
-    try:
-        hull = trimesh.convex.convex_hull(corners)
-    except Exception:  # of the library, of any kind: the points are flat
-        return None
-    corners = np.asarray(hull.vertices)
+    corners = np.array(hull.points())
+    triangles = np.array([[hull.polygons(face)[end] for end in range(3)] for face in range(hull.num_polygons)])
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     height = corners @ direction - level
-    begin, end = hull.edges_unique.T
-    crossing = height[begin] * height[end] < 0
-    begin, end = begin[crossing], end[crossing]
+    begin, end = edges[height[edges[:, 0]] * height[edges[:, 1]] < 0].T
     share = (height[begin] / (height[begin] - height[end]))[:, None]
     return np.concatenate((corners[height >= 0], corners[begin] * (1 - share) + corners[end] * share))
 

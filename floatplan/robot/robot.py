@@ -20,7 +20,15 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.pool import one_thread
 from floatplan.robot.planar import model as planar
-from floatplan.robot.planar.choice import Choice, Coupling, Plane, choose_joints, in_radians, with_motors
+from floatplan.robot.planar.choice import (
+    Choice,
+    Coupling,
+    Plane,
+    against_gravity,
+    choose_joints,
+    in_radians,
+    with_motors,
+)
 from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
@@ -274,6 +282,7 @@ class Robot:
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
+            contradiction = against_gravity(robot.up, text.gravity_direction)
             return replace(
                 robot,
                 reference_name=reference,
@@ -281,6 +290,7 @@ class Robot:
                 payload=changes.payload,
                 rotor_file=rotor_file,
                 gravity_direction=text.gravity_direction,
+                warnings=(*robot.warnings, *filter(None, [contradiction])),
             )
 
     @classmethod

@@ -47,7 +47,7 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
     heaviest = ROTORS * float(joint_inertia(control.robot.model, control.wanted.positions[0]).min())
     late, friction = Perturbation(noise=math.radians(0.1), delay=4e-3), jump.request.friction + TO_SPARE
     bodies, found = np.ones(control.robot.model.njoints), []
-    for number, multiple in enumerate(MULTIPLES, start=1):
+    for trial, multiple in enumerate(MULTIPLES, start=1):
         control.gains = multiple * first
         ends = []
         for rotors, mass, correct in itertools.product((0.0, heaviest), (1 - MASSES, 1 + MASSES), (False, True)):
@@ -56,7 +56,7 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
             ends.append((end.stands and not end.touched, -(min(end.tilt, FALLEN) ** 2)))
         found.append(np.sum(ends, axis=0))
         if progress is not None:
-            progress("gains", number, len(MULTIPLES))
+            progress("gains", trial, len(MULTIPLES))
     return middle_of_the_widest(np.array(found)) * first, len(MULTIPLES)
 
 

@@ -119,8 +119,8 @@ def not_round(robot: Robot, contact: Contact, y: Array) -> str:
             return f"{frame!r} cannot roll: its link is a sole"
         off = out_of_round(robot, frame, spot, contact.depth, y)
         if not may_roll(off, contact.depth):
-            round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
-            return f"{frame!r} cannot roll: its link is {round_}"
+            outline = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
+            return f"{frame!r} cannot roll: its link is {outline}"
     return ""
 
 

@@ -86,7 +86,7 @@ def jump(
     kernel()  # an error of its own is none of a flight's
     file = None if isinstance(problem, Problem) else problem
     problem = given_problem(problem)
-    asked = optional(made(JumpRequest))(request, "request") or problem.jump
+    asked: JumpRequest | None = optional(made(JumpRequest))(request, "request") or problem.jump
     if asked is None:
         advice = "add a table [jump], or give a JumpRequest; floatplan plan plans a flight alone"
         raise InputError("no jump is asked for", source=file, element="jump", advice=advice)

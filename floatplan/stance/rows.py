@@ -198,7 +198,7 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function of a stance's node and its rows' bounds: (y, v, a, forces over weight, drifts) -> (rows, cost, load).
+        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, cost, load); its rows' bounds.
 
         The load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.

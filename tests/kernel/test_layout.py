@@ -30,7 +30,7 @@ def test_structures_and_enumerations_are_the_compiler_s(tmp_path):
     command = [*build.command(), "-std=c++17", "-fsyntax-only", str(source)]
     assert subprocess.run(command, capture_output=True, text=True).stderr == ""
     assert sum(len(kind._fields_) for kind in STRUCTURES.values()) > 250
-    assert len(FUNCTIONS) == build.FOLDER.joinpath("kernel.cpp").read_text().count("\nEXPORT ")
+    assert len(FUNCTIONS) == build.FOLDER.joinpath(layout.EXPORTS).read_text().count("\nEXPORT ")
 
 
 def test_pointers_know_what_they_point_to():

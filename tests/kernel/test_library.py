@@ -121,6 +121,16 @@ def test_an_installation_that_cannot_compile_fails_and_says_so(checkout, compile
     assert not list(checkout.glob("dist/*"))
 
 
+def test_an_editable_installation_leaves_the_kernel_to_who_compiles_it_elsewhere(checkout):
+    """A wheel has it in any case."""
+    code = "from hatchling.build import build_editable; print(build_editable('dist'))"
+    elsewhere = {"CXX": "false", "FLOATPLAN_KERNEL_ELSEWHERE": "1"}
+    assert told(code, checkout, **elsewhere).endswith(".whl\n")
+    with pytest.raises(subprocess.CalledProcessError):
+        told(code, checkout, CXX="false")
+    assert built(checkout, **elsewhere).returncode == 1
+
+
 def asked_for(folder: Path, path: str) -> list[str]:
     """What an installation asks for before it builds a wheel."""
     code = "from hatchling.build import *; print(*get_requires_for_build_wheel(), *get_requires_for_build_editable())"

@@ -150,3 +150,50 @@ def test_one_without_numbers_moves_nothing(monkeypatch):
 
 def raising(*arguments, **options):
     raise np.linalg.LinAlgError
+
+
+def smooth(seed: int, deficit: str) -> tuple[Evaluation[None], np.ndarray]:
+    """A program whose rows are a smooth function between bounds, at many instants; its Hessian is not definite."""
+    rng = np.random.default_rng(seed)
+    size, count = int(rng.integers(4, 15)), int(rng.integers(10, 200))
+    root = rng.normal(size=(size, int(rng.integers(1, size))))  # as of an objective that not all variables change
+    hessian = root @ root.T
+    if deficit == "nearly singular":
+        turned = np.linalg.qr(rng.normal(size=(size, size)))[0]
+        hessian = turned @ np.diag(10.0 ** -np.linspace(0, 17, size)) @ turned.T
+        hessian = (hessian + hessian.T) / 2
+    if deficit == "indefinite":
+        direction = rng.normal(size=size)
+        hessian -= 1e-5 * np.diag(hessian).max() * np.outer(direction, direction) / (direction @ direction)
+    values = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), size - 1) * rng.normal(1, 0.3, size)
+    rows, equality_rows, point = np.concatenate((values, -values)), rng.normal(size=(1, size)), rng.normal(size=size)
+    room = np.abs(rng.normal(0.5, 0.5, len(rows)))
+    gradient = 3 * rng.normal(size=size)
+    return linearised(gradient, -equality_rows @ point, equality_rows, room - rows @ point, rows), hessian
+
+
+@pytest.mark.parametrize(
+    ("deficit", "unbalanced", "missed"),  # residuals: of the gradient's and the Hessian's part, and in the unit of rows
+    [("singular", 1e-6, 1e-6), ("nearly singular", 1e-6, 2e-5), ("indefinite", 2e-4, 1e-6)],
+)
+def test_a_hessian_that_is_not_definite_leaves_no_residuals(deficit, unbalanced, missed):
+    """Without a shift none of these would be solved to 1e-6; one that is indefinite has the solution of a near one."""
+    for seed in range(100):
+        program, hessian = smooth(seed, deficit)
+        step = dual_step(program, hessian)
+        assert step is not None
+        x, multipliers = step.direction, step.multipliers
+        stationary = hessian @ x + program.gradient + multipliers.equality @ program.equality_jacobian
+        stationary -= multipliers.inequality @ program.inequality_jacobian
+        largest = np.abs(program.gradient).max() + np.abs(hessian).max() * np.abs(x).max()
+        left = program.inequality + program.inequality_jacobian @ x
+        assert np.abs(stationary).max() < unbalanced * largest
+        assert np.abs(program.equality + program.equality_jacobian @ x).max() < missed
+        assert left.min() > -missed
+        assert np.abs(left * multipliers.inequality).max() < missed
+
+
+def test_a_hessian_that_is_far_from_definite_is_left_to_others():
+    program, hessian = drawn(0)
+    assert dual_step(program, hessian - 2 * np.diag(hessian).max() * np.eye(SIZE)) is None
+    assert dual_step(program, np.zeros((SIZE, SIZE))) is None

@@ -119,7 +119,7 @@ class TestWritten:
         assert kinds(fp.load_plan(path)) == kinds(sunk)
 
     def test_none_is_an_empty_list(self, tmp_path):
-        problem = fp.load_problem(ROOT / "problems" / "falling_cat.toml")
+        problem = fp.load_problem(ROOT / "problems" / "falling_cat_apart.toml")
         afloat = replace(problem, flight=replace(problem.flight, gravity=0.0))
         path = fp.plan(afloat).save(tmp_path / "plan.json")
         assert json.loads(path.read_text())["warnings"] == []

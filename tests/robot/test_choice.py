@@ -220,7 +220,7 @@ WRONG_CHOICES = {
     "locked outside": ({"locked": {"l": 1.5}}, 'locked "l"', "outside its limits [-1, 1]"),
     "locked NaN": ({"locked": {"j": math.nan}}, "locked.j", "not a finite number"),
     "all locked": ({"locked": dict.fromkeys("jklm", 0.0)}, "joints", "no joint that turns is left"),
-    "none in the plane": ({"plane": "xy"}, "joints", 'no joint is left to plan in the plane "xy"'),
+    "none in the plane": ({"plane": "xy"}, "plane", 'no joint is left to plan in the plane "xy"'),
 }
 CHAIN_OF_FOUR = CHAIN.replace("</robot>", robot_text(joint("m", "d", "e", kind="revolute"), links="e")[21:])
 

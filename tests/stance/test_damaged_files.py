@@ -55,7 +55,7 @@ def spoiled(content: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 @pytest.mark.filterwarnings("error")
 def test_any_value_of_a_jumps_file_may_be_anything(root: Path, tmp_path: Path) -> None:
-    """Each place with some hostile value: refused with file and place, or a jump whose check says what does not hold."""
+    """Each place with some hostile value: refused with file and place, or a jump whose check says what is broken."""
     content = json.loads(hop(root).to_json())
     rng, path, refused = random.Random(0), tmp_path / "jump.json", 0
     chosen = [each for each in places(content) if each[0] != "flight" or len(each) < 3]

@@ -135,8 +135,9 @@ class Contact(Outlined):
 
     def speed(self, orientation_rate: float, rates: Array) -> float:
         """Of its point, m/s, by direction at most, with such rates of base and joints (n,), rad/s."""
-        frame, *posture = at_end(self.problem, self.end)
-        equations = equations_at(self.problem.robot, self.point or frame, *posture)
+        frame, orientation, positions, com_velocity = at_end(self.problem, self.end)
+        point = self.point or frame
+        equations = equations_at(self.problem.robot, point, orientation, positions, com_velocity)
         return float(np.abs(equations.matrix[1:] @ np.append(orientation_rate, rates) + equations.com_velocity).max())
 
     @cached_property
@@ -289,9 +290,11 @@ def _contact(given: Problem | str | Path, end: End, angular_momentum: float | No
 def _rates_of_points(problem: Problem, end: End, momentum: float) -> list[tuple[ContactRates, Frame]]:
     """Rates with which each point is at rest that the foot may stand on at an end, the frame first."""
     robot, limits = problem.robot, rate_limits(problem)
-    frame, *posture = at_end(problem, end)
+    frame, orientation, positions, com_velocity = at_end(problem, end)
     points = [frame] if problem.jump is None else [frame, *lowest_points(problem, end)]
-    return [(rates_at(robot, equations_at(robot, point, *posture), limits, momentum), point) for point in points]
+    equations = [equations_at(robot, point, orientation, positions, com_velocity) for point in points]
+    rates = [rates_at(robot, each, limits, momentum) for each in equations]
+    return list(zip(rates, points, strict=True))
 
 
 def lowest_points(problem: Problem, end: End) -> list[Frame]:

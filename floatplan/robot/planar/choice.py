@@ -76,6 +76,14 @@ def _planes_of(axes: Iterable[Array]) -> list[str]:
     return [f'"{USUAL_PLANES[normal]}"' for normal in normals]
 
 
+def _nothing_to_plan(name: str, axes: Iterable[Array], *, asked: bool) -> InputError:
+    """What is said where no joint turns in a plane, which was asked for or is left of all; ``axes`` are (3,)."""
+    others = _planes_of(axes)
+    advice = f"joints turn in {either(others)}" if asked and others else None
+    reason = f'no joint is left to plan in the plane "{name}"'
+    return InputError(reason, element="plane" if asked else "joints", advice=advice)
+
+
 def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Array | None = None) -> str:
     """Return ``name``, or else that of the plane in which most joints turn.
 
@@ -232,9 +240,8 @@ def choose_joints(
 ) -> Choice:
     """Settle the plane and the role of every moving joint.
 
-    In space, with the base "free-flyer", there is no plane, and joints turn about any axis; its vertical is z.
-    ``gravity_direction`` (3,), in the root link, is known of some files; there is a warning where it is not against the
-    vertical.
+    In space, with the base "free-flyer", there is no plane, and joints turn about any axis. ``gravity_direction`` is as
+    of :func:`choose_plane`.
 
     A joint is, in this order: locked if the user locks it; coupled if the user couples it; planned if ``joints``
     names it; coupled if the file has it ``<mimic>`` a planned joint; planned if ``joints`` is not given and it turns
@@ -263,20 +270,15 @@ def choose_joints(
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
     if base != "planar":
         if plane is not None:
-            raise InputError(
-                "a flight in space has none", element="plane", advice='leave it out, or base = "free-flyer"'
-            )
-        space = _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
-        contradiction = against_gravity(_unit("z"), gravity_direction)
-        return replace(space, warnings=(*space.warnings, *filter(None, [contradiction])))
+            advice = 'leave it out, or base = "free-flyer"'
+            raise InputError("a flight in space has none", element="plane", advice=advice)
+        return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
     plane_name = choose_plane(plane, [axes[name] for name in named or free], gravity_direction)
     if joints is None:  # all that turn in the plane and are not held fast by their limits
         ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
         free = [name for name in free if any_sign.sign(axes[name]) and ranges[name].lower != ranges[name].upper]
         if not free:
-            reason, others = f'no joint is left to plan in the plane "{plane_name}"', _planes_of(axes.values())
-            advice = f"joints turn in {either(others)}" if plane is not None and others else None
-            raise InputError(reason, element="joints" if plane is None else "plane", advice=advice)
+            raise _nothing_to_plan(plane_name, axes.values(), asked=plane is not None)
     planned = tuple(free if joints is None else joints)
     chosen = Plane.of_axes(plane_name, [axes[name] for name in planned])
     signs = {name: chosen.sign(axis) for name, axis in axes.items()}
@@ -299,8 +301,7 @@ def choose_joints(
     if joints is None:
         silent = [f"{name} = {at:g}" for name, at in rest.items() if name not in user_locked and signs.get(name) == 0.0]
         warnings += _warning("locked, because they do not turn about the plane's normal", silent)
-    contradiction = against_gravity(chosen.vertical, gravity_direction)
-    warned = (*warnings, *_slides(tree, rest, user_locked), *filter(None, [contradiction]))
+    warned = (*warnings, *_slides(tree, rest, user_locked))
     return Choice(chosen, planned, followers, geared, rest, signs, resting, warned)
 
 

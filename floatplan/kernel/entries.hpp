@@ -1,0 +1,15 @@
+// What dispatch.cpp calls of each set of instructions; within its namespace.
+Index plan_batch(const Robot &robot, const Grid *grids, const Index *nodes, const Powers &powers, const Settings &settings,
+                 Batch &batch);
+Index measure_batch(const Robot &robot, const Interpolation *interpolations, const Constraints *constraints, Peaks &peaks);
+Index flight_room(const Robot &robot, const Constraints &constraints, Flight &flight);
+void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what);
+Index solve_quadratic(Quadratic &qp);
+Index follow_rows(const Robot &robot, const Constraints *constraints, const Motions *motions, const Nodes *levels,
+                  const Settings &settings, const Exchange &rules, const Powers *powers, Attempt *attempts, Draws *draws,
+                  Index count);
+Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
+                       const Settings &settings, const Exchange &rules, Attempt &attempt, Evaluation &at);
+Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion);
+Index turn_in_space(const Turning &turning, Asked asked);
+Index bound_boxes(const Cosines &cosines);

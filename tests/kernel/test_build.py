@@ -1,0 +1,229 @@
+"""How the kernel is compiled: side by side, once for all who need it at the same time, and whole or not at all."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from elsewhere import hear_ctrl_c
+
+from floatplan.kernel import build, layout
+
+CURRENT = Path(build.__file__).parent
+PATIENCE = 60  # [s] until what never happens counts as that
+COMPILER = """#!{python}
+import os, pathlib, sys, time
+log = pathlib.Path({log!r})
+arguments = sys.argv[1:]
+if "--version" in arguments:
+    sys.exit()
+def begun():
+    return set(log.read_text().split())
+unit = pathlib.Path(arguments[arguments.index("-c") + 1]).stem if "-c" in arguments else "link"
+with log.open("a") as file:
+    file.write(unit + "\\n")
+{step}
+objects = [pathlib.Path(each).read_text() for each in arguments if each.endswith(".o") and unit == "link"]
+pathlib.Path(arguments[arguments.index("-o") + 1]).write_text(" ".join([*arguments, *objects]))
+"""
+
+
+class Checkout:
+    """A folder with the kernel's sources, and a compiler that writes down what it is to compile, and its arguments."""
+
+    def __init__(self, folder: Path) -> None:
+        self.kernel = folder / "kernel"
+        self.log = folder / "compiled"
+        self.compiler = folder / "compiler"
+        shutil.copytree(CURRENT, self.kernel, ignore=shutil.ignore_patterns("*.so", "__pycache__", "tmp*"))
+        self.files = self.listed()
+        self.compile_by()
+
+    def compile_by(self, step: str = "") -> None:
+        """Let the compiler take a further step before it writes."""
+        self.log.write_text("")
+        self.compiler.write_text(COMPILER.format(python=sys.executable, log=str(self.log), step=step))
+        self.compiler.chmod(0o755)
+
+    @property
+    def compiled(self) -> list[str]:
+        return sorted(self.log.read_text().split())
+
+    def listed(self) -> list[str]:
+        return sorted(path.name for path in self.kernel.iterdir() if path.name != "__pycache__")
+
+    def module(self) -> ModuleType:
+        """The module that compiles, as it is imported anew with the sources as they are."""
+        spec = importlib.util.spec_from_file_location("kernel_build", self.kernel / "build.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        """Compile in a process of its own."""
+        command = [sys.executable, str(self.kernel / "build.py"), *arguments]
+        environment = {**os.environ, "CXX": str(self.compiler)}
+        return subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, text=True, preexec_fn=hear_ctrl_c)
+
+
+ONCE = sorted([*(Path(unit).stem for unit in build.UNITS), "link"])
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Checkout:
+    made = Checkout(tmp_path)
+    monkeypatch.setenv("CXX", str(made.compiler))
+    monkeypatch.delenv("ARCHFLAGS", raising=False)
+    return made
+
+
+def wait_until(happened: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_every_source_is_compiled() -> None:
+    assert sorted(build.UNITS) == sorted(path.name for path in CURRENT.glob("*.cpp"))
+
+
+def test_units_are_compiled_at_the_same_time(checkout: Checkout) -> None:
+    """Each waits here until all have begun."""
+    everything = set(ONCE) - {"link"}
+    checkout.compile_by(
+        f"deadline = time.monotonic() + {PATIENCE}\n"
+        f"while not {everything!r} <= begun():\n"
+        "    if time.monotonic() > deadline: sys.exit('one after the other')\n"
+        "    time.sleep(0.02)"
+    )
+    checkout.module().build()
+    assert checkout.compiled == ONCE
+    assert checkout.listed() == sorted([*checkout.files, build.LIBRARY])
+
+
+def test_a_library_is_taken_while_nothing_that_makes_it_has_changed(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compiled_anew() -> bool:
+        checkout.log.write_text("")
+        checkout.module().build_if_needed()
+        return checkout.compiled == ONCE
+
+    assert compiled_anew()
+    assert not compiled_anew()
+    with (checkout.kernel / "rows.hpp").open("a") as source:
+        source.write("// changed\n")
+    assert compiled_anew()
+    monkeypatch.setenv("ARCHFLAGS", "-arch arm64")
+    assert compiled_anew()
+    monkeypatch.setenv("CXX", f"{checkout.compiler} -flag")
+    assert compiled_anew()
+    assert not compiled_anew()
+    checkout.module().build()  # what is asked for by hand is done
+    assert checkout.compiled == ONCE
+
+
+def test_a_library_that_is_cut_off_is_not_taken(checkout: Checkout) -> None:
+    library = checkout.module().build_if_needed()
+    head = b"\x7fELF".ljust(40, b"\0") + struct.pack("=Q", 10**9) + bytes(16)
+    library.write_bytes(head + library.read_bytes())
+    checkout.log.write_text("")
+    checkout.module().build_if_needed()
+    assert checkout.compiled == ONCE
+    assert not library.read_bytes().startswith(b"\x7fELF")
+
+
+def test_of_two_that_need_it_one_compiles(checkout: Checkout) -> None:
+    """The first goes on once the second has begun to wait, or has begun to compile, too."""
+    both = checkout.kernel.parent / "both"
+    checkout.compile_by(f"while not pathlib.Path({str(both)!r}).exists(): time.sleep(0.02)")
+    first = checkout.start("--if-needed")
+    wait_until(lambda: bool(checkout.compiled))
+    second = checkout.start("--if-needed")
+    with pytest.raises(subprocess.TimeoutExpired):
+        second.wait(timeout=1)
+    both.touch()
+    assert [process.wait(timeout=PATIENCE) for process in (first, second)] == [0, 0]
+    assert checkout.compiled == ONCE
+
+
+def ended(processes: Sequence[int]) -> bool:
+    for process in processes:
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            continue
+        stat = Path(f"/proc/{process}/stat")
+        if (
+            not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] != "Z"
+        ):  # nobody may have asked for it yet
+            return False
+    return True
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_interrupted_build_leaves_neither_files_nor_compilers(checkout: Checkout, number: int) -> None:
+    processes = checkout.kernel.parent / "processes"
+    processes.mkdir()
+    checkout.compile_by(f"pathlib.Path({str(processes)!r}, str(os.getpid())).touch()\ntime.sleep({10 * PATIENCE})")
+    process = checkout.start()
+    wait_until(lambda: len(list(processes.iterdir())) == len(build.UNITS))
+    process.send_signal(number)
+    assert process.wait(timeout=PATIENCE) != 0
+    assert checkout.listed() == checkout.files
+    wait_until(lambda: ended([int(path.name) for path in processes.iterdir()]))
+
+
+def test_where_one_unit_fails_the_others_end_and_the_library_stays(checkout: Checkout) -> None:
+    library = checkout.module().build()
+    content = library.read_bytes()
+    checkout.compile_by(
+        f"if unit == 'avx2': sys.exit('no such instruction')\nif unit == 'dispatch': time.sleep({10 * PATIENCE})"
+    )
+    module = checkout.module()
+    with pytest.raises(module.CompilerError, match=r"(?s)cannot compile the kernel:.*no such instruction"):
+        module.build()
+    assert library.read_bytes() == content
+    assert checkout.listed() == sorted([*checkout.files, build.LIBRARY])
+
+
+def test_a_compiler_that_makes_nothing_is_an_error(checkout: Checkout) -> None:
+    checkout.compile_by("sys.exit()")
+    module = checkout.module()
+    with pytest.raises(module.CompilerError, match="without a library"):
+        module.build()
+
+
+def test_only_what_is_of_a_set_of_instructions_uses_it() -> None:
+    """What the sets share, and what chooses among them, runs on every processor: no instruction of AVX is in it."""
+    if layout.kernel().instructions == 0 or sys.platform != "linux":
+        pytest.skip("there is one set")
+    if not shutil.which("objdump"):
+        pytest.skip("there is no disassembler")
+    command = ["objdump", "-d", "--no-show-raw-insn", str(CURRENT / build.LIBRARY)]
+    function, wide, narrow = "", 0, []
+    for line in subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines():
+        if line.endswith(">:"):
+            function = line.split("<")[1][:-2]
+        instruction = line.split("\t")[1].split()[0] if line.count("\t") == 1 and line.split("\t")[1] else ""
+        if not instruction.startswith(("v", "kmov")) or instruction.startswith("ver"):
+            continue
+        if "avx2" in function or "avx512" in function:
+            wide += 1
+        else:
+            narrow.append(f"{function}: {instruction}")
+    assert wide > 1000
+    assert not narrow
