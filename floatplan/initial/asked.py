@@ -49,7 +49,9 @@ class Asked:
         options = {name: value for name, value in asdict(self).items() if name != "angles"}
         if self.posture is not None and self.angles == "deg":
             options["posture"] = {joint: math.degrees(position) for joint, position in self.posture.items()}
-        return {name: _typed(name, value) for name, value in options.items() if value not in (None, False)}
+        return {
+            name: _typed(name, value) for name, value in options.items() if value is not None and value is not False
+        }
 
     @property
     def foot(self) -> str | None:

@@ -114,6 +114,11 @@ class Leg:
         hip, knee, end = heights_over_com(self.robot, self.bend_spots, y)
         return float(np.angle((end - knee) / (knee - hip)))
 
+    def height(self, y: Array) -> float:
+        """Of the hip over the end of the leg in a posture y (n+1,), m."""
+        hip, _, end = heights_over_com(self.robot, self.bend_spots, y)
+        return float(hip.imag - end.imag)
+
     @cached_property
     def has_knee(self) -> bool:
         """Whether it is a leg of thigh and shank."""

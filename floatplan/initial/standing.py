@@ -38,6 +38,8 @@ USUAL_BEND, BEND_OFF = 1.0, 0.5  # [rad] of a knee: quadrupeds stand at 1.5, hum
 FROM_END = (0.2, 0.1)  # [-, rad] of its range, and what is at most kept from the ends of it
 CLEAR = 0.05  # [-] of links above the ground
 FROM_REFERENCE = 3.0  # [rad] of joints
+NEAR = 0.35  # [rad] of joints from the reference posture, where the static one next to it counts as the same
+LYING = 0.25  # [-] of a leg's length: what its hip is not over the foot by, in a leg that lies rather than stands
 STARTS = 4  # [-] for each side of the knees, of which the first is the reference posture
 PREFERRED = 0.5  # [-] of the least sum so far is less: knees bend to the usual side unless another is that much better
 ANGLE_DIGITS = 3  # [-] of degrees in the posture, as it is written
@@ -96,7 +98,7 @@ def posture_fault(robot: Robot, feet: Sequence[str], positions: Array, limits: A
     if floating:
         return floating
     static = standing_posture(robot, contacts, y, _bounds(limits))
-    if static is None:
+    if static is None or np.abs(static - y).max() > NEAR:
         return not_static(robot, contacts, y)
     return in_the_air(robot, contacts, static) or _stretched(robot, feet, positions, static)
 
@@ -108,12 +110,16 @@ def _bounds(limits: Array) -> Array:
 
 
 def _stretched(robot: Robot, feet: Sequence[str], reference: Array, y: Array) -> str:
-    """Say which leg is straight or folded in a posture y (n+1,), if any is."""
+    """Say which leg is straight, folded or lies in a posture y (n+1,), if any does."""
     for foot in feet:
         leg = Leg(robot, foot, reference)
-        bend = leg.bend(y) if leg.has_knee else np.pi / 2
+        if not leg.has_knee:
+            continue
+        bend = leg.bend(y)
         if abs(np.sin(bend)) <= BENT:
             return f"the leg of {foot!r} is {'straight' if abs(bend) < np.pi / 2 else 'folded'}"
+        if leg.height(y) < LYING * leg.length:
+            return f"the leg of {foot!r} lies"
     return ""
 
 

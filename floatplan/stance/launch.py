@@ -19,7 +19,7 @@ from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import SHARES, judged, limit_shares, stance_figures
-from floatplan.stance.exact import StanceDynamics, exact_stances
+from floatplan.stance.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
 from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
@@ -239,7 +239,11 @@ def _answer(
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
-    stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
+    try:
+        stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
+    except NoExactStanceError as error:
+        sentence = f"{end.capitalize()}: no stance was found between the program's nodes: {error}."
+        return Launch(False, np.inf, "", "", (sentence,), {}, broken=(str(error),)), {}
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     limit = max(SHARES, key=lambda name: figures[name])
@@ -309,8 +313,9 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
         try:
-            closed = dynamics.close(*motion[:, :, nodes])
-        except np.linalg.LinAlgError:  # a leg is straight
+            with may_fail():
+                closed = dynamics.close(*motion[:, :, nodes])
+        except NoExactStanceError:
             break
         if not np.abs(closed - motion[:, :, nodes])[0].max() < FARTHEST:
             break

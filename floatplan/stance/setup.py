@@ -27,6 +27,7 @@ from floatplan.stance.contacts import (
     rolling,
     standing_feet,
     watched_points,
+    with_bent_knees,
 )
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
@@ -374,6 +375,8 @@ def _side(
     tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
     limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits), Room.range)))
     floating = "" if own else in_the_air(robot, outer, wanted, FAR)
+    if not own:
+        wanted = with_bent_knees(robot, outer, wanted, limits[1:])
     found = None if floating else standing_posture(robot, outer, wanted, limits)
     is_other = own and found is not None and np.abs(found - wanted)[1:].max() > NEAR
     if not floating and found is not None and not is_other:

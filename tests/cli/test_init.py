@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from jumps import GO2, INSTALLED, backflip
+from legged_samples import quadruped
 from long_cases import cases
 
 import floatplan as fp
@@ -25,13 +26,13 @@ needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-
 Command = Callable[..., Any]
 
 
-def planned(floatplan: Command, path: Path) -> fp.Plan:
+def planned(floatplan: Command, path: Path, *known: str) -> fp.Plan:
     run = floatplan("plan", path, "--no-figures", "-o", "result")
     assert run.code == 0, run
     plan = fp.load_plan("result/plan.json")
     assert plan.certificate is not None
     assert plan.certificate.proved
-    assert {warning.kind for warning in plan.warnings} <= {"leak"}  # an arm leaves its plane
+    assert {warning.kind for warning in plan.warnings} <= {"leak", *known}  # an arm leaves its plane
     return plan
 
 
@@ -59,13 +60,25 @@ def test_the_file_of_a_jump(floatplan: Command, monkeypatch: pytest.MonkeyPatch)
     for table in ("start", "goal"):
         assert {"positions", "velocities", "accelerations"} < set(content[table])
     assert content["jump"]["takeoff"]["contacts"][1] == [content["flight"]["takeoff"]["frame"]]
-    plan = planned(floatplan, Path("go2.toml"))
+    plan = planned(floatplan, Path("go2.toml"), "overlap")  # its jump was not searched for again
     assert "the flight alone" in plan.explanation
     asked = jump_setup(plan.problem, plan.problem.jump or fp.JumpRequest())
     assert [phase.side for phase in asked.phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
     assert asked.standing[1, 0] - asked.standing[0, 0] == pytest.approx(-2 * math.pi)
     assert floatplan("show", "result/plan.json").code == 0
     assert Path("result/report.html").exists()
+
+
+@needs_jumps
+def test_links_of_the_first_jump_do_not_overlap(floatplan: Command, root: Path) -> None:
+    """The gymnast's jump of least torque folds its shank into its thigh: it is searched for again."""
+    assert floatplan("init", root / "urdf" / "gymnast.urdf", "-q").code == 0
+    problem = fp.load_problem("gymnast.toml")
+    assert np.abs(problem.position_limits).max() < math.radians(175)
+    found = fp.jump(problem)
+    assert found.ok
+    assert not [warning for warning in found.warnings if warning.kind == "overlap"]
+    assert found.to_dict()["warnings"] == [warning.to_dict() for warning in found.warnings]
 
 
 @needs_jumps
@@ -195,3 +208,58 @@ def test_round_numbers(floatplan: Command, root: Path) -> None:
         angles = [content[table]["orientation"], *content[table]["positions"].values()]
         assert all(isinstance(angle, int) for angle in angles)
     assert np.isclose(content["flight"]["duration"], round(content["flight"]["duration"], 2))
+
+
+MESH = '<collision><geometry><mesh filename="package://nowhere/part.stl"/></geometry></collision>'
+
+
+@pytest.mark.parametrize("link", ["body", "fl_shank"])
+def test_a_missing_mesh_leaves_a_turn_afloat(floatplan: Command, link: str) -> None:
+    """Which needs no shapes; what is missing is said, and that no jump was looked for."""
+    text = quadruped()
+    before = text.index("</inertial>", text.index(f'<link name="{link}">')) + len("</inertial>")
+    Path("robot.urdf").write_text(text[:before] + MESH + text[before:])
+    run = floatplan("init", "robot.urdf")
+    assert run.code == 0, run
+    assert "No jump was looked for, since that takes all shapes" in run.stderr
+    assert 'collision mesh "package://nowhere/part.stl" not found' in run.stderr
+    planned(floatplan, Path("robot.toml"))
+    refused = floatplan("init", "robot.urdf", "--turns", "0", "-o", "other.toml")
+    assert refused.code == 2
+    assert "--turns: it is about a jump" in refused.stderr
+
+
+@needs_jumps
+def test_the_posture_is_in_the_file_by_which_a_jump_stands(floatplan: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[fp.Problem] = []
+
+    def none(problem: fp.Problem, **_: Any) -> fp.Jump:
+        asked.append(problem)
+        return fp.Jump(problem, problem.jump or fp.JumpRequest(), explanation="Not looked for.")
+
+    monkeypatch.setattr(flight, "jump", none)
+    Path("robot.urdf").write_text(quadruped())
+    run = floatplan("init", "robot.urdf", "--degrees", "--posture", "fl_knee=-50", "--turns", "0")
+    assert run.code == 1
+    assert '--posture "fl_knee=-50"' in run.stderr
+    first = asked[0].jump
+    assert first is not None
+    assert isinstance(first.takeoff.from_, dict)
+    assert first.takeoff.from_["fl_knee"] == pytest.approx(math.radians(-50), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        ("fl_knee", "'fl_knee' is not JOINT=ANGLE"),
+        ("fl_knee=high", "--posture fl_knee: 'high' is not a number"),
+        ("fl_knee=nan", "--posture: fl_knee = nan is not a finite angle"),
+        ("tail=0.1", "--posture: 'tail' is not a planned joint"),
+        ("fl_knee=3", "--posture: fl_knee = 3 rad is outside its range"),
+    ],
+)
+def test_a_wrong_posture_is_refused_by_its_option(floatplan: Command, typed: str, words: str) -> None:
+    Path("robot.urdf").write_text(quadruped())
+    run = floatplan("init", "robot.urdf", "--posture", typed)
+    assert run.code == 2
+    assert words in run.stderr

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 
+import legged_samples
 import numpy as np
 import pytest
 from long_cases import cases
 
 import floatplan as fp
 from floatplan.initial.afloat import turns_afloat
+from floatplan.initial.asked import Asked
 from floatplan.initial.feet import feet, standing_height, upright
+from floatplan.initial.flight import jump_problem
 from floatplan.initial.robots import chosen_robot
+from floatplan.robot.standing import corners, undersides
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 from floatplan.robot.wheels import PLANNED, explain_wheels, wheels
-from floatplan.stance.contacts import contact_at
+from floatplan.stance.contacts import contact_at, ground_below
+from floatplan.stance.setup import jump_setup
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
@@ -109,3 +114,100 @@ def test_legs_side_by_side_are_coupled(tmp_path):
     assert {name: each.leader for name, each in chosen.robot.coupled.items()} == {"two_joint": "one_joint"}
     heavier = legs[1].replace('"9"', '"8"')
     assert not chosen_robot(written(tmp_path, trunk, legs[0], heavier, joint("one", 0), joint("two", 0))).robot.coupled
+
+
+def test_a_foot_is_the_child_with_the_shape(tmp_path):
+    """Shanks without geometry are lines to the feet's frames, which are below the feet: these touch nothing."""
+    thigh, shank = legged_samples.inertial(1.5, "0 0 -0.15"), legged_samples.inertial(0.8, "0 0 -0.15")
+    parts = []
+    for side, way in (("left", 0.1), ("right", -0.1)):
+        parts += [
+            legged_samples.hinge(f"{side}_hip", "body", f"{side}_thigh", f"0 {way} 0"),
+            f'<link name="{side}_thigh">{thigh}</link>',
+            legged_samples.hinge(f"{side}_knee", f"{side}_thigh", f"{side}_shank", "0 0 -0.3", (-2.4, -0.1)),
+            f'<link name="{side}_shank">{shank}</link>',
+            legged_samples.fixed(f"{side}_end", f"{side}_shank", f"{side}_foot", "0 0 -0.35"),
+            legged_samples.link(f"{side}_foot", 0.3, legged_samples.ball(0.05, "0 0 0.09")),
+        ]
+    path = tmp_path / "robot.urdf"
+    path.write_text(legged_samples.legged(*parts))
+    chosen = chosen_robot(path)
+    (foot,) = chosen.feet
+    assert foot in ("left_foot", "right_foot")
+    assert not [link for link in chosen.robot.touching_links if "shank" in link]
+    (contact,) = contact_at(chosen.robot, foot, np.append(0.0, chosen.posture))
+    assert contact.depth == pytest.approx(0.05), "it stands on the middle of its ball"
+    hulls = chosen.robot.hulls([foot])
+    lowest = undersides(chosen.robot, corners(hulls), np.append(0.0, chosen.posture)).min()
+    ground = ground_below(chosen.robot, contact, np.append(0.0, chosen.posture))
+    assert lowest == pytest.approx(ground, abs=1e-3)
+
+
+def humanoid(*, sideways: int) -> str:
+    """A biped on soles of whose joints more turn sideways than ahead."""
+    legs = []
+    for side, way in (("left", 0.1), ("right", -0.1)):
+        leg = legged_samples.leg(side, (0.0, 0.0), foot="sole", knee=(0.0, 2.4))
+        roll = {"limits": (-0.6, 0.6), "axis": "1 0 0"}
+        legs += [
+            legged_samples.hinge(f"{side}_hip_roll", "body", f"{side}_base", f"0 {way} 0", **roll),
+            legged_samples.link(f"{side}_base", 0.3),
+            leg.replace('link="body"', f'link="{side}_base"'),
+            legged_samples.hinge(f"{side}_ankle_roll", f"{side}_foot", f"{side}_plate", "0 0 -0.05", **roll),
+            legged_samples.link(f"{side}_plate", 0.1, legged_samples.box("0.22 0.07 0.01", "0.03 0 -0.01")),
+        ]
+    arms = []
+    for number in range(sideways):
+        arms += [
+            legged_samples.hinge(
+                f"arm{number}", "body", f"hand{number}", f"0 0 {0.2 + 0.1 * number}", (-1, 1), "1 0 0"
+            ),
+            legged_samples.link(f"hand{number}", 0.8, center="0 0 0.1"),
+        ]
+    return legged_samples.legged(*legs, more=arms)
+
+
+@pytest.mark.parametrize("sideways", [1, 4])
+def test_the_plane_is_the_one_in_which_legs_step(tmp_path, sideways):
+    """Whichever most joints turn in; it is said which joints bend the legs there."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(humanoid(sideways=sideways))
+    most = fp.Robot.from_urdf(path).plane.name if sideways > 1 else "xz"
+    assert most == ("yz" if sideways > 1 else "xz")
+    chosen = chosen_robot(path)
+    assert chosen.robot.plane.name == "xz"
+    assert {joint.split("_")[1] for joint in chosen.stepping} == {"hip", "knee", "ankle"}
+    asked = chosen_robot(path, {"plane": "yz"})
+    assert asked.robot.plane.name == "yz"
+    assert asked.stepping == []
+
+
+@pytest.mark.parametrize(("make", "count"), [(legged_samples.biped, 1), (legged_samples.quadruped, 2)])
+def test_legs_on_wheels_stand_on_them(tmp_path, make, count):
+    """Their joints hold the wheels, which roll as round feet."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(make(foot="wheel"))
+    chosen = chosen_robot(path)
+    assert chosen.on_wheels
+    assert len(chosen.feet) == count
+    assert all(foot.endswith("wheel") for foot in chosen.feet)
+    rolls = {name for name in chosen.robot.joint_tree.joint if name.endswith("roll")}
+    assert rolls <= set(chosen.robot.locked)
+    assert dict(chosen.choices["locked"]) == dict.fromkeys(rolls, 0.0)
+    problem = jump_problem(chosen, 0, Asked())
+    assert problem.jump is not None
+    assert problem.jump.feet == "rolling"
+    setup = jump_setup(problem, problem.jump)
+    assert all(contact.radius == pytest.approx(0.06, abs=1e-3) for contact in setup.phases[0].contacts)
+
+
+def test_a_cart_on_wheels_has_no_feet(tmp_path):
+    body, wheels_of_cart = legged_samples.legged(), []
+    for number, at in enumerate((-0.1, 0.1)):
+        wheels_of_cart += [
+            legged_samples.hinge(f"roll{number}", "body", f"wheel{number}", f"{at} 0 -0.05", None),
+            legged_samples.link(f"wheel{number}", 0.3, legged_samples.wheel(0.06, 0.03)),
+        ]
+    path = tmp_path / "robot.urdf"
+    path.write_text(body.replace("</robot>", "".join(wheels_of_cart) + "</robot>"))
+    assert chosen_robot(path).feet == ()

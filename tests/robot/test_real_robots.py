@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from importlib import metadata
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -196,6 +197,23 @@ def test_mirror_finds_pairs_by_place_and_ratio_by_axis(load):
     chosen = load(pair(), coupled="mirror", joints=["right_knee", "right"])
     assert chosen.joints == ("right_knee", "right")
     assert chosen.coupled == {"left": Coupling("right"), "left_knee": Coupling("right_knee")}
+
+
+@pytest.mark.parametrize("along", [0.05, -0.3, 4.0])
+@pytest.mark.parametrize("name", ["right", "right_knee"])
+def test_mirror_minds_not_where_on_its_axis_an_origin_is(load, name, along):
+    """The same mechanism, written with another origin: what the joint carries is where it was."""
+    child = {"right": "c", "right_knee": "e"}[name]
+    text = ElementTree.fromstring(pair())
+    place = text.find(f"joint[@name='{name}']/origin")
+    carried = [text.find(f"link[@name='{child}']/inertial/origin")]
+    carried += [joint.find("origin") for joint in text.iterfind("joint") if joint.find("parent").get("link") == child]
+    for origin, shift in ((place, along), *((each, -along) for each in carried)):
+        x, y, z = map(float, origin.get("xyz").split())
+        origin.set("xyz", f"{x} {y + shift} {z}")
+    robot = load(ElementTree.tostring(text, encoding="unicode"), coupled="mirror")
+    assert robot.coupled == {"right": Coupling("left"), "right_knee": Coupling("left_knee")}
+    assert out_of_plane_leak(robot) == pytest.approx(out_of_plane_leak(load(pair(), coupled="mirror")), abs=1e-12)
 
 
 @pytest.mark.parametrize("elsewhere", [{"right_side": -0.4}, {"right_x": 0.1}, {"right_side": 0.2}])

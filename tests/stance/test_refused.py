@@ -40,7 +40,7 @@ REFUSED = {
     "nothing under the mass": (
         [["RL_foot"]],
         STANDING,
-        r"the posture is not static: its centre of mass is \d+ mm outside its feet, ahead of 'RL_foot'; static is",
+        r"from: the posture is not static: its centre of mass is \d+ mm outside its feet, ahead of 'RL_foot'; static",
     ),
     "legs aslant": (
         None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -20,7 +21,7 @@ from floatplan.stance.contacts import contact_at, rolling, standing_feet
 from floatplan.stance.exact import StanceDynamics
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.motion import Grid, Stance, hermite, quintic
-from floatplan.stance.phases import Phase, not_static, standing_posture
+from floatplan.stance.phases import Phase, not_static, standing_posture, static_beyond_ranges
 from floatplan.stance.planner import jump
 
 if not INSTALLED:
@@ -68,7 +69,18 @@ def test_where_nothing_stands_there_is_no_posture_and_a_reason() -> None:
     contacts = [contact_at(robot, frame, level(robot))[0] for frame in ("RL_foot", "FL_foot")]
     narrow = np.array([[0.0, 0.0], [0.0, 0.1], [-1.0, -0.9], [1.5, 1.6], [-1.0, -0.9]])
     assert standing_posture(robot, contacts, level(robot), narrow) is None
-    assert "apart in height" in not_static(robot, contacts, narrow[:, 0])
+    assert re.search("mm apart in height, '[RF]L_foot' is the highest", not_static(robot, contacts, narrow[:, 0]))
+    beyond = static_beyond_ranges(robot, contacts, level(robot), narrow)
+    assert beyond.startswith("static would be FL_thigh_joint at ")
+    assert "where 0 to 0.1 rad are left of its range" in beyond
+
+
+def test_where_the_mass_is_over_the_feet_or_not_is_said() -> None:
+    robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+    contacts = [contact_at(robot, frame, level(robot))[0] for frame in ("RL_foot", "FL_foot")]
+    for lean, words in ((1.2, "behind 'RL_foot'"), (-1.2, "ahead of 'FL_foot'")):
+        aslant = level(robot) - lean * np.array([0.0, 1.0, 0.0, 1.0, 0.0])
+        assert words in not_static(robot, contacts, aslant)
 
 
 def test_quintics_pass_through_what_they_are_given() -> None:

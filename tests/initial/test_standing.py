@@ -1,0 +1,182 @@
+"""The posture from which a robot jumps: its file's where that stands, else one that is looked for, or what is asked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from legged_samples import biped, quadruped
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.initial.asked import Asked
+from floatplan.initial.flight import jump_problem
+from floatplan.initial.legs import Leg
+from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.robot.standing import heights_over_com, undersides
+from floatplan.stance.contacts import BENT, contact_at
+from floatplan.stance.setup import jump_setup
+
+FLAT = math.pi / 2
+ROBOTS = {  # whose zero postures do not stand, or not so that legs could push
+    "straight": quadruped(),
+    "folded flat": quadruped(turned=(FLAT, -math.pi), knee=(0.0, 2.9)),
+    "a knee from zero on": quadruped(knee=(0.0, 2.4)),
+    "a knee to zero": biped(knee=(-2.4, 0.0)),
+    "lying": quadruped(turned=(FLAT, 0.0)),
+    "straight on soles": biped(foot="sole", knee=(0.0, 2.4)),
+}
+
+Load = Callable[..., ChosenRobot]
+
+
+@pytest.fixture
+def chosen(tmp_path: Path) -> Load:
+    def chosen(text: str, **options: object) -> ChosenRobot:
+        path = tmp_path / "robot.urdf"
+        path.write_text(text)
+        return chosen_robot(path, **options)  # type: ignore[arg-type]
+
+    return chosen
+
+
+def check_stands(chosen: ChosenRobot) -> None:
+    """Feet level and lowest, soles flat, the mass over them, legs neither straight nor folded, ranges kept."""
+    robot, y = chosen.robot, np.append(0.0, chosen.posture)
+    contacts = [contact for foot in chosen.feet for contact in contact_at(robot, foot, y)]
+    places = heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
+    grounds = places.imag - [contact.depth for contact in contacts]
+    assert np.ptp(grounds) < 1e-3
+    assert places.real.min() < 1e-3
+    assert places.real.max() > -1e-3
+    for foot in chosen.feet:
+        leg = Leg(robot, foot, robot.resting)
+        assert abs(math.sin(leg.bend(y))) > BENT
+        lowest = undersides(robot, leg.corners, y).min()
+        assert lowest == pytest.approx(grounds.min(), abs=1e-3)
+    low, high = robot.position_limits.T
+    assert (chosen.posture > low + 0.05).all()
+    assert (chosen.posture < high - 0.05).all()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_where_the_zero_posture_does_not_stand_one_that_does_is_found(chosen: Load, name: str) -> None:
+    robot = chosen(ROBOTS[name])
+    assert robot.feet
+    assert robot.stance is not None
+    assert robot.stance.sought
+    check_stands(robot)
+
+
+def test_a_posture_that_stands_is_kept(chosen: Load) -> None:
+    """Bent as in the zero of its joints, which are those that the search finds for it, or any other."""
+    stands = chosen(quadruped(turned=(-0.5, 1.05)))
+    assert stands.stance is not None
+    assert not stands.stance.own
+    np.testing.assert_array_equal(stands.posture, stands.robot.resting)
+    assert jump_problem(stands, 0, Asked()).jump == fp.JumpRequest()
+
+
+def test_the_jump_begins_in_the_posture_that_was_found(chosen: Load) -> None:
+    robot = chosen(ROBOTS["folded flat"])
+    problem = jump_problem(robot, 0, Asked())
+    assert problem.jump is not None
+    setup = jump_setup(problem, problem.jump)
+    np.testing.assert_allclose(setup.standing[:, 1:], [robot.posture, robot.posture], atol=1e-3)
+
+
+def test_what_is_asked_of_the_posture_is_kept_and_the_rest_is_found(chosen: Load) -> None:
+    robot = chosen(quadruped(), posture={"fl_knee": -0.8})
+    assert robot.posture[robot.robot.joints.index("fl_knee")] == pytest.approx(-0.8, abs=1e-4)
+    check_stands(robot)
+    followed = chosen(quadruped(), posture={"fr_knee": -0.8})
+    np.testing.assert_allclose(followed.posture, robot.posture)
+
+
+@pytest.mark.parametrize(
+    ("posture", "reason"),
+    [
+        ({"nose": 0.1}, "posture: 'nose' is not a planned joint: no joint has this name"),
+        ({"fl_knee": 3.0}, r"posture: fl_knee = 3 rad is outside its range, -2\.4 to 2\.4 rad"),
+        ({"fl_knee": 0.5, "fr_knee": 0.6}, "posture: 'fr_knee' and 'fl_knee' move as one, and are given apart"),
+    ],
+)
+def test_a_posture_that_cannot_be_is_refused(chosen: Load, posture: dict[str, float], reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        chosen(quadruped(), posture=posture)
+
+
+def test_a_locked_joint_is_refused_with_its_option(chosen: Load) -> None:
+    with pytest.raises(InputError, match="'fl_knee' is not a planned joint: it is locked; give --locked"):
+        chosen(quadruped(), given={"locked": {"fl_knee": 0.5, "fr_knee": 0.5}}, posture={"fl_knee": 0.4})
+
+
+def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path: Path) -> None:
+    """Where the likely one does not stand, another that does."""
+    joints = {"hip": -0.5, "knee": 1.05}
+    states = {
+        "standing": dict.fromkeys(joints, 0.0),
+        "ready to jump": joints,
+    }
+    text = "".join(
+        f'<group_state name="{name}" group="all">'
+        + "".join(
+            f'<joint name="{leg}_{key}" value="{at}"/>' for leg in ("fl", "fr", "hl", "hr") for key, at in of.items()
+        )
+        + "</group_state>"
+        for name, of in states.items()
+    )
+    (tmp_path / "robot.srdf").write_text(f'<robot name="legged">{text}</robot>')
+    robot = chosen(quadruped())
+    assert robot.choices["reference"] == "ready to jump"
+    assert robot.stance is None or not robot.stance.own
+    check_stands(robot)
+    asked = chosen(quadruped(), given={"reference": "standing"})
+    assert asked.choices["reference"] == "standing"
+    assert asked.stance is not None
+    assert asked.stance.own
+    check_stands(asked)
+
+
+def test_why_there_is_no_stance_is_said_by_options(chosen: Load) -> None:
+    """A range that keeps the legs straight: named, with the posture that would stand, and without keys of the file."""
+    stuck = chosen(
+        quadruped(turned=(0.9, 0.0), knee=(-0.1, 0.1)).replace('lower="-2.5" upper="2.5"', 'lower="-0.1" upper="0.1"')
+    )
+    problem = jump_problem(stuck, 0, Asked())
+    assert problem.jump is not None
+    with pytest.raises(InputError, match=r"jump\.takeoff") as caught:
+        jump_setup(problem, problem.jump)
+    told = Asked().reason(caught.value, stuck)
+    assert "jump." not in told
+    assert "--posture" in told
+
+
+def test_a_keyframe_is_the_posture(tmp_path: Path) -> None:
+    """Of an MJCF; one that stands before one that lies, whatever the order."""
+    pytest.importorskip("mujoco")
+    legs = "".join(
+        f'''<body name="{name}_thigh" pos="{x} {y} 0"><joint name="{name}_hip" axis="0 1 0" range="-140 140"/>
+        <geom type="capsule" fromto="0 0 -.04 0 0 -.16" size=".02" mass=".6"/>
+        <body name="{name}_shank" pos="0 0 -.2"><joint name="{name}_knee" axis="0 1 0" range="-140 140"/>
+        <geom type="capsule" fromto="0 0 -.04 0 0 -.15" size=".015" mass=".3"/>
+        <geom type="sphere" pos="0 0 -.19" size=".02" mass=".05"/></body></body>'''
+        for name, x, y in (("fl", 0.2, 0.1), ("fr", 0.2, -0.1), ("hl", -0.2, 0.1), ("hr", -0.2, -0.1))
+    )
+    keys = "".join(
+        f'<key name="{name}" qpos="0 0 .4 1 0 0 0 {" ".join([f"{hip} {knee}"] * 4)}"/>'
+        for name, hip, knee in (("home", 0.0, 0.0), ("push", 0.6, -1.1))
+    )
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        f"""<mujoco model="keyed"><worldbody><body name="trunk" pos="0 0 .4"><freejoint/>
+        <geom type="box" size=".2 .07 .04" pos="0 0 .04" mass="7"/>{legs}</body></worldbody>
+        <keyframe>{keys}</keyframe></mujoco>"""
+    )
+    robot = chosen_robot(path)
+    assert robot.choices["reference"] == "push"
+    np.testing.assert_allclose(robot.posture, [0.6, -1.1] * 2)
+    check_stands(robot)
