@@ -205,7 +205,7 @@ def launch(
     What is found is checked 2000 times a second. Exit code 1 where none is found: that is no proof that there is none.
     """
     plan = fp.load_plan(plan_file, urdf)
-    request = plan.problem.jump or fp.JumpRequest()
+    request = plan.problem.jump or fp.JumpRequest(feet="points")  # a flight alone knows frames, no feet
     if friction is not None:
         request = replace(request, friction=friction)
     end: Literal["takeoff", "landing"] = "landing" if landing else "takeoff"

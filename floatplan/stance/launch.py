@@ -30,6 +30,7 @@ from floatplan.stance.setup import TURN, Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE
 
 STARTS = 3
+FRAMES_AT_REST = JumpRequest(feet="points")  # of flights alone, which know frames and no feet
 ITERATIONS = 250  # of IPOPT, of each program
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 CALM = Room(0.95, 0.97, 0.8, clear=3e-3)  # of the nodes, where squared torques are least within the limits
@@ -111,7 +112,7 @@ def launch(
     """
     casadi()
     plan = given_plan(plan)
-    request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or JumpRequest()
+    request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or FRAMES_AT_REST
     end = one_of("takeoff", "landing")(end, "end")
     seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
     say = optional(function)(progress, "progress") or (lambda _: None)

@@ -24,7 +24,7 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
-from floatplan.robot.standing import Spot
+from floatplan.robot.standing import ROLLED, Spot
 from floatplan.stance.contacts import is_ground
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, refined, values
@@ -218,14 +218,17 @@ class Separation:
         """
         anchor = node.phases[node.flies - 1].anchor
         home, lines = self.robot.frames[anchor.frame], self._candidates
-        known = anchor.spots[0] == Spot(home.body, home.local)  # else its place depends on how the foot has turned
+        spot = anchor.spots[0]
+        known = spot._replace(radius=0.0) == Spot(home.body, home.local)  # else it depends on how the foot has turned
+        rolled = spot.radius * ROLLED  # [m] along the ground, by which a foot may have rolled until it takes off
         for line, distances in self._distances(*self._measured(node, motion)) if lines else ():
             part, least = self._parts[line.other], distances[0]
             if isinstance(part, LinkCapsule):
                 least = min(least, distances[-1])
             elif part.window or any(part.velocity) or not known:
                 continue
-            if least < 0:
+            level = isinstance(part, HalfPlane) and not part.normal[0]
+            if least < (-rolled if isinstance(part, Obstacle) and not level else 0.0):
                 reason = f"where the robot stands, {line.name} is missed by {-least:.2g} m"
                 raise InputError(reason, element=line.asked, advice="change it, its margin or the posture")
 

@@ -25,8 +25,6 @@ from floatplan.stance.setup import jump_setup
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
 
-HYQ = "example-robot-data:hyq_description/robots/hyq_no_sensors.urdf"
-
 
 @cache
 def touchdown_heights(error: float) -> float:

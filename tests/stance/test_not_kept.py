@@ -55,6 +55,7 @@ def test_what_a_jump_does_not_keep_is_refused(problem: Callable[[], fp.Problem],
 
 def test_a_frame_of_the_takeoff_has_to_stand() -> None:
     """The feet that stand where none are named, and not the frame of the flight, would take off."""
-    feet = fp.JumpTakeoff([["RL_foot", "FL_foot"], ["RL_foot"]])
+    feet = [["RL_foot", "FL_foot"], ["RL_foot"]]
+    request = fp.JumpRequest(takeoff=fp.JumpTakeoff(feet), landing=fp.JumpLanding(feet[::-1]))
     with pytest.raises(fp.InputError, match=r"flight\.takeoff\.frame: 'FL_calf' is not among .*RL_foot, RR_foot"):
-        fp.jump(flight(takeoff=fp.Takeoff("FL_calf")), fp.JumpRequest(takeoff=feet))
+        fp.jump(flight(takeoff=fp.Takeoff("FL_calf")), request)

@@ -138,7 +138,8 @@ def test_a_hop_on_one_round_foot(tmp_path: Path) -> None:
     found = jump(tmp_path / "problems/jumps/high_jumper.toml", starts=1)
     assert found.ok
     assert max(found.check.figures["takeoff_seam"], found.check.figures["landing_seam"]) < 1e-6
-    times = np.array([[0.0, 0.3 * found.duration], [0.7 * found.duration, found.duration]])
+    landing = found.phases[-1].begin
+    times = np.array([[0.0, 0.8 * found.takeoff_time], [(landing + found.duration) / 2, found.duration]])
     points, q = found.contact_points(times)["foot"], found.q(times)
     model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
     data = model.createData()
