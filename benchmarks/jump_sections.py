@@ -20,7 +20,7 @@ from floatplan.stance.planner import ROOM
 from floatplan.stance.setup import jump_setup
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
-FEET: tuple[Literal["point", "rolling"], ...] = ("point", "rolling")
+FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")
 PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 

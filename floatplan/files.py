@@ -288,9 +288,13 @@ def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[],
 
 @contextmanager
 def _refusals_of(path: Path) -> Iterator[None]:
-    """Name the file, not its temporary name, in what the system refuses."""
+    """Name the file, not its temporary name, in what the system refuses, or what no text file can hold."""
     try:
         yield
+    except UnicodeEncodeError as error:
+        # Python holds the bytes of file names that are not UTF-8 as lone surrogates
+        reason = f"cannot be written: it would hold {error.object[error.start : error.end]!a}, which is not UTF-8"
+        raise InputError(reason, source=path, advice="rename the file or folder that is named so") from None
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror or error}", source=path) from None
 

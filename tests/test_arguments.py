@@ -188,6 +188,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
             },
         ),
         "Coupling": Call(fp.Coupling, {"leader": "q1", "ratio": -1.0, "offset": 0.0}),
+        "Payload": Call(fp.Payload, {"link": "body1", "mass": 0.5, "at": (0.0, 0.0, 0.1)}),
         "Family": Call(fp.Family, {"base": problem, "varied": {"flight.duration": [1.3, 1.4]}}, lambda f: tried(f)),
         "Perturbation": Call(
             fp.Perturbation,
@@ -209,6 +210,8 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
             {
                 "source": problem.robot.path,
                 **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference", "armature", "damping")),
+                "balance_inertias": True,
+                "payload": {"link": "body1", "mass": 0.5, "at": (0.0, 0.0, 0.1)},
                 "base": "planar",
                 "angles": "rad",
             },
@@ -312,7 +315,7 @@ PARTS = [
         "HalfPlane",
     ),
     *("JumpRequest", "JumpTakeoff", "JumpLanding"),
-    *("Bar", "SelfClearance", "Problem", "Coupling", "Family", "Perturbation", "Robot"),
+    *("Bar", "SelfClearance", "Problem", "Coupling", "Payload", "Family", "Perturbation", "Robot"),
 ]
 
 

@@ -17,7 +17,7 @@ MOST_LINES_OF_A_FILE = 600  # a wall against files of several topics, not a budg
 MOST_FILES_OF_A_FOLDER = 20
 MOST_FILES_OF_THE_PACKAGE = 8  # directly in it
 MOST_LINES_OF_A_FUNCTION = 60  # its docstring not counted
-MOST_PARAMETERS = 8
+MOST_PARAMETERS = 9  # of a public call, whose options are keywords
 
 FILES = sorted(
     path

@@ -29,6 +29,23 @@ def check_directory(directory: Path) -> None:
         It is a file, lies under a file, cannot be written to, or holds folders where the files should go, or files
         that cannot be read.
     """
+    check_folder(directory)
+    for name in (PLAN, JUMP, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
+        if (directory / name).is_dir():
+            raise _unsuitable(directory, f"{name} is a directory there")
+        check_readable(directory / name, "is not replaced")
+    if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
+        raise _unsuitable(directory, f"{FIGURES} is not a directory there")
+
+
+def check_folder(directory: Path) -> None:
+    """Check, before a search and without writing, that a file can be made in a folder, or in one that is made first.
+
+    Raises
+    ------
+    InputError
+        It is a file, lies under a file, or cannot be written to.
+    """
     existing = directory.absolute()
     while not os.path.lexists(existing):
         existing = existing.parent
@@ -36,12 +53,6 @@ def check_directory(directory: Path) -> None:
         raise _unsuitable(directory, f"{existing} is not a directory")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise _unsuitable(directory, f"{existing} cannot be written to")
-    for name in (PLAN, JUMP, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
-        if (directory / name).is_dir():
-            raise _unsuitable(directory, f"{name} is a directory there")
-        check_readable(directory / name, "is not replaced")
-    if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
-        raise _unsuitable(directory, f"{FIGURES} is not a directory there")
 
 
 def _unsuitable(directory: Path, reason: str) -> InputError:

@@ -15,7 +15,7 @@ import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
-from floatplan.errors import InputError, install_advice
+from floatplan.errors import InputError, escaped, install_advice
 from floatplan.files import plain, write_atomically
 
 if TYPE_CHECKING:
@@ -199,6 +199,7 @@ def init(
     in the way, and without which option one is found.
     """
     from floatplan.cli import asked as typed
+    from floatplan.cli.results import check_folder
     from floatplan.initial.asked import Asked
     from floatplan.initial.flight import asked_flight
     from floatplan.initial.text import problem_file_text
@@ -211,6 +212,7 @@ def init(
         raise InputError(
             "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
         )
+    check_folder(path.parent)
 
     given = typed.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
@@ -225,8 +227,8 @@ def init(
         posture=typed.posture("--posture", posture, degrees),
         angles="deg" if degrees else "rad",
     )
-    with blamed(given, typed.PLACE, "--"):
-        chosen, flight = asked_flight(robot, asked, given, words, seed, common.tell(quiet))
+    with progress("init", quiet, tell=True) as bar, blamed(given, typed.PLACE, "--"):
+        chosen, flight = asked_flight(robot, asked, given, words, seed, lambda told: bar.say(escaped(told)))
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:

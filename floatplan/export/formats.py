@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.export import reference, table
 from floatplan.export.actuators import controls
 from floatplan.export.model_names import MjcfModel, ModelNames, matched, own_mjcf, own_names
@@ -189,7 +189,8 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
             "ctrl": of_joints["torques"],
         }
     else:
-        in_model = _in_model(motion.model.mjcf, times, (place, turn, velocity, spin), of_joints)
+        with naming(motion.model.mjcf.path):
+            in_model = _in_model(motion.model.mjcf, times, (place, turn, velocity, spin), of_joints)
     arrays = {
         "time": times,
         **in_model,

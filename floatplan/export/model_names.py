@@ -22,8 +22,9 @@ MOST_NAMED = 8  # in a message
 
 @dataclass(frozen=True, eq=False)
 class MjcfModel:
-    """An MJCF that is to read a motion: its numbers of the robot's joints, by name, and the joints of its base."""
+    """An MJCF file that is to read a motion: its numbers of the robot's joints, by name, and the joints of its base."""
 
+    path: Path
     compiled: CompiledMjcf
     joints: Mapping[str, int]
     base: BaseJoints
@@ -64,7 +65,7 @@ def own_names(robot: Robot) -> ModelNames:
 def own_mjcf(robot: Robot) -> ModelNames:
     """Return the names in the MJCF that a robot was read from; errors as of :func:`matched`."""
     with naming(robot.path):
-        return _in_mjcf(compiled_file(robot.path, robot.balance_inertias))
+        return _in_mjcf(robot.path, compiled_file(robot.path, robot.balance_inertias))
 
 
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
@@ -84,7 +85,7 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
     with naming(path):
-        names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(compiled_file(Path(path)))
+        names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(Path(path), compiled_file(Path(path)))
     if root.tag == "robot" and set(names.joints) - set(own.joints):
         with naming(path):
             base = {joint.name for joint in free_base(read_tree(root))} - set(own.joints)
@@ -110,7 +111,7 @@ def _in_urdf(root: Element) -> ModelNames:
     return ModelNames(tuple(joints), tuple(links))
 
 
-def _in_mjcf(model: CompiledMjcf) -> ModelNames:
+def _in_mjcf(path: Path, model: CompiledMjcf) -> ModelNames:
     roots = model.body_rootid[model.jnt_bodyid]  # of each joint
     base = np.bincount(roots, minlength=1).argmax()  # it carries most joints
     bodies = [model.names["body"][body] for body in np.flatnonzero(model.body_rootid == base)]
@@ -124,5 +125,5 @@ def _in_mjcf(model: CompiledMjcf) -> ModelNames:
         joints=tuple(joints),
         bodies=tuple(name for name in bodies if name),
         root=model.names["joint"][free[0]] if len(free) else "",
-        mjcf=MjcfModel(model, joints, BaseJoints(model, carrying, int(base))),
+        mjcf=MjcfModel(path, model, joints, BaseJoints(model, carrying, int(base))),
     )

@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.export.motion import Exported
 from floatplan.export.table import archive, check_size, frame_times, number_rows
 from floatplan.motion.flight import free_flyer
@@ -63,8 +63,8 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
         The model that is to read it does not float by joints with names, or not by such as reach the motion.
     """
     names, tree = motion.names, motion.robot.file_tree
-    by_joints = names.mjcf.base if names.mjcf is not None and names.floats_by_joints else None
-    of_base = [names.root] if by_joints is None else by_joints.names
+    by_joints = names.mjcf if names.floats_by_joints else None
+    of_base = [names.root] if by_joints is None else by_joints.base.names
     if not all(of_base):
         reason, advice = "has no free joint with a name, by which LocoMuJoCo finds it", 'add <freejoint name="root"/>'
         raise InputError(reason, element="model", advice=advice)
@@ -75,8 +75,9 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
     velocity, types = frames["body_linear_velocities"][:, 0], [FREE]
     base_qpos, base_qvel = np.concatenate((place, turn), axis=1), np.concatenate((velocity, spin), axis=1)
     if by_joints is not None:
-        base_qpos, base_qvel = by_joints.coordinates(place, rotation, velocity, spin)
-        types = by_joints.model.jnt_type[by_joints.numbers].tolist()
+        with naming(by_joints.path):
+            base_qpos, base_qvel = by_joints.base.coordinates(place, rotation, velocity, spin)
+        types = by_joints.compiled.jnt_type[by_joints.base.numbers].tolist()
     arrays = {
         "joint_names": np.array([*of_base, *names.joints]),
         "jnt_type": np.array([*types, *(HINGE if tree.joint[name].turns else SLIDE for name in names.joints)]),

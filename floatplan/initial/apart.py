@@ -25,7 +25,7 @@ def kept_apart(problem: Problem, positions: Callable[[Array], Array], duration: 
     """Return a problem that keeps apart the links which a motion brings into one another.
 
     None where the motion does not, or where nothing is left to ask: more than ``MOST_PAIRS`` pairs that are not
-    neighbours, left and right as one, are arms beside legs, which no distance in the plane keeps apart.
+    neighbours are arms beside legs, which no distance in the plane keeps apart.
 
     Parameters
     ----------
@@ -35,16 +35,14 @@ def kept_apart(problem: Problem, positions: Callable[[Array], Array], duration: 
     """
     robot = problem.robot
     kept = [frozenset(pair.links) for pair in problem.self_clearances]
-    ranges, apart = dict[str, tuple[float, float]](), dict[frozenset[bytes], SelfClearance]()
-    for overlap in overlaps(robot, positions, duration, kept):
-        if overlap.joint is None:
-            alike = frozenset(robot.tree.turns[robot.layout.body_of[link]].tobytes() for link in overlap.links)
-            apart.setdefault(alike, SelfClearance(overlap.links, link_pairs(robot).thickness))
-            continue
-        index = _planned_index(robot, overlap.joint)
-        narrow = open_range(problem, index)
-        if narrow != tuple(problem.position_limits[index].tolist()):
-            ranges[robot.joints[index]] = narrow
+    found = overlaps(robot, positions, duration, kept)
+    apart = [SelfClearance(overlap.links, link_pairs(robot).thickness) for overlap in found if overlap.joint is None]
+    ranges = dict[str, tuple[float, float]]()
+    if any(overlap.joint is not None for overlap in found):  # another motion may fold other joints
+        for index, joint in enumerate(robot.joints):
+            narrow = open_range(problem, index)
+            if narrow != tuple(problem.position_limits[index].tolist()):
+                ranges[joint] = narrow
     if len(apart) > MOST_PAIRS or not (ranges or apart):
         return None
     known = problem.limits.position
@@ -52,7 +50,7 @@ def kept_apart(problem: Problem, positions: Callable[[Array], Array], duration: 
     return replace(
         problem,
         limits=replace(problem.limits, position=position),
-        self_clearances=(*problem.self_clearances, *apart.values()),
+        self_clearances=(*problem.self_clearances, *apart),
     )
 
 

@@ -204,7 +204,7 @@ def first_flight(
     for each in turns:
         what = {0: "without a turn", 1: "with a whole turn"}.get(abs(each), f"with {abs(each)} whole turns")
         say(f"jump {what}")
-        answer = _jump(chosen, each, asked, seed, helps=each == turns[-1])
+        answer = _jump(chosen, each, asked, seed, each == turns[-1], _following(say, f"jump {what}"))
         if isinstance(answer, FirstFlight):
             return replace(answer, reasons=tuple(reasons))
         reasons.append(f"A jump {what} was not found: {answer}")
@@ -255,7 +255,14 @@ def _no_jump(chosen: ChosenRobot) -> list[str]:
     return []
 
 
-def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool) -> FirstFlight | str:
+def _following(say: Callable[[str], None], first: str) -> Callable[[str], None]:
+    """What says words after the ``first``."""
+    return lambda words: say(f"{first}: {words}")
+
+
+def _jump(
+    chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool, say: Callable[[str], None]
+) -> FirstFlight | str:
     """A jump's flight that is planned again from its problem in round numbers; or why there is none, and what helps.
 
     Raises
@@ -265,9 +272,11 @@ def _jump(chosen: ChosenRobot, turns: int, asked: Asked, seed: int, helps: bool)
     """
     try:
         problem = jump_problem(chosen, turns * int(chosen.robot.plane.turn), asked)
-        found = _links_apart(jump(problem, seed=seed, starts=1, helps=helps), seed)
+        found = jump(problem, seed=seed, starts=1, helps=helps, progress=say)
+        found = _links_apart(found, seed, _following(say, "links apart"))
         if not found.ok or found.flight is None:
             return found.explanation
+        say("proof of its flight")
         problem, flight = _flight_alone(flight_of_jump(found, found.flight), seed)
     except InputError as error:
         asked.refuse_own(error)
@@ -298,14 +307,14 @@ def _is_proved(flight: Plan) -> bool:
     return flight.ok and flight.certificate is not None and flight.certificate.proved
 
 
-def _links_apart(found: Jump, seed: int) -> Jump:
+def _links_apart(found: Jump, seed: int, say: Callable[[str], None]) -> Jump:
     """A jump whose links do not overlap, where the one that was found leads to one; else that one, with its warning."""
     for _ in range(ROUNDS):
         apart = kept_apart(found.problem, found.planned_positions, found.duration) if found.ok else None
         if apart is None:
             return found
         try:
-            other = jump(apart, seed=seed, starts=1, helps=False, near=found)
+            other = jump(apart, seed=seed, starts=1, helps=False, near=found, progress=say)
         except InputError:  # they are as near where the robot stands
             return found
         if not other.ok:

@@ -17,6 +17,7 @@ from floatplan.initial.robots import ChosenRobot
 from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture, SelfClearance
+from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.check import LIMITS
 from floatplan.robot.wheels import explain_wheels, wheels
@@ -31,7 +32,7 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
     problem = flight.problem
     blocks = [
         _title(chosen.robot, flight, path),
-        ['angles = "deg"'],
+        ['angles = "deg"', *_ground(problem)],
         _robot(chosen, path),
         _joints(chosen.robot),
         _posture("start", problem.start, chosen.robot),
@@ -65,6 +66,11 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
     )
     told = [line for warning in flight.plan.warnings for line in _comment(f"Warning: {warning.message}")]
     return [*_comment(what), *_comment(checked), *told, *_comment(" ".join(flight.reasons))]
+
+
+def _ground(problem: Problem) -> list[str]:
+    """The key without which a flight that was planned above the ground is another one."""
+    return ["ground = true  # the flight keeps above the line on which it takes off"] if problem.ground else []
 
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
@@ -139,7 +145,8 @@ def _flight(flight: FirstFlight) -> list[str]:
     if flight.jump is None:
         return [*lines, "gravity = 0"]
     lines[-1] += "  # kg m^2/s"
-    height = f", height = {landing.height!r}" if landing.height else ""
+    on_the_ground = problem.ground and (asked.landing is None or asked.landing.height is None)
+    height = f", height = {landing.height!r}" if landing.height and not on_the_ground else ""
     return [
         *lines,
         f"horizontal_velocity = {asked.horizontal_velocity!r}  # m/s",

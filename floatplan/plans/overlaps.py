@@ -39,7 +39,9 @@ class Overlap:
 def overlaps(
     robot: Robot, positions: Callable[[Array], Array], duration: float, aside: Collection[frozenset[str]] = ()
 ) -> tuple[Overlap, ...]:
-    """Return which links a motion brings into one another, of each two bodies those that are deepest, the worst first.
+    """Return which links a motion brings into one another, the worst first.
+
+    Of each two bodies those that are deepest, and in a plane of all bodies that move as these.
 
     Parameters
     ----------
@@ -71,11 +73,11 @@ def overlaps(
         closer = pairs.distances(positions(around), chosen[[column]])[:, 0] - resting[column]
         if closer.min() < least[column]:
             when[column], least[column] = around[closer.argmin()], closer.min()
-    worst: dict[tuple[str, str], Overlap] = {}
+    worst: dict[frozenset[str] | frozenset[bytes], Overlap] = {}
     for column in np.argsort(least).tolist():
         pair = int(chosen[column])
-        bodies = pairs.pairs[pair].bodies
-        if least[column] >= -slight or bodies in worst:
+        alike = _moving_alike(robot, pairs.pairs[pair].bodies)
+        if least[column] >= -slight or alike in worst:
             continue
         deep = np.flatnonzero(room[:, column] < -slight)
         deepest = times[deep[np.argsort(room[deep, column])]]
@@ -84,7 +86,7 @@ def overlaps(
         if instant is None:
             continue
         depth = -float(pairs.distances(positions(np.array([instant])), chosen[[column]])[0, 0])
-        worst[bodies] = Overlap(
+        worst[alike] = Overlap(
             links=pairs.links(pair),
             depth=depth,
             at_rest=abs(float(resting[column])),
@@ -92,6 +94,14 @@ def overlaps(
             joint=pairs.pairs[pair].joint,
         )
     return tuple(worst.values())
+
+
+def _moving_alike(robot: Robot, bodies: tuple[str, str]) -> frozenset[str] | frozenset[bytes]:
+    """What two bodies share with two others that move as they do: in a plane legs left and right that follow."""
+    if robot.in_plane is None:
+        return frozenset(bodies)
+    turns = robot.tree.turns
+    return frozenset(turns[robot.in_plane.body_of[link]].tobytes() for link in bodies)
 
 
 def allowance(pairs: LinkPairs) -> float:

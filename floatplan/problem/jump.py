@@ -82,7 +82,8 @@ class JumpTakeoff(JumpSide):
     contacts, durations : as of :class:`JumpSide`
     from_ : "standing", or mapping of joints to rad; in files it is ``from``
         Posture it stands in, the base level: by joint, those left out being where the reference posture has them, or
-        "standing", the nearest to that which is static.
+        "standing", the nearest to that which is static; knees that would be straight, where feet that are points stand
+        together, are bent for it.
     """
 
     from_: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"

@@ -14,7 +14,7 @@ from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
-from floatplan.stance.contacts import links_of, near_contact
+from floatplan.stance.contacts import is_ground, links_of, near_contact
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
@@ -251,7 +251,7 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     for pair in jump.problem.self_clearances:
         first, second = (segments.of(np.flatnonzero(links == link)) for link in pair.links)
         yield "self_distance", pair_distances(first, second).min() - pair.margin
-    for obstacle in jump.problem.obstacles:
+    for obstacle in (each for each in jump.problem.obstacles if not is_ground(each, ground)):
         least = least_distances(segments, obstacle, state.times - jump.takeoff_time).min() - obstacle.margin
         if np.isfinite(least):
             yield "obstacles", least

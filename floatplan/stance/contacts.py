@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
+from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Robot
 from floatplan.robot.standing import (
     HEEL,
@@ -29,6 +30,8 @@ STANDING = 5e-3  # [m] what is no higher than that over the ground, in the stand
 WAYS = 64  # [-] directions in which the hull is looked at
 COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
+LEVEL_LINE = 1e-9  # [-] slope of a line that is as good as level
+KNEE = 0.8  # [rad] by which a knee bends that would stand straight: legs are 8 % shorter, and can push
 BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
 
 
@@ -82,6 +85,18 @@ def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[floa
     angles, (one, two) = robot.tree.absolute_angles(y[0], y[1:]), spot_weights(robot, [first, second])
     way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
     return float(way.real), float(way.imag)
+
+
+def is_ground(obstacle: Obstacle, ground: float) -> bool:
+    """Whether an obstacle is the ground at a height, m, on which a robot stands, or below that.
+
+    It is a half-plane with a level line that is at rest. Nothing but feet touches the ground of a jump, and these stand
+    on it, which the capsules around them, thicker than the feet, would not allow of an obstacle.
+    """
+    if not isinstance(obstacle, HalfPlane) or any(obstacle.velocity):
+        return False
+    across, up = obstacle.normal
+    return abs(across) <= LEVEL_LINE * up and obstacle.point[1] <= ground + POINT_FEET
 
 
 def links_of(robot: Robot, contacts: Iterable[Contact]) -> set[str | None]:
@@ -198,26 +213,88 @@ def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float 
     return ""
 
 
+@dataclass(frozen=True)
+class _Leg:
+    """A leg of thigh and shank that stands on a point.
+
+    Attributes
+    ----------
+    thigh, shank : bodies
+    foot : the point
+    knee : index of the joint between them
+    per_radian : by which the leg bends, rad, in the plane where the knee turns by one
+    """
+
+    thigh: int
+    shank: int
+    foot: Spot
+    knee: int
+    per_radian: float
+
+    def places(self, robot: Robot, postures: Array) -> ComplexArray:
+        """Hip, knee and foot (3, P) over the centre of mass in postures (P, n+1), m."""
+        spots = [Spot(self.thigh, 0j), Spot(self.shank, 0j), self.foot]
+        return np.asarray(heights_over_com(robot, spots, postures.T).T)
+
+    def bends(self, robot: Robot, postures: Array) -> Array:
+        """Angles (P,) from the thigh to the shank in postures (P, n+1), rad; 0 where the leg is straight."""
+        hip, knee, foot = self.places(robot, postures)
+        return np.asarray(np.angle((foot - knee) / (knee - hip)))
+
+
+def _legs(robot: Robot, contacts: Sequence[Contact]) -> list[_Leg]:
+    """Legs with one joint between thigh and shank, of the contacts that are points."""
+    tree, legs = robot.tree, list[_Leg]()
+    for contact in contacts:
+        foot = contact.spots[0]
+        thigh = int(tree.parent[foot.body])
+        ways = tree.turns[foot.body] - tree.turns[thigh]
+        if not contact.of_sole and thigh > 0 and np.count_nonzero(ways) == 1:
+            knee = int(np.flatnonzero(ways)[0])
+            legs.append(_Leg(thigh, foot.body, foot, knee, float(tree.turn * ways[knee])))
+    return legs
+
+
+def with_bent_knees(robot: Robot, contacts: Sequence[Contact], y: Array, limits: Array) -> Array:
+    """Return the posture y (n+1,) with bent knees, where legs are straight or folded that stand together.
+
+    Between two feet the joints of a straight leg cannot follow from where its foot stands. A knee bends to the side on
+    which its range ``limits`` (n, 2) rad is wider, and the hip turns so that the foot stays on its line from the hip.
+    """
+    legs = _legs(robot, contacts)
+    if sum(not contact.vertical for contact in contacts) < 2:
+        return y
+    tree, bent = robot.tree, y.copy()
+    for leg in legs:
+        if abs(np.sin(leg.bends(robot, y[None])[0])) > BENT:
+            continue
+        hip, _, foot = leg.places(robot, y[None])[:, 0]
+        low, high = limits[leg.knee] - y[1 + leg.knee]
+        turned = np.sign(high + low) or 1.0
+        bent[1 + leg.knee] += turned * min(KNEE / abs(leg.per_radian), max(high, -low) / 2)
+        moved_hip, _, moved_foot = leg.places(robot, bent[None])[:, 0]
+        ways = tree.turns[leg.thigh] - tree.turns[int(tree.parent[leg.thigh])]
+        if np.count_nonzero(ways) == 1:
+            joint = int(np.flatnonzero(ways)[0])
+            change = np.angle((foot - hip) / (moved_foot - moved_hip)) / (tree.turn * ways[joint])
+            bent[1 + joint] = np.clip(bent[1 + joint] + change, *limits[joint])
+    return bent
+
+
 def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limits: Array) -> Array:
     """Return the part of joint ranges ``limits`` (n, 2) rad in which motions between ``postures`` (P, n+1) are sought.
 
     No joint is more than half a turn from all of them; and a leg on a point that stands bent stays bent to that side,
     since next to straight, or folded, what it does between two instants says little of what it does in them.
     """
-    tree, joints = robot.tree, postures[:, 1:]
+    joints = postures[:, 1:]
     ranges = np.stack((joints.min(axis=0) - np.pi, joints.max(axis=0) + np.pi), axis=1)
-    for contact in contacts:
-        shank, thigh = contact.spots[0].body, int(tree.parent[contact.spots[0].body])
-        ways = tree.turns[shank] - tree.turns[thigh]
-        if contact.of_sole or thigh <= 0 or np.count_nonzero(ways) != 1:
-            continue
-        spots, knee = [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], int(np.flatnonzero(ways)[0])
-        hip, middle, foot = heights_over_com(robot, spots, postures.T).T
-        bends = np.angle((foot - middle) / (middle - hip))
+    for leg in _legs(robot, contacts):
+        bends = leg.bends(robot, postures)
         if (np.abs(np.sin(bends)) > BENT).all():
             ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends
-            reached = joints[:, knee] + ends / (tree.turn * ways[knee])
-            ranges[knee] = reached.min(), reached.max()
+            reached = joints[:, leg.knee] + ends / leg.per_radian
+            ranges[leg.knee] = reached.min(), reached.max()
     return np.stack((np.maximum(limits[:, 0], ranges[:, 0]), np.minimum(limits[:, 1], ranges[:, 1])), axis=1)
 
 

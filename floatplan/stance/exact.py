@@ -9,6 +9,7 @@ All this is done on a fine grid, between which quintics are as good as exact.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.optimize import root
 
 from floatplan.arrays import Array
+from floatplan.errors import FloatplanError
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import heights_over_com
 from floatplan.stance.contacts import way_between
@@ -32,6 +34,27 @@ NEWTON = 8  # [-] steps for the closure of a chain
 CLOSED = 1e-11  # [m]
 FALLING = 0.01  # [m/s^2] times the mass: a force that is less has no ratio
 MET = 1e-9  # [-] what a residual of a junction may be
+
+
+class NoExactStanceError(FloatplanError):
+    """A start of a search whose stances cannot be made exact, as where a leg between two feet is straight."""
+
+
+@contextmanager
+def may_fail() -> Iterator[None]:
+    """Let arithmetic that leads nowhere fail a start, and no more: all that makes a solution exact is done in here.
+
+    Singular equations raise NoExactStanceError; what is not finite gives no warning, and is refused by
+    :func:`exact_stances`.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except np.linalg.LinAlgError:
+        raise NoExactStanceError(
+            "a leg is straight where it stands with another, so that its joints cannot follow; jump.takeoff.from can"
+            " bend its knee"
+        ) from None
 
 
 class StanceDynamics:
@@ -74,7 +97,13 @@ class StanceDynamics:
         return np.asarray(-rest / (one - rest))
 
     def close(self, y: Array, v: Array, a: Array) -> Array:
-        """Return y, v, a (3, n+1, N) with the dependent joints as the closure demands."""
+        """Return y, v, a (3, n+1, N) with the dependent joints as the closure demands.
+
+        Raises
+        ------
+        LinAlgError
+            A leg is straight; callers do this in :func:`may_fail`.
+        """
         motion, columns = np.stack((y, v, a)), self.dependent
         if not self.size:
             return motion
@@ -178,12 +207,20 @@ def released(program: JumpProgram, solution: Solution) -> Solution:
     """Return a solution in which accelerations are exactly those of stance and of flight, where one meets the other.
 
     The program's contacts drift a little there, and its forces vanish but for its tolerance.
+
+    Raises
+    ------
+    NoExactStanceError
+        There are none.
     """
     a = solution.a.copy()
     for side, home in ((-1, program.ends[0]), (1, program.ends[1])):
         node = program.starts[program.flight + max(side, 0)]
-        dynamics = StanceDynamics(program.model, program.phases[program.flight + side], home)
-        a[:, node] = dynamics.released(solution.y[:, node], solution.v[:, node], a[:, node])
+        with may_fail():
+            dynamics = StanceDynamics(program.model, program.phases[program.flight + side], home)
+            a[:, node] = dynamics.released(solution.y[:, node], solution.v[:, node], a[:, node])
+    if not np.isfinite(a).all():
+        raise NoExactStanceError("no finite accelerations join stance and flight")
     return replace(solution, a=a)
 
 
@@ -197,7 +234,21 @@ def exact_stances(
     side : "takeoff" or "landing"
     plan : of the flight
     rate : of the orientation where it begins or ends, rad/s; the plan's if left out
+
+    Raises
+    ------
+    NoExactStanceError
+        There is none near the solution.
     """
+    with may_fail():
+        stances = tuple(_exact_stances(program, solution, side, plan, rate))
+    if not all(np.isfinite(stance.grid.motion).all() and np.isfinite(stance.grid.ratios).all() for stance in stances):
+        raise NoExactStanceError("the stances have no finite motion near the program's solution")
+    return stances
+
+
+def _exact_stances(program: JumpProgram, solution: Solution, side: str, plan: Plan, rate: float | None) -> list[Stance]:
+    """Stances of one side in order of time, see :func:`exact_stances`."""
     near, far, way = (-1, 0, -1) if side == "takeoff" else (0, -1, 1)  # ends of phases, and from where to where
     outwards = [index for index, phase in enumerate(program.phases) if phase.side == side][::way]
     state = plan.at(0.0 if side == "takeoff" else plan.duration)
@@ -223,7 +274,7 @@ def exact_stances(
         grid = Grid(nodes.times, motion[0], motion[1], motion[2], nodes.ratios)
         grid = replace(grid, ratios=dynamics.shared(grid, program.node.bounds.friction))
         stances.append(Stance(robot, gravity, dynamics.phase.contacts, place, grid))
-    return tuple(stances[::way])
+    return stances[::way]
 
 
 def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:

@@ -12,7 +12,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
-from floatplan.stance.contacts import Contact, ground_below
+from floatplan.stance.contacts import Contact, ground_below, is_ground
 from floatplan.stance.limits import scaled_limits
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
@@ -53,7 +53,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
     horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
     time = float(solution.durations[index])
     windows = [(each, each.window or (0.0, time)) for each in problem.obstacles]
-    there = [each for each, (begin, end) in windows if begin < time and end > 0]
+    there = [each for each, (begin, end) in windows if begin < time and end > 0 and not is_ground(each, ground)]
     return replace(
         problem,
         start=start,

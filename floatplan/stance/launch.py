@@ -1,5 +1,6 @@
 """Whether a robot can bring itself to a plan's takeoff, or to rest after its landing: the least limits that do."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,20 +19,22 @@ from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import SHARES, judged, limit_shares, stance_figures
-from floatplan.stance.exact import StanceDynamics, exact_stances
+from floatplan.stance.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
 from floatplan.stance.exchange import solved
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, flight_state, quintic
 from floatplan.stance.phases import Meeting, instants
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import Room, Setup, corrected, side_setup
+from floatplan.stance.setup import TURN, Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE
 
 STARTS = 3
 ITERATIONS = 250  # of IPOPT, of each program
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
+CALM = Room(0.95, 0.97, 0.8, clear=3e-3)  # of the nodes, where squared torques are least within the limits
 LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
+FAR_TURNED = math.pi / 2  # [rad] from standing, beyond which the other way around is tried too
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 SAME = 1e-5  # [rad] solutions of starts that are nearer are one
 FACTOR = 3.0  # [-] on limits, so that the guess is within most of them
@@ -116,8 +119,14 @@ def launch(
         request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0
     )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
-    setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
+    meeting = np.append(state.orientation, state.positions)
+    setup = side_setup(plan.problem, margins, end, meeting)
     met = _meeting(plan, setup, end)
+    if met.v is None and margins.feet == "auto":
+        # round feet do not roll with these rates; of a flight whose frame is at rest they are points
+        on_points = side_setup(plan.problem, replace(margins, feet="points"), end, meeting)
+        other = _meeting(plan, on_points, end)
+        setup, met = (on_points, other) if other.v is not None else (setup, met)
     v, shown = _least(plan, setup, met, end)
     standing = zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True)
     posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
@@ -126,22 +135,58 @@ def launch(
         return replace(shown, sentences=(*shown.sentences, told))
     alone = replace(plan.problem, obstacles=(), self_clearances=())
     setup = replace(setup, problem=alone, fixed=(met,), momentum=plan.angular_momentum)
-    answers, found = list[Launch](), list[Array]()
-    program = partial(setup.program, iterations=ITERATIONS)
-    first = program(ROOM)
-    for start in range(starts):
+    answers: list[Launch] = []
+    found: list[Array] = []
+    complete = partial(_answer, plan, request, end)
+    ways = [(way, way.program(ROOM, ITERATIONS)) for way in _turned_either_way(setup, end)]
+    for start, (way, first) in itertools.product(range(starts), ways):
         say(f"start {start + 1} of {starts}")
         drawn = np.random.default_rng((seed, start)).uniform(*DRAWN, len(first.phases) - 1)
         guess = plainest(first, met, v, drawn if start >= len(LASTS) else LASTS[start])
         solution = solved(first, guess)
-        if solution[1].converged and not any(np.abs(each - solution[1].y).max() < SAME for each in found):
-            found.append(solution[1].y)
-            answers.append(corrected(ROOM, margins, solution, program, partial(_answer, plan, request, end)))
-            if answers[-1].ok:
-                break
+        if not solution[1].converged or any(np.abs(each - solution[1].y).max() < SAME for each in found):
+            continue
+        found.append(solution[1].y)
+        answers.append(corrected(ROOM, margins, solution, partial(way.program, iterations=ITERATIONS), complete))
+        if not answers[-1].ok and answers[-1].ratio <= 1:
+            say(f"start {start + 1} of {starts}, with less torque in all")
+            answers += _calmer(way, solution, margins, complete)
+        if answers[-1].ok:
+            break
     none = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
     answer = min(answers, key=lambda each: (not each.ok, bool(each.broken), each.ratio), default=none)
     return replace(answer, sentences=(*answer.sentences, told))
+
+
+def _calmer(
+    setup: Setup,
+    found: tuple[JumpProgram, Solution],
+    request: JumpRequest,
+    complete: Callable[[JumpProgram, Solution], tuple[Launch, dict[str, float] | None]],
+) -> list[Launch]:
+    """Return what the least squared torques within the limits come to, from a stance of the least share of them.
+
+    Where shares are least, feet may hardly press on the ground for a while, and friction does not hold between nodes.
+    """
+    calm = replace(request, objective="torque")
+    program = partial(replace(setup, request=calm).program, iterations=ITERATIONS)
+    first = program(CALM)
+    solution = solved(first, first.resampled(found[1], found[0].phases))
+    return [corrected(CALM, calm, solution, program, complete)] if solution[1].converged else []
+
+
+def _turned_either_way(setup: Setup, end: End) -> list[Setup]:
+    """Return the setup; and where the flight is met far from standing, one that comes to stand by the other way around.
+
+    A robot that takes off upside down may have turned there forwards or backwards: it stood a whole turn apart.
+    """
+    stands, meets = (0, -1) if end == "takeoff" else (-1, 0)
+    turned = float(setup.standing[meets, 0] - setup.standing[stands, 0])
+    if abs(turned) < FAR_TURNED:
+        return [setup]
+    standing = setup.standing.copy()
+    standing[stands, 0] += math.copysign(TURN, turned)
+    return [setup, replace(setup, standing=standing)]
 
 
 def launches(
@@ -193,7 +238,11 @@ def _answer(
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
-    stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
+    try:
+        stances = exact_stances(program, solution, end, plan, float(solution.v[0, node]))
+    except NoExactStanceError as error:
+        sentence = f"{end.capitalize()}: no stance was found between the program's nodes: {error}."
+        return Launch(False, np.inf, "", "", (sentence,), {}, broken=(str(error),)), {}
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     limit = max(SHARES, key=lambda name: figures[name])
@@ -210,8 +259,7 @@ def _answer(
         first = f"reachable, with {1 - ratio:.0%} to spare ({named})" if ratio > 0 else "reachable; nothing is limited"
     sentences = (f"{end.capitalize()}: {first}.", *broken)
     answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=tuple(broken))
-    mended = {name: value for name, value in rest.items() if name not in ("friction", "slip")}  # by more nodes
-    return answer, ({} if ratio > 1 else mended) if broken else None  # beyond the limits the least factor is asked
+    return answer, ({} if ratio > 1 else rest) if broken else None  # beyond the limits the least factor is asked
 
 
 def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Launch | None]:
@@ -264,8 +312,9 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
         phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
         try:
-            closed = dynamics.close(*motion[:, :, nodes])
-        except np.linalg.LinAlgError:  # a leg is straight
+            with may_fail():
+                closed = dynamics.close(*motion[:, :, nodes])
+        except NoExactStanceError:
             break
         if not np.abs(closed - motion[:, :, nodes])[0].max() < FARTHEST:
             break

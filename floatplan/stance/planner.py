@@ -17,7 +17,7 @@ from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.check import FIGURES, SHARES, JumpCheck, limit_shares
-from floatplan.stance.exact import exact_stances, released
+from floatplan.stance.exact import NoExactStanceError, exact_stances, released
 from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight, tighter_limits
 from floatplan.stance.jump import Jump
@@ -26,7 +26,7 @@ from floatplan.stance.motion import flight_state
 from floatplan.stance.phases import instants
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
-from floatplan.stance.setup import Room, Setup, corrected, jump_setup
+from floatplan.stance.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
 
 ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
 STARTS = 4
@@ -150,7 +150,7 @@ def _near(setup: Setup, first: JumpProgram, begun: Array, seed: int, say: Callab
     say("from the jump at hand")
     found = program, solution = solved(first.warm(), begun)
     if solution.converged:
-        return _corrected(setup, found, lambda room: setup.program(room).warm(), seed)
+        return _corrected(setup, found, lambda room: setup.program(room).warm(), seed, say)
     say(f"{FAILED}; what is in the way there")
     gives = in_the_way(program, solution, setup.request, begun) if helps else []
     words = "; ".join(sentence(each, setup.problem) for each in gives)
@@ -177,7 +177,7 @@ def _searched(
             if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
                 best = found
             continue
-        answer = _corrected(setup, found, setup.program, seed)
+        answer = _corrected(setup, found, setup.program, seed, say)
         if answer.ok:
             break
     return answer, best, tried
@@ -201,27 +201,44 @@ def beside(program: JumpProgram, near: Jump) -> Array | None:
 
 
 def _corrected(
-    setup: Setup, found: tuple[JumpProgram, Solution], program: Callable[[Room], JumpProgram], seed: int
+    setup: Setup,
+    found: tuple[JumpProgram, Solution],
+    program: Callable[[Room], JumpProgram],
+    seed: int,
+    say: Callable[[str], None],
 ) -> Jump:
+    """The jump of a program's solution, else of one with more nodes; ``say`` is told which of them is at work."""
+    programs = 1 + CORRECTIONS
+    number = 1
+
+    def finer(room: Room) -> JumpProgram:
+        nonlocal number
+        number += 1
+        say(f"program {number} of {programs} at most, with more nodes")
+        return program(room)
+
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
+        say(f"program {number} of {programs} at most: flight, stances, check")
         answer = completed(setup, program, solution, seed)
         return answer, None if answer.ok else answer.check.figures
 
-    return corrected(ROOM, setup.request, found, program, complete)
+    return corrected(ROOM, setup.request, found, finer, complete)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
     problem, request = setup.problem, setup.request
-    solution = released(program, solution)
     try:
+        solution = released(program, solution)
         tighter = tighter_limits(problem, program, solution)
         plan = planned_flight(flight_problem(problem, program, solution), seed, tighter)
+        if not plan.ok:
+            return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
+        before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
     except InputError as error:
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
-    if not plan.ok:
-        return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
+    except NoExactStanceError as error:
+        return _not_found(problem, request, f"Between the program's nodes no stance was found: {error}.")
     found = Jump(problem, request, plan, before, after, status="found")
     check = found.check
     share = _largest_share(found, check) if request.objective == "limits" else 0.0

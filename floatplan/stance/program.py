@@ -381,6 +381,8 @@ class JumpProgram:
         answer = solver(x0=np.append(guess, self.separation.start), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
+        if not np.isfinite(raw).all():  # IPOPT met numbers that are none
+            raw = np.append(guess, self.separation.start)
         holds = excess(raw).max() < (CONVERGED if stats["success"] else HELD)
         left = raw[len(guess) :][-1:]  # of distances, a view: nothing without lines
         missing = float(left.sum()) if holds else np.inf

@@ -25,6 +25,7 @@ from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.robot.standing import Spot
+from floatplan.stance.contacts import is_ground
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, refined, values
 from floatplan.stance.phases import instants
@@ -79,6 +80,7 @@ class Separation:
     robot : Robot
     obstacles, pairs : from what it stays away, and which of its links stay apart
     origin : where the frame that takes off is at takeoff, m, horizontal and vertical
+    ground : height of the ground there, m: half-planes that are the ground, or below it, are no obstacles
     room : beyond margins, at nodes, m
     lines : that the program has
     weight : of what is missing of their distances, 1/m
@@ -88,6 +90,7 @@ class Separation:
     obstacles: tuple[Obstacle, ...] = ()
     pairs: tuple[SelfClearance, ...] = ()
     origin: tuple[float, float] = (0.0, 0.0)
+    ground: float = -np.inf
     room: float = ROOM
     lines: tuple[Line, ...] = ()
     weight: float = WEIGHT
@@ -120,8 +123,10 @@ class Separation:
         turns = [tuple(self.robot.tree.turns[shape.body].tolist()) for shape in shapes]
         pieces = iter(range(len(shapes), len(self._parts)))
         for index, obstacle in enumerate(self.obstacles):
-            asked = f"obstacles[{index}]"
-            for other, (first, shape) in itertools.product([next(pieces) for _ in obstacle.pieces], enumerate(shapes)):
+            asked, own = f"obstacles[{index}]", [next(pieces) for _ in obstacle.pieces]
+            if is_ground(obstacle, self.ground):
+                continue
+            for other, (first, shape) in itertools.product(own, enumerate(shapes)):
                 radii = shape.radius + getattr(self._parts[other], "radius", 0.0)
                 name = f"{shape.link} clear of obstacle {index}"
                 found.append(Line(name, asked, first, other, radii, obstacle.margin, (asked, other, turns[first])))

@@ -15,6 +15,7 @@ from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
+from floatplan.robot.standing import Spot, heights_over_com
 from floatplan.stance.check import FIGURES, SLIP
 from floatplan.stance.contacts import (
     Contact,
@@ -26,6 +27,7 @@ from floatplan.stance.contacts import (
     rolling,
     standing_feet,
     watched_points,
+    with_bent_knees,
 )
 from floatplan.stance.exchange import solved
 from floatplan.stance.model import PlanarModel
@@ -190,9 +192,20 @@ class Setup:
     def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some room, that is solved in so many iterations at most."""
         problem = self.problem
-        parts = problem.obstacles, problem.self_clearances, problem.takeoff.place_in_plane, room.apart
+        origin = problem.takeoff.place_in_plane
+        parts = problem.obstacles, problem.self_clearances, origin, origin[1] - self._height_of_origin, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
         return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
+
+    @property
+    def _height_of_origin(self) -> float:
+        """Height over the ground, standing, of the frame whose place at takeoff obstacles are measured from, m."""
+        flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        takes_off = self.phases[flight - 1] if flight else self.phases[-1]
+        rest = self.standing[0 if self.phases[0].contacts else -1]
+        home = self.problem.robot.frames[takes_off.anchor.frame]
+        place = heights_over_com(self.problem.robot, [Spot(home.body, home.local)], rest)
+        return float(place[0].imag - self.ground)
 
 
 def inside(ranges: Array, room: float) -> Array:
@@ -298,6 +311,8 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     _check_stands(robot, frame, side)
     wanted = _wanted(problem, problem.initial, request.takeoff.from_)
     wanted = wanted if takes_off else _wanted(problem, problem.final, request.landing.to, wanted)
+    if problem.takeoff_frame.body == 0:
+        wanted = _balanced(robot, frame, wanted)
     groups: Sequence[Sequence[str]] = getattr(request, side).contacts or ()
     if not groups:
         feet, inner = usual_groups(robot, frame, side, wanted)
@@ -310,6 +325,17 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     phases.insert(len(phases) if takes_off else 0, Phase("flight", (), time, (time, time), 0))
     rest = _turned(posture, TURN * round((meeting[0] - posture[0]) / TURN))
     return Setup(problem, request, tuple(phases), np.stack((rest, meeting)[:: 1 if takes_off else -1]), ground)
+
+
+def _balanced(robot: Robot, frame: str, posture: Array) -> Array:
+    """A posture (n+1,) turned so that the centre of mass is above a frame on the base, which the flight's need not be.
+
+    The turn is at most half of one; whole turns stay.
+    """
+    home = robot.frames[frame]
+    way = heights_over_com(robot, [Spot(home.body, home.local)], posture)[0]
+    turn = math.remainder(-math.pi / 2 - float(np.angle(way)), TURN)
+    return np.append(posture[0] + robot.tree.turn * turn, posture[1:])
 
 
 def _check_stands(robot: Robot, frame: str, side: Side) -> None:
@@ -349,6 +375,8 @@ def _side(
     tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
     limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits), Room.range)))
     floating = "" if own else in_the_air(robot, outer, wanted, FAR)
+    if not own:
+        wanted = with_bent_knees(robot, outer, wanted, limits[1:])
     found = None if floating else standing_posture(robot, outer, wanted, limits)
     is_other = own and found is not None and np.abs(found - wanted)[1:].max() > NEAR
     if not floating and found is not None and not is_other:

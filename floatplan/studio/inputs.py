@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import floatplan as fp
+from floatplan.errors import printable
 from floatplan.studio.edits import Edit, number_at, numbers
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
@@ -125,7 +126,13 @@ class Inputs:
         shown = Input(handle, get)
 
         def touch(event: Any) -> None:
-            shown.touched, value = time.monotonic(), event.target.value  # before anything else sets it
+            value = event.target.value  # before anything else sets it
+            present = get(self.problem)
+            if not is_alike(value, present):
+                handle.value = present
+                self._session.refuse(f"{about}: {printable(repr(value))} is not what this input takes")
+                return
+            shown.touched = time.monotonic()
             self._actions.do(about, lambda: act(value))
 
         by_user(handle.on_update, touch)
@@ -148,6 +155,21 @@ class Inputs:
                     handle.min, handle.max = min(handle.min, value), max(handle.max, value)
                 handle.value = value
         return busy
+
+
+def is_alike(value: Any, shown: Any) -> bool:
+    """Whether a value is of the kind that an input shows: viser takes from a page whatever that sends."""
+    if isinstance(shown, bool):
+        return isinstance(value, bool)
+    if isinstance(shown, int | float):
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(shown, tuple | list):
+        return (
+            isinstance(value, tuple | list)
+            and len(value) == len(shown)
+            and all(is_alike(each, other) and math.isfinite(each) for each, other in zip(value, shown, strict=True))
+        )
+    return isinstance(value, str)
 
 
 def _step(width: float) -> float:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
+from floatplan.errors import printable
 from floatplan.problem.jump import MARGIN
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.curves import bar_style, curves_card, instant_mark, phase_colours
-from floatplan.studio.inputs import Inputs, by_user, in_turn, on
+from floatplan.studio.inputs import Inputs, by_user, in_turn, is_alike, on
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Part, Session, View
 from floatplan.studio.stage import Player, Stage
@@ -123,7 +124,8 @@ class Controls:
         }
 
         def act(name: str, event: Any) -> None:
-            self._actions.do(f"{name} {id(event)}", actions[name])
+            if name in actions:  # a page may send anything
+                self._actions.do(f"{name} {id(event)}", actions[name])
 
         buttons = self._gui.add_button_group("", tuple(actions))
         on(buttons.on_click, lambda event: act(event.target.value, event))
@@ -134,14 +136,14 @@ class Controls:
         self.time = self._gui.add_slider(
             "time, s", min=0.0, max=duration, step=0.001, initial_value=0.0, hint="Moving it stops the flight."
         )
-        by_user(self.time.on_update, lambda event: self._seek(float(event.target.value)))
+        by_user(self.time.on_update, lambda event: self._seek(event.target.value))
 
-    def _seek(self, instant: float) -> None:
+    def _seek(self, instant: Any) -> None:
         longest = float(self.time.max)
-        if 0.0 <= instant <= longest:
-            self._player.seek(instant)
+        if is_alike(instant, longest) and 0.0 <= instant <= longest:
+            self._player.seek(float(instant))
         else:
-            self._session.refuse(f"time: {instant:g} s is not within the flight, 0 to {longest:g} s")
+            self._session.refuse(f"time: {printable(repr(instant))} s is not within the flight, 0 to {longest:g} s")
             self.time.value = 0.0
 
     def _posture(self, end: edits.Part) -> None:
@@ -220,7 +222,7 @@ class Controls:
         self._button("Let it go", "keep", lambda: self._session.keep(False), color="gray")
         self._comparison = self._gui.add_html("")
         speed = self._gui.add_dropdown("flown at", tuple(SPEEDS), initial_value="half speed")
-        on(speed.on_update, lambda _: setattr(self._player, "speed", SPEEDS[speed.value]))
+        on(speed.on_update, lambda _: setattr(self._player, "speed", SPEEDS.get(speed.value, self._player.speed)))
 
     def _save(self, folder: str) -> None:
         place = self._gui.add_text("folder", folder)
@@ -253,6 +255,7 @@ class JumpTab:
         self._gui, self._session, self._inputs = gui, session, inputs
         self._folder = gui.add_folder("Phases")
         self._bar: Any = None
+        self._last_ends: tuple[float, ...] = ()  # [s] of the phases
         self._flight = 0  # which phase it is
         with self._folder:
             self._look = gui.add_html("")
@@ -280,14 +283,16 @@ class JumpTab:
                 self._bar = self._gui.add_multi_slider("ends, s", 0.0, most, 0.001, ends, min_range=SHORTEST)
             self._inputs.add(self._bar, self._ends, "phases", self._drag)
         self._bar.max = max(self._bar.max, *self._ends(view.problem))
-        shares = [each / self._bar.max for each in self._bar.value]
+        ends, present = self._bar.value, self._ends(view.problem)
+        shares = [each / self._bar.max for each in (ends if is_alike(ends, present) else present)]
         self._look.content = bar_style(phase_colours(shown), shares)
 
     def _ends(self, problem: fp.Problem) -> tuple[float, ...]:
         """When the phases end: as is asked, else as they were found."""
         answer, asked = self._session.view.answer, edits.phase_ends(problem)
         found = () if answer is None or answer.jump is None else tuple(phase.end for phase in answer.jump.phases)
-        return tuple(round(each, 3) for each in asked or found or self._bar.value)
+        self._last_ends = tuple(round(each, 3) for each in asked or found or self._last_ends)
+        return self._last_ends
 
     def _drag(self, ends: Sequence[float]) -> None:
         self._session.edit(edits.phases(ends, self._flight), "phases")

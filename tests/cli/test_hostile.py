@@ -400,3 +400,48 @@ def test_options_have_ranges(floatplan, root, arguments, reason):
 def test_a_step_longer_than_the_flight_is_cut(floatplan, plan_file):
     run = floatplan("replay", plan_file, "--engine", "mujoco", "--step", "1000")
     assert run.code in (0, 1)
+
+
+LETTERS = "g\u00e9l\u00e9nk \u0107 [red]"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_letters_that_a_terminal_has_not_are_told_in_another_way(root, tmp_path, encoding):
+    """As of a locale such as C or de_DE.ISO-8859-1: the answer and the exit code are those of any other."""
+    urdf = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8").replace('"q1"', f'"{LETTERS}"')
+    (tmp_path / "robot.urdf").write_text(urdf, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "floatplan", "info", "robot.urdf"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONIOENCODING": f"{encoding}:strict"},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert LETTERS.encode(encoding, "backslashreplace") in done.stdout
+
+
+def test_a_folder_whose_name_is_no_text_is_told(root, tmp_path, floatplan):
+    """Its bytes are not UTF-8, so that no problem file can lead there; beside the robot it need not."""
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/d\xe9\xff"))
+    folder.mkdir()
+    shutil.copy(root / "urdf" / "gymnast.urdf", folder / "robot.urdf")
+    run = floatplan("init", folder / "robot.urdf", "-o", tmp_path / "here.toml")
+    assert run.code == 2
+    assert "cannot be written: it would hold" in run.stderr
+    assert "which is not UTF-8; rename the file or folder" in run.stderr
+    assert not (tmp_path / "here.toml").exists()
+    run = floatplan("init", folder / "robot.urdf", "-o", folder / "here.toml")
+    assert run.code == 0, run.stderr
+    assert run.stderr.isprintable() or "\\udce9" in run.stdout + run.stderr
+
+
+def test_where_nothing_can_be_written_nothing_is_searched_for(root, tmp_path, floatplan, monkeypatch):
+    access = os.access
+    refused = tmp_path / "theirs"
+    refused.mkdir()
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != refused and access(path, mode))
+    monkeypatch.setattr("floatplan.initial.flight.asked_flight", None)
+    run = floatplan("init", root / "urdf" / "gymnast.urdf", "-o", refused / "new" / "here.toml")
+    assert run.code == 2
+    assert "cannot be written to" in run.stderr

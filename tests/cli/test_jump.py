@@ -56,7 +56,7 @@ def test_found_checked_and_proved(floatplan: Command, go2: Path, found: list[fp.
     assert run.code == 0
     for part in ("flight proved, stances checked", "FL_foot", "torques take", "jump.json", "plan.json", "not proved"):
         assert part in words(run.stdout)
-    assert len(run.stdout.splitlines()) < 40
+    assert len(run.stdout.splitlines()) < 50  # phases, what was checked, three warnings
     assert [each.jump is not None for each in found] == [True]
     flight = fp.load_plan("results/plan.json")
     assert flight.certificate is not None

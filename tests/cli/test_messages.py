@@ -53,7 +53,8 @@ def test_a_file_has_the_blame_for_what_it_says_of_the_robot(floatplan: Callable[
             run = floatplan(command, path)
             assert run.stderr.startswith(f"error: {path}: robot.{key}"), run.stderr
     path.write_text(text.replace("gymnast.urdf", "nowhere.urdf"))
-    assert floatplan("plan", path).stderr.startswith(f"error: {GYMNAST.parent / 'nowhere.urdf'}: no such file")
+    missing = f"error: {path}: robot.urdf: there is no file '{GYMNAST.parent / 'nowhere.urdf'}'"
+    assert floatplan("plan", path).stderr.startswith(missing)
 
 
 @pytest.mark.parametrize("command", ["init", "studio", "info"])

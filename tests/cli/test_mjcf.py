@@ -90,7 +90,7 @@ def test_a_problem_names_one_file_of_its_kind(floatplan: Command, problem: Path)
         "": "robot.urdf: is missing: give it, or mjcf",
         'urdf = "a.urdf"\nmjcf = "a.xml"': "robot.mjcf: is given beside urdf: keep one of them",
         'urdf = "parts/kangaroo.xml"': "is not a URDF: its root element is <mujoco>; read it as one: [robot] mjcf = ..",
-        'mjcf = "no.xml"': "no.xml: no such file",
+        'mjcf = "no.xml"': "robot.mjcf: there is no file",
     }.items():
         problem.write_text(FLIGHT.replace('mjcf = "parts/kangaroo.xml"', robot))
         run = floatplan("plan", problem)

@@ -238,6 +238,41 @@ def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump: fp.Jump, tmp_
         np.testing.assert_allclose(left[[0, 2]], 0.0, atol=0.2)
 
 
+def test_mujoco_s_ctrl_is_what_the_motors_of_a_model_take(jump: fp.Jump, tmp_path: Path) -> None:
+    """Of a jump, too: motors in another order than the joints, with gears, give the joints its torques."""
+    mujoco = pytest.importorskip("mujoco")
+    robot = jump.problem.robot
+    urdf = ElementTree.fromstring(robot.xml)
+    for element in list(urdf.iter()):
+        for part in [*element.findall("visual"), *element.findall("collision"), *element.findall("dynamics")]:
+            element.remove(part)
+    ElementTree.SubElement(ElementTree.SubElement(urdf, "mujoco"), "compiler", fusestatic="false")
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(urdf, encoding="unicode"))
+    spec.body(robot.layout.tree.root).add_freejoint()
+    for number, joint in enumerate(reversed([each for each in spec.joints if each.name in robot.model_joints])):
+        motor = spec.add_actuator(name=f"motor of {joint.name}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
+        motor.gear[0] = (-1) ** number * (number + 2)
+    model = spec.compile()
+    (tmp_path / "model.xml").write_text(spec.to_xml())
+    content = read_archive(export(jump, "mujoco", tmp_path / "file.npz", RATE, model=tmp_path / "model.xml"))
+    joints = {name: column for column, name in enumerate(content["joint_names"].tolist())}
+    assert content["qpos"].shape[1] == model.nq
+    data = mujoco.MjData(model)
+    for row in range(0, len(content["time"]), 40):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = (content[key][row] for key in ("qpos", "qvel", "ctrl"))
+        mujoco.mj_forward(model, data)
+        for name, column in joints.items():
+            torque = data.qfrc_actuator[model.joint(name).dofadr[0]]
+            limits = model.jnt_actfrcrange[model.joint(name).id]
+            planned = content["torque"][row, column]
+            if model.jnt_actfrclimited[model.joint(name).id]:
+                planned = np.clip(planned, *limits)
+            near(torque, planned, 1e-9)
+    order = [jump.problem.robot.model_joints.index(name) for name in joints]
+    near(content["torque"], jump.tau(content["time"])[:, 6:][:, order])
+    assert set(content["contact_names"].tolist()) == set(jump.forces(np.zeros(1)))
+
+
 def through_ros(content: dict[str, Any]) -> None:
     """A trajectory is one by ROS 2's definitions, no field more or less, and the same from bytes again."""
     systems = pytest.importorskip("rosbags.typesys")

@@ -122,7 +122,7 @@ def test_what_takes_no_torque_is_refused_by_its_name(motion, tmp_path, case):
     path = model_file(tmp_path, REFUSED[case].replace(" ", ' name="odd" ', 1) + ANKLE)
     with pytest.raises(InputError, match="no ctrl of it gives z_hip the torques of a motion") as refused:
         export(motion, "mujoco", tmp_path / "file.npz", model=path)
-    assert refused.value.element == 'actuator "odd"'
+    assert (refused.value.source, refused.value.element) == (str(path), 'actuator "odd"')
     assert "--model" in str(refused.value)
 
 

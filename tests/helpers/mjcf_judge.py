@@ -9,7 +9,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from floatplan.robot import Robot
+from floatplan.robot.mjcf.compiled import import_mujoco
 
+import_mujoco()  # so that MuJoCo writes no log of its warnings
 FREE, HINGE = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_HINGE
 
 

@@ -129,4 +129,4 @@ def test_where_none_is_found_what_stands_in_the_way_is_said(monkeypatch: pytest.
     asked, words = Asked(backwards=True, duration=0.9), dict[str, str]()
     with pytest.raises(NoFlightError, match=r"with --backwards --duration 0\.9\..*too long.*Without --duration 0\.9 a"):
         asked_flight(GO2, asked, {}, words, 0, lambda _: None)
-    assert [each.flight.duration == 0.9 for each in tried] == [True, True, True, False]
+    assert [each.flight.duration == 0.9 for each in tried][:4] == [True, True, True, False]

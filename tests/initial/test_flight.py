@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from jumps import GO2, INSTALLED, backflip
 import floatplan as fp
 from floatplan.initial import flight
 from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.flight import first_flight
+from floatplan.initial.flight import FirstFlight, first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
 from floatplan.planning.planned import planned
@@ -54,7 +56,9 @@ def test_of_a_jump_the_flight_stands_between_its_ends(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(flight, "jump", found)
     first = first_flight(go2_s())
-    (guess,) = asked
+    guess, *with_narrower_ranges = asked  # since its calves come into its thighs
+    for narrower in with_narrower_ranges:
+        assert np.ptp(narrower.position_limits, axis=1).sum() < np.ptp(guess.position_limits, axis=1).sum()
     assert guess.jump is not None
     assert guess.final.orientation - guess.initial.orientation == pytest.approx(-2 * np.pi)
     assert first.reasons == ()
@@ -102,8 +106,9 @@ def test_a_jump_that_was_found_is_not_exchanged_for_its_warnings(monkeypatch: py
 def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[fp.Problem] = []
 
-    def none(problem: fp.Problem, **_: Any) -> Jump:
+    def none(problem: fp.Problem, progress: Callable[[str], None], **_: Any) -> Jump:
         asked.append(problem)
+        progress("start 1 of 1")
         return Jump(problem, fp.JumpRequest(), explanation="The torques stand in the way.")
 
     monkeypatch.setattr(flight, "jump", none)
@@ -114,6 +119,12 @@ def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyP
     assert found.jump is None
     assert len(found.reasons) == 2
     assert all("The torques stand in the way." in reason for reason in found.reasons)
+    assert tried[:4] == [
+        "jump with a whole turn",
+        "jump with a whole turn: start 1 of 1",
+        "jump without a turn",
+        "jump without a turn: start 1 of 1",
+    ]
     assert "afloat" in tried[-1]
 
 
@@ -160,3 +171,19 @@ def test_a_foot_at_rest_but_for_round_numbers_is_no_warning(root: Path, rate: fl
     foot = {"takeoff": fp.Takeoff("foot"), "landing": fp.Landing("foot")}
     problem = fp.Problem(robot, *ends, fp.Flight(0.605615, 4.20297, horizontal_velocity=-1.01873, **foot))
     assert [warning.kind for warning in fp.plan(problem).warnings] == kinds
+
+
+@needs_jumps
+@pytest.mark.parametrize("ground", [False, True])
+def test_a_flight_that_was_planned_above_the_ground_is_asked_so_in_the_file(tmp_path: Path, ground: bool) -> None:
+    chosen, flown = go2_s(), backflip().flight
+    assert flown is not None
+    problem = flight.flight_of_jump(backflip(), flown)
+    if ground:
+        landing = fp.Landing(problem.landing.frame)
+        problem = replace(problem, ground=True, flight=replace(problem.flight, landing=landing))
+    path = tmp_path / "go2.toml"
+    path.write_text(problem_file_text(chosen, FirstFlight(problem, flown, (), backflip()), path))
+    again = fp.load_problem(path)
+    assert again.ground == ground
+    assert again.landing_height == pytest.approx(problem.landing_height, abs=1e-6)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flown_plans import Drifting
-from jumps import INSTALLED, backflip
+from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 from once import made_once
 
@@ -27,7 +27,6 @@ pytest.importorskip("mujoco")
 
 LATE = "noise=0.1deg,delay=4ms"
 SOFT = 40.0, 1.0  # [N m/rad, N m s/rad] as others control a Go2
-ROLLING = Path(__file__).resolve().parents[2] / "problems" / "jumps" / "go2.toml"
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +52,9 @@ def test_soft_joints_do_not_turn_it_short_of_its_landing() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("feet", ["point", "rolling"])
+@pytest.mark.parametrize("feet", ["points", "auto"])
 def test_soft_joints_land_on_grounds_and_with_masses_that_are_not_known(feet: str) -> None:
-    jump = backflip() if feet == "point" else fp.jump(ROLLING)
+    jump = backflip() if feet == "auto" else fp.jump(go2_problem(), fp.JumpRequest(feet="points"))
     perturb = f"mass=5%,friction=17%,{LATE}"
     ends = fp.replay_jump(jump, perturb=perturb, flights=20, friction=0.85, gains=SOFT, budget=None).landings
     assert ends.stands.sum() >= 18

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from floatplan.stance.jump import Jump
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.curves import curves_card, phase_colours
+from floatplan.studio.inputs import Inputs
+from floatplan.studio.panel import JumpTab
 from floatplan.studio.planning import packed, unpacked
 from floatplan.studio.session import Session, View
 from floatplan.studio.stage import end_poses
@@ -163,3 +168,62 @@ def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
         assert [phase.end for phase in saved.phases] == pytest.approx(ends, abs=1e-6)
     finally:
         session.close()
+
+
+@pytest.mark.parametrize(
+    "value", ["x", None, [], [0.1], [float("nan")] * 6, [float("inf")] * 6, [1e300] * 6, [-1.0] * 6]
+)
+def test_a_bar_of_phases_shows_ends_whatever_a_page_sends(
+    shown: ShownPlan, problem: fp.Problem, value: object, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is drawn as the jump has them, and what it does not take is refused.
+
+    Of other inputs viser turns what a page sends into a number, a word or a tick, or drops it.
+    """
+    gui, refusals, edited = Gui(), [], []
+    view = View(problem, answer=shown)
+    session = SimpleNamespace(view=view, refuse=refusals.append, edit=lambda edit, about: edited.append(edit))
+    actions = SimpleNamespace(do=lambda about, act: act())
+    inputs = Inputs(gui, session, actions)  # type: ignore[arg-type]
+    tab = JumpTab(gui, session, inputs)  # type: ignore[arg-type]
+    tab.draw(view)
+    (bar,) = [handle for handle in gui.handles if handle.kind == "multi_slider"]
+    ends = bar.value
+    bar.value = value
+    tab.draw(view)
+    asyncio.run(bar.registered(SimpleNamespace(client=object(), target=bar)))
+    tab.draw(view)
+    assert "nan" not in tab._look.content
+    if edited:  # numbers that no phases have: the session refuses what the edit raises
+        with pytest.raises(fp.InputError):
+            edited[0](problem)
+    else:
+        assert len(refusals) == 1
+        assert bar.value == ends
+    assert not caplog.records
+
+
+class Gui:
+    """Takes what is added, and keeps it."""
+
+    def __init__(self) -> None:
+        self.handles: list[SimpleNamespace] = []
+
+    def __getattr__(self, name: str) -> Any:
+        def add(*given: Any, **options: Any) -> Any:
+            values = {"multi_slider": given[4:5], "checkbox": given[1:2]}.get(name.removeprefix("add_"), ())
+            value = values[0] if values else options.get("initial_value")
+            handle = Handle(kind=name.removeprefix("add_"), value=value, min=-1e9, max=1e9, content="")
+            handle.on_update = lambda call: setattr(handle, "registered", call)
+            self.handles.append(handle)
+            return handle
+
+        return add
+
+
+class Handle(SimpleNamespace):
+    def __enter__(self) -> Handle:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass

@@ -22,7 +22,7 @@ from floatplan.errors import InputError
 from floatplan.pool import same_modules
 
 LONGEST = 60.0  # [s] of one file; robots with a hundred meshes take seconds
-MEMORY = 2_000_000_000  # [bytes] of address space; MuJoCo with a large robot takes a fifth of it
+MEMORY = 2_000_000_000  # [bytes] of address space; MuJoCo itself takes 0.15e9, what meshes need comes on top
 LARGEST_ANSWER = 50_000_000  # [bytes]; of a thousand bodies it is a megabyte
 SCRIPT = Path(__file__).with_name("other_process.py")
 CHUNK = 1 << 20  # [bytes] read at once

@@ -1,0 +1,170 @@
+"""Landings that are not as planned: turned about their feet, or late; feet as round as their shapes; level ground."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from jumps import INSTALLED, backflip, go2_problem
+from needed import skip_or_fail
+from once import made_once
+
+import floatplan as fp
+from floatplan.robot import Robot
+from floatplan.stance.check import TOUCHDOWN
+from floatplan.stance.contacts import is_ground
+from floatplan.stance.planner import _largest_share
+from floatplan.stance.setup import jump_setup
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+HYQ = "example-robot-data:hyq_description/robots/hyq_no_sensors.urdf"
+
+
+@cache
+def touchdown_heights(error: float) -> float:
+    """Least height over the ground of knees and trunk of a Go2's backflip that lands turned, by Pinocchio's frames."""
+    found = backflip()
+    assert found.flight is not None
+    model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
+    data, landing = model.createData(), found.takeoff_time + found.flight.duration
+    least = np.inf
+    for time in landing + np.linspace(0.0, TOUCHDOWN, 60):
+        q = found.q(time)
+        for sign in (1.0, -1.0):
+            turned = q.copy()
+            rotation = pin.exp3(np.array([0.0, sign * error, 0.0]))
+            turned[:3] = rotation @ q[:3]
+            turned[3:7] = pin.Quaternion(rotation @ pin.Quaternion(q[6], *q[3:6]).matrix()).coeffs()
+            pin.framesForwardKinematics(model, data, turned)
+            height = {
+                name: data.oMf[model.getFrameId(name)].translation[2]
+                for name in ("FL_foot", "RL_foot", "FL_calf", "RL_calf", "base")
+            }
+            ground = min(height["FL_foot"], height["RL_foot"])
+            least = min(least, *(height[name] - ground for name in ("FL_calf", "RL_calf", "base")))
+    return float(least)
+
+
+def test_it_lands_clear_of_the_ground_also_where_it_is_turned() -> None:
+    found = backflip()
+    assert found.ok
+    assert found.request.pitch_error == pytest.approx(np.radians(4), abs=1e-3)
+    assert found.check.figures["touchdown"] >= 0
+    assert touchdown_heights(found.request.pitch_error) > 0.03
+
+
+def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path: Path) -> None:
+    """The same motion is asked to be clear where it is turned by so much that its trunk is in the ground."""
+    content = json.loads(backflip().to_json())
+    content["problem"]["jump"]["pitch_error"] = 0.5
+    path = tmp_path / "jump.json"
+    path.write_text(json.dumps(content))
+    check = fp.load_jump(path).check
+    assert not check.ok
+    assert "where it lands turned by the pitch error" in check.sentences[0]
+    del content["problem"]["jump"]["pitch_error"]  # as files were written before there was the key
+    path.write_text(json.dumps(content))
+    old = fp.load_jump(path)
+    assert old.request.pitch_error == 0
+    assert "touchdown" not in old.check.figures
+    assert old.ok
+
+
+def test_the_ground_s_force_grows_gently_after_touchdown() -> None:
+    """Within 10 ms, by which feet land late, it stays below one and a half weights."""
+    found = backflip()
+    assert found.flight is not None
+    landing = found.takeoff_time + found.flight.duration
+    forces = found.forces(landing + np.array([0.005, 0.01, 0.03]))
+    load = sum(force[:, 2] for force in forces.values()) / (found.problem.robot.mass * 9.81)
+    assert load[0] < 0.8
+    assert load[1] < 1.4
+    assert load[2] > load[1]
+
+
+@pytest.mark.parametrize(("feet", "radius"), [("auto", 0.0227), ("rolling", 0.0227), ("points", 0.0), ("point", 0.0)])
+def test_feet_are_as_round_as_their_shapes_unless_points_are_asked_for(feet: Any, radius: float) -> None:
+    setup = jump_setup(go2_problem(), fp.JumpRequest(feet=feet))
+    radii = [contact.radius for phase in setup.phases for contact in phase.contacts]
+    assert radii == pytest.approx([radius] * 6, abs=1e-3)
+
+
+def test_soles_and_feet_that_are_no_circle_stand_on_points() -> None:
+    robot = Robot.from_urdf(
+        "example-robot-data:anymal_b_simple_description/robots/anymal.urdf", coupled="mirror", reference="standing"
+    )
+    standing = fp.Posture(0.0, np.array(robot.resting))
+    flight = fp.Flight(0.2, angular_momentum="free", takeoff=fp.Takeoff("LH_FOOT"))
+    problem = fp.Problem(robot, standing, standing, flight, jump=fp.JumpRequest())
+    phases = jump_setup(problem, fp.JumpRequest()).phases
+    assert {contact.radius for phase in phases for contact in phase.contacts} == {0.0}
+
+
+def test_what_stood_on_circles_is_written(tmp_path: Path) -> None:
+    """Feet that are left out are "auto"; what was taken is written of each contact."""
+    found = backflip()
+    content = json.loads(found.to_json())
+    assert content["problem"]["jump"]["feet"] == "auto"
+    assert all(contact["rolls"] for stance in content["stances"] for contact in stance["contacts"])
+    again = fp.load_jump(found.save(tmp_path / "jump.json"))
+    assert again.ok
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "ground"),
+    [
+        (fp.HalfPlane(point=(3.0, -0.101)), True),
+        (fp.HalfPlane(point=(0.0, -0.097), normal=(0.0, 5.0), margin=0.02), True),
+        (fp.HalfPlane(point=(0.0, -7.0)), True),
+        (fp.HalfPlane(point=(0.0, -0.05)), False),
+        (fp.HalfPlane(point=(0.0, -0.2), normal=(0.1, 1.0)), False),
+        (fp.HalfPlane(point=(0.0, -0.2), normal=(0.0, -1.0)), False),
+        (fp.HalfPlane(point=(0.0, -0.2), velocity=(0.0, 0.1)), False),
+        (fp.Circle(center=(0.0, -0.3), radius=0.1), False),
+    ],
+)
+def test_which_obstacles_are_the_ground(obstacle: Any, ground: bool) -> None:
+    assert is_ground(obstacle, -0.1) is ground
+
+
+@pytest.mark.parametrize("below", [0.0, 0.0013, 0.03])
+def test_a_half_plane_under_the_feet_is_their_ground(below: float) -> None:
+    """A hop of the high jumper, whose foot's point is at the origin, over a half-plane with a margin."""
+    root = Path(__file__).resolve().parents[2]
+    problem = fp.load_problem(root / "problems/jumps/high_jumper.toml")
+    floor = fp.HalfPlane(point=(0.0, -below), normal=(0.0, 1.0), margin=0.01)
+    found = fp.jump(replace(problem, obstacles=(floor,)), starts=1, helps=False)
+    assert found.ok
+    assert "obstacles" not in found.check.figures
+
+
+def test_the_least_largest_share_is_that_of_the_whole_jump() -> None:
+    """Of a hop: the flight of least torque takes more of a limit than the whole of the jump of the least share."""
+    root = Path(__file__).resolve().parents[2]
+    problem = fp.load_problem(root / "problems/jumps/acrobat.toml")
+    assert problem.jump is not None
+    shares = []
+    for objective in ("torque", "limits"):
+        found = fp.jump(problem, replace(problem.jump, objective=objective), starts=2)  # type: ignore[arg-type]
+        assert found.ok
+        shares.append(_largest_share(found, found.check))
+    assert shares[1] <= shares[0] + 1e-6
+
+
+def test_a_takeoff_upside_down_is_reached() -> None:
+    """Bolt turns by more than half of a turn before it takes off; it did not stand a whole turn further on."""
+    root = Path(__file__).resolve().parents[2]
+    found = made_once("bolt.toml", lambda: fp.jump(root / "problems/jumps/bolt.toml", starts=1))
+    assert found.flight.problem.initial.orientation < -np.pi
+    told: list[str] = []
+    launch = fp.launch(found.flight, progress=told.append)
+    assert launch.ok
+    assert told[0] == "start 1 of 3"
