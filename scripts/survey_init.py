@@ -20,12 +20,8 @@ from floatplan.robot.urdf.tree import PREFIX, example_urdfs
 
 SECONDS = 200  # of CPU, for each robot
 LONGEST = 160  # [characters] of a reason
-FOUND = {
-    "flips": "turn",
-    "turns over": "turn",
-    "jumps": "jump",
-    "afloat": "afloat",
-}  # by the first line of what is written
+# what is found, by words of the first line of the file that is written
+FOUND = {"flips": "turn", "turns over": "turn", "jumps": "jump", "afloat": "afloat"}
 NO_FEET = "No feet were found"
 
 
@@ -48,7 +44,7 @@ def main() -> None:
 
 
 def surveyed(robot: str, most: int) -> tuple[str, bool, float, str]:
-    """Return what is found for a robot, whether it has feet to stand on, the seconds that took, and why it is no more."""
+    """Return what is found for a robot, whether it stands on feet, the seconds that took, and why it is no more."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "floatplan", "init", robot, "-o", str(Path(folder) / "found.toml")]

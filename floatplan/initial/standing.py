@@ -78,16 +78,26 @@ def standing(robot: Robot, feet: Sequence[str], limits: Array, given: Mapping[in
     """
     given = given or {}
     reference = robot.resting.copy()
-    reference[list(given)] = list(given.values())
+    reference[list(given)] = _round_positions(np.array(list(given.values())))
     if not feet or any(robot.frames[foot].body == 0 for foot in feet) or not robot.link_hulls:
-        return Standing(reference, own=bool(given))
+        return Standing(_written(reference, given), own=bool(given))
     fault = posture_fault(robot, feet, reference, limits)
     if not fault or len(given) == len(reference):
-        return Standing(reference, own=bool(given), sought=fault)
+        return Standing(_written(reference, given), own=bool(given), sought=fault)
     found = sought_posture(robot, feet, reference, limits, tuple(given))
     if found is None:
-        return Standing(reference, own=bool(given), sought=fault)
+        return Standing(_written(reference, given), own=bool(given), sought=fault)
     return Standing(found, own=True, sought=fault)
+
+
+def _round_positions(positions: Array) -> Array:
+    """Positions (n,), rad, as they are written: round numbers of degrees."""
+    return np.deg2rad(np.round(np.rad2deg(positions), ANGLE_DIGITS))
+
+
+def _written(reference: Array, given: Mapping[int, float]) -> Array:
+    """The reference posture (n,) rad as it is; where some of it is given, all is written, in round numbers."""
+    return _round_positions(reference) if given else reference
 
 
 def posture_fault(robot: Robot, feet: Sequence[str], positions: Array, limits: Array) -> str:
@@ -169,7 +179,7 @@ def _rounded(robot: Robot, feet: Sequence[str], positions: Array, limits: Array)
     static = standing_posture(robot, contacts, y, _bounds(limits))
     if static is None:
         return None
-    posture = np.deg2rad(np.round(np.rad2deg(static[1:]), ANGLE_DIGITS))
+    posture = _round_positions(static[1:])
     return None if posture_fault(robot, feet, posture, limits) else posture
 
 
