@@ -42,5 +42,5 @@ def go2_problem(turns: int = -1) -> fp.Problem:
 
 def backflip() -> Jump:
     """The Go2's backflip."""
-    found: Jump = made_once("backflip", lambda: jump(go2_problem(), starts=1))
+    found: Jump = made_once("backflip of a Go2", lambda: jump(go2_problem(), starts=1))
     return found

@@ -69,6 +69,9 @@ def test_pinocchio_s_free_flyer_of_the_file_balances() -> None:
     model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
     model.gravity.linear = np.array([0.0, 0.0, -9.81])
     data, weight = model.createData(), found.problem.robot.mass * 9.81
+    stances = (*found.before, *found.after)
+    radius = {name: each.radius for stance in stances for each in stance.contacts for name in each.names}
+    assert all(radius.values()), "its feet roll: forces act where they touch the ground"
     for t in np.linspace(0.0, found.duration, 41):
         q, v, a, tau = found.q(t), found.v(t), found.a(t), found.tau(t)
         wrench = pin.rnea(model, data, q, v, a)
@@ -76,7 +79,8 @@ def test_pinocchio_s_free_flyer_of_the_file_balances() -> None:
         pin.updateFramePlacements(model, data)
         for name, force in found.forces(t).items():
             jacobian = pin.getFrameJacobian(model, data, model.getFrameId(name), pin.LOCAL_WORLD_ALIGNED)
-            wrench = wrench - jacobian[:3].T @ force
+            moment = np.cross([0.0, 0.0, -radius[name]], force)
+            wrench = wrench - jacobian.T @ np.concatenate((force, moment))
         assert np.abs(wrench[6:] - tau[6:]).max() < 1e-6 * weight
         assert np.abs(wrench[[0, 2, 4]]).max() < 1e-3 * weight
 
