@@ -55,7 +55,9 @@ BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
 NO_STATIC = "none was found on these contacts: give other ones, or plan more joints"
 FARTHEST_HEIGHT = 0.2  # [m] between frames at takeoff and at landing: ankles rise by so much where soles tip
-FARTHEST_TURN = TURN / 4  # [rad] from whole turns, of a goal whose orientation is a guess of a landing's
+FARTHEST_TURN = (
+    TURN / 3
+)  # [rad] from whole turns, of an end that is a guess: on its rear or front feet a robot leans far
 
 
 @dataclass(frozen=True)
@@ -252,12 +254,11 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
 def _refuse_what_is_not_kept(problem: Problem, turns: int) -> None:
     """Refuse what a flight is asked for and a jump around it would not do, since it stands level at both ends."""
     flight = problem.flight
-    missed = problem.final.orientation - problem.initial.orientation - TURN * turns
+    ends = (problem.initial.orientation, problem.final.orientation)
+    missed = max(abs(math.remainder(orientation, TURN)) for orientation in ends)
     stands_level = problem.takeoff_frame.body != 0  # else its orientation is the goal's, less whole turns
-    if stands_level and abs(missed) > FARTHEST_TURN:
-        reason = (
-            f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {abs(missed):.2g} rad off"
-        )
+    if stands_level and missed > FARTHEST_TURN:
+        reason = f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {missed:.2g} rad off"
         advice = "ask for whole turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
     height = 0.0 if flight.landing is None else flight.landing.height or 0.0
