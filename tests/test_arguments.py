@@ -162,6 +162,7 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
                 "feet": "point",
                 "objective": "limits",
                 "clearance": 0.03,
+                "pitch_error": 0.05,
             },
             into("jump"),
         ),

@@ -162,7 +162,7 @@ def test_plan_says_which_stances_reach_it(floatplan: Command, root: Path, monkey
     """In the summary, in the report and in JSON; and where no frame stands, that none was looked for."""
     said = {"takeoff": "A stance reaches the takeoff, with 15% to spare.", "landing": "No stance was found."}
 
-    def search(plan: fp.Plan, *, end: str, seed: int, starts: int) -> Launch:
+    def search(plan: fp.Plan, *, end: str, seed: int, starts: int, **_: Any) -> Launch:
         return Launch(end == "takeoff", 0.85, "velocity", "q1", (said[end], "more of it"), {})
 
     monkeypatch.setattr(launching, "launch", search)

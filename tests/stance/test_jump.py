@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
+from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -64,8 +65,11 @@ def test_it_stands_at_both_ends() -> None:
 
 
 def test_pinocchio_s_free_flyer_of_the_file_balances() -> None:
-    """In the file's own model, with gravity and six coordinates of the base: nothing of floatplan is in it."""
-    found = backflip()
+    """In the file's own model, with gravity and six coordinates of the base: nothing of floatplan is in it.
+
+    Feet are points, so that forces act at their frames; those of feet that roll are looked at in test_rolling.py.
+    """
+    found = made_once("points", lambda: jump(go2_problem(), fp.JumpRequest(feet="points"), starts=1))
     model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
     model.gravity.linear = np.array([0.0, 0.0, -9.81])
     data, weight = model.createData(), found.problem.robot.mass * 9.81
