@@ -28,6 +28,7 @@ problem = fp.Problem(
     ),
     motion=fp.Motion(objective="torque"),
     limits=fp.Limits(position=[(radians(-130), radians(130))] * 2, velocity=30.0, torque=140.0),
+    self_clearances=(fp.SelfClearance(("body0", "body2"), margin=0.05),),  # legs and arms pass one another in the tuck
     ground=True,
     name="backflip",
 )

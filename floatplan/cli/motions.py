@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -25,6 +27,10 @@ ERRORS = (
     "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms."
 )
 FLIGHTS = "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too."
+OPTIONS_OF_MOTIONS = (
+    *("format", "rate", "model", "kp", "kd"),
+    *("replan", "perturb", "flights", "seed", "friction", "budget"),
+)
 DAMPING = "Their damping, N m s/rad; the critical one, or nearly so, if left out."
 
 
@@ -110,7 +116,7 @@ def replay(
             raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
         options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
         gains = gain("--kp", kp), gain("--kd", kd)
-        with naming(motion_file):
+        with _naming_the_file(motion_file):
             _fly_jump(plan, output, json_output, gains=gains, friction=friction, **options)
     if replan is not None or authority:
         if save:
@@ -247,6 +253,18 @@ class ExportCommand(common.Command):
             formatter.write_dl([(name, form.text) for name, form in FORMATS.items()])
 
 
+@contextmanager
+def _naming_the_file(motion_file: str | Path) -> Iterator[None]:
+    """Name the file in what is wrong with a motion; an option that is wrong keeps its own name."""
+    try:
+        yield
+    except InputError as error:
+        option = (error.element or "").partition(":")[0]
+        if error.source or option in OPTIONS_OF_MOTIONS:
+            raise
+        raise error.within(source=motion_file) from None
+
+
 def export(
     motion_file: common.MotionFile,
     form: Annotated[str, option("NAME", "One of those below.", "--format", "-f")],
@@ -270,7 +288,7 @@ def export(
     motion = common.read_motion(motion_file, urdf)
     path = Path(motion_file).parent / known.file if output is None else output
     common.check_model(form, model, motion.problem.robot, quiet)
-    with progress("exporting", quiet), naming(motion_file):
+    with progress("exporting", quiet), _naming_the_file(motion_file):
         path = motion.export(form, path, rate, kp=stiffness, kd=damping, model=model)
     if not quiet:
         for note in read_notes(path) if form == "mujoco" else ():

@@ -211,7 +211,7 @@ def test_mujoco(jump: fp.Jump, tmp_path: Path) -> None:
 def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump: fp.Jump, tmp_path: Path) -> None:
     """MuJoCo's reading of the URDF in the file's states, pushed by its forces where they act, needs its torques."""
     mujoco = pytest.importorskip("mujoco")
-    content, robot = read_archive(export(jump, "mujoco", tmp_path / "file.npz", 4 * RATE)), jump.problem.robot
+    content, robot = read_archive(export(jump, "mujoco", tmp_path / "file.npz", 8 * RATE)), jump.problem.robot
     urdf = ElementTree.fromstring(robot.xml)
     for link in urdf.iter("link"):
         for shape in link.findall("visual") + link.findall("collision"):
@@ -224,7 +224,7 @@ def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump: fp.Jump, tmp_
     data, names = mujoco.MjData(model), content["joint_names"].tolist()
     places, rates = ([getattr(model.joint(name), key)[0] for name in names] for key in ("qposadr", "dofadr"))
     acceleration = np.gradient(content["qvel"], content["time"], axis=0, edge_order=2)
-    for row in range(80, len(content["time"]), 160):
+    for row in range(160, len(content["time"]), 320):
         data.qpos[[*range(7), *places]], data.qvel[[*range(6), *rates]] = content["qpos"][row], content["qvel"][row]
         data.qacc[[*range(6), *rates]] = acceleration[row]
         mujoco.mj_inverse(model, data)
@@ -438,7 +438,7 @@ def test_no_jump_no_file(floatplan: Callable[..., Any], jump: fp.Jump, tmp_path:
     lost = replace(jump, status="not_found", flight=None, before=(), after=())
     lost.save(tmp_path / "jump.json")
     run = floatplan("export", tmp_path / "jump.json", "-f", "npz")
-    assert (run.code, "no jump was found" in run.stderr, "go2" in run.stderr) == (2, True, True), run
+    assert (run.code, "no jump was found" in run.stderr, "jump.json" in run.stderr) == (2, True, True), run
     assert floatplan("export", tmp_path / "nowhere.json", "-f", "npz").code == 2
     (tmp_path / "half.json").write_text((tmp_path / "jump.json").read_text()[:200])
     assert floatplan("export", tmp_path / "half.json", "-f", "npz").code == 2
@@ -451,7 +451,7 @@ def test_what_is_no_number_is_no_motion(jump: fp.Jump, tmp_path: Path, form: str
     broken = replace(
         jump, before=(replace(first, grid=replace(grid, v=np.where(grid.times > 0.1, np.nan, grid.v))), *others)
     )
-    with pytest.raises(fp.InputError, match=r"a jump that does not hold is none to export: .*nan"):
+    with pytest.raises(fp.InputError, match=r"a jump that does not hold is none to export: .*(nan|inf)"):
         export(broken, form, tmp_path / "file")
     assert not list(tmp_path.iterdir())
 

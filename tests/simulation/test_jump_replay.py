@@ -76,7 +76,7 @@ def test_what_was_flown_is_a_motion(flown: fp.JumpReplay) -> None:
     "changed",
     [
         {"friction": 0.1},
-        {"gains": (0, 0)},
+        {"gains": (0, 0), "perturb": "mass=20%"},
         pytest.param({"perturb": "torque=60%"}, marks=pytest.mark.long),
         pytest.param({"gains": (1e6, 1e6)}, marks=pytest.mark.long),
     ],
@@ -128,7 +128,7 @@ def test_corrections_leave_half_of_the_torques_to_feedback() -> None:
     plan = backflip().flight
     assert plan is not None
     peaks, ends = [], []
-    for momentum in (0.7, 1.28, 1.32):  # of the plan's
+    for momentum in (0.75, 1.32, 1.36):  # of the plan's
         replanner, robot = fp.Replanner(plan, 250.0), Drifting(plan, momentum * plan.angular_momentum)
         for t in np.arange(0.0, plan.duration - 0.006, 0.006):
             done = replanner.update(*robot.state(replanner))
@@ -211,7 +211,7 @@ def test_a_file_that_contradicts_itself_is_not_flown(floatplan: Callable[..., An
     for words, action in ((("replay",), "fly"), (("export", "-f", "csv"), "export")):
         run = floatplan(words[0], path, *words[1:])
         assert (run.code, run.stdout, len(run.stderr.splitlines())) == (2, "", 1)
-        assert f"go2: stances: a jump that does not hold is none to {action}: forces are out" in run.stderr
+        assert f"jump.json: stances: a jump that does not hold is none to {action}: forces are out" in run.stderr
     run = floatplan("show", path)
     assert run.code == 0
     assert run.stderr.startswith("warning: this jump does not hold: forces are out of balance by")
@@ -257,7 +257,7 @@ def test_command(
     path.write_text(json.dumps(content))
     run = floatplan("replay", path)
     assert run.code == 2
-    assert "stances[0].y: must be finite numbers" in run.stderr
+    assert "stances[0].y: must be a number or an array of numbers" in run.stderr
     plan = backflip().flight
     assert plan is not None
     run = floatplan("replay", plan.save(tmp_path / "plan.json"), "--friction", "1")

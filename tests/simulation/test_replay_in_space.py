@@ -99,10 +99,16 @@ def test_what_is_not_yet_for_flights_in_space_is_refused_in_a_line(diver, floatp
     assert "not yet for flights in space" in " ".join(refused.stderr.split())
 
 
-@pytest.mark.parametrize("command", cases(["takeoff", "bounds", "jump", "studio"], ["studio"]))
+@pytest.mark.parametrize("command", cases(["takeoff", "bounds", "studio"], ["studio"]))
 def test_so_it_is_of_a_problem(floatplan, command):
     refused = floatplan(command, SPACE / "diver_half_twist.toml")
     assert refused.code == 2
     assert refused.stdout == ""
     assert len(refused.stderr.split("error:")) == 2
     assert "in space" in " ".join(refused.stderr.split())
+
+
+def test_a_jump_in_space_is_not_asked_for_in_its_file(floatplan):
+    refused = floatplan("jump", SPACE / "diver_half_twist.toml")
+    assert (refused.code, refused.stdout) == (2, "")
+    assert "no jump is asked for" in refused.stderr
