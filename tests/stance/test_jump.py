@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -64,18 +65,20 @@ def test_it_stands_at_both_ends() -> None:
     np.testing.assert_allclose(ends.positions[:, 2], [0.0, -2 * np.pi], atol=1e-9)
 
 
-def test_pinocchio_s_free_flyer_of_the_file_balances() -> None:
+@pytest.mark.parametrize("feet", ["points", "auto"])
+def test_pinocchio_s_free_flyer_of_the_file_balances(feet: Literal["points", "auto"]) -> None:
     """In the file's own model, with gravity and six coordinates of the base: nothing of floatplan is in it.
 
-    Feet are points, so that forces act at their frames; those of feet that roll are looked at in test_rolling.py.
+    Forces act at the frames of feet that are points, and below those of feet that roll, by their radius.
     """
-    found = made_once("points", lambda: jump(go2_problem(), fp.JumpRequest(feet="points"), starts=1))
+    points = fp.JumpRequest(feet="points")
+    found = backflip() if feet == "auto" else made_once("points", lambda: jump(go2_problem(), points, starts=1))
     model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
     model.gravity.linear = np.array([0.0, 0.0, -9.81])
     data, weight = model.createData(), found.problem.robot.mass * 9.81
     stances = (*found.before, *found.after)
     radius = {name: each.radius for stance in stances for each in stance.contacts for name in each.names}
-    assert all(radius.values()), "its feet roll: forces act where they touch the ground"
+    assert {value > 0 for value in radius.values()} == {feet == "auto"}
     for t in np.linspace(0.0, found.duration, 41):
         q, v, a, tau = found.q(t), found.v(t), found.a(t), found.tau(t)
         wrench = pin.rnea(model, data, q, v, a)
