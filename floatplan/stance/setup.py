@@ -55,9 +55,7 @@ BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
 NO_STATIC = "none was found on these contacts: give other ones, or plan more joints"
 FARTHEST_HEIGHT = 0.2  # [m] between frames at takeoff and at landing: ankles rise by so much where soles tip
-FARTHEST_TURN = (
-    TURN / 3
-)  # [rad] from whole turns, of an end that is a guess: on its rear or front feet a robot leans far
+FARTHEST_TURN = TURN / 3  # [rad] from whole turns, of an end that is a guess: on rear or front feet robots lean far
 
 
 @dataclass(frozen=True)
@@ -72,6 +70,8 @@ class Room:
     range : from the ends of joint ranges, rad
     apart : beyond margins of obstacles and links, m
     pressed : least vertical force over the weight, where more than one contact stands
+    turned : whether rows keep the robot above the ground where it lands turned by the pitch error
+        Most landings do without them, and a program with them is slower and finds fewer jumps.
     """
 
     torque: float
@@ -82,6 +82,7 @@ class Room:
     range: float = 0.1
     apart: float = ROOM
     pressed: float = LEAST_FORCE
+    turned: bool = False
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -94,12 +95,14 @@ class Room:
         velocity, friction = share("velocity", self.velocity), share("friction", self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        too_low = max(0.0, -figures.get("ground", 0.0), -figures.get("touchdown", 0.0))
+        touchdown = figures.get("touchdown", 0.0) if self.turned else 0.0  # else the rows come first
+        too_low = max(0.0, -figures.get("ground", 0.0), -touchdown)
         clear = self.clear + DEEPER * too_low
         apart = self.apart - min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         more = {"finer": FINER * self.finer, "clear": clear, "apart": apart}
         more["pressed"] = self.pressed + max(0.0, -figures.get("pull", 0.0))
-        return replace(self, torque=torque, velocity=velocity, friction=friction, **more)
+        turned = self.turned or figures.get("touchdown", 0.0) < 0.0
+        return replace(self, torque=torque, velocity=velocity, friction=friction, turned=turned, **more)
 
 
 Answer = TypeVar("Answer")
@@ -181,7 +184,7 @@ class Setup:
             friction=room.friction * request.friction,
             held=room.torque,
             pressed=room.pressed,
-            pitch_error=request.pitch_error,
+            pitch_error=request.pitch_error if room.turned else 0.0,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
