@@ -170,17 +170,29 @@ def _searched(
             break
         tried = start + 1
         say(f"start {tried} of {starts}")
-        rng = np.random.default_rng((seed, start)) if start else None
-        found = known, solution = solved(first, first.guess(rng), known)
+        found = known, solution = solved(first, first.guess(_generator(seed, start)), known)
         spent += solution.iterations
         if not solution.converged:
             if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
                 best = found
             continue
         answer = _corrected(setup, found, setup.program, seed, say)
+        if not answer.ok and answer.flight is not None and answer.check.figures.get("touchdown", 0.0) < 0.0:
+            say(f"start {tried} of {starts}, clear of the ground where it lands turned")
+            room = replace(ROOM, turned=True)
+            program = setup.program(room)
+            found = solved(program, program.guess(_generator(seed, start)))
+            spent += found[1].iterations
+            if found[1].converged:
+                answer = _corrected(setup, found, setup.program, seed, say, room)
         if answer.ok:
             break
     return answer, best, tried
+
+
+def _generator(seed: int, start: int) -> np.random.Generator | None:
+    """Random numbers of a start's guess; the first guess has none."""
+    return np.random.default_rng((seed, start)) if start else None
 
 
 def beside(program: JumpProgram, near: Jump) -> Array | None:
@@ -206,6 +218,7 @@ def _corrected(
     program: Callable[[Room], JumpProgram],
     seed: int,
     say: Callable[[str], None],
+    room: Room = ROOM,
 ) -> Jump:
     """The jump of a program's solution, else of one with more nodes; ``say`` is told which of them is at work."""
     programs = 1 + CORRECTIONS
@@ -222,7 +235,7 @@ def _corrected(
         answer = completed(setup, program, solution, seed)
         return answer, None if answer.ok else answer.check.figures
 
-    return corrected(ROOM, setup.request, found, finer, complete)
+    return corrected(room, setup.request, found, finer, complete)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

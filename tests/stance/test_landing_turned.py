@@ -147,14 +147,14 @@ def test_a_half_plane_under_the_feet_is_their_ground(below: float) -> None:
 def test_the_least_largest_share_is_that_of_the_whole_jump() -> None:
     """Of a hop: the flight of least torque takes more of a limit than the whole of the jump of the least share."""
     root = Path(__file__).resolve().parents[2]
-    problem = fp.load_problem(root / "problems/jumps/acrobat.toml")
+    problem = fp.load_problem(root / "problems/jumps/high_jumper.toml")
     assert problem.jump is not None
     shares = []
     for objective in ("torque", "limits"):
-        found = fp.jump(problem, replace(problem.jump, objective=objective), starts=2)  # type: ignore[arg-type]
+        found = fp.jump(problem, replace(problem.jump, objective=objective), starts=4)  # type: ignore[arg-type]
         assert found.ok
         shares.append(_largest_share(found, found.check))
-    assert shares[1] <= shares[0] + 1e-6
+    assert shares[1] < 0.7 * shares[0]
 
 
 def test_a_takeoff_upside_down_is_reached() -> None:
