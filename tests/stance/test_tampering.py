@@ -72,7 +72,7 @@ SPOILED: dict[str, tuple[Spoil, str]] = {  # what is changed; the figure that sh
     "places raised": (arrays(lambda place: place + np.array([0.0, 0.01]), "place", 0, 1), "level"),
     "feet moved": (contacts(lambda each: each.update(places=[[0.02, -0.213]] * 2), *STANCES), "residual"),
     "feet that hover": (contacts(lambda each: each.update(depth=each["depth"] + 0.05), *STANCES), "lifted"),
-    "links in the ground": (contacts(lambda each: each.update(depth=each["depth"] - 0.03), *STANCES), "ground"),
+    "links in the ground": (contacts(lambda each: each.update(depth=each["depth"] - 0.02), *STANCES), "ground"),
     "the ground in steps": (contacts(lambda each: each.update(depth=each["depth"] + 3e-3), 0), "level"),
     "one foot of two": (
         contacts(lambda each: each.update(frames=each["frames"][:1], places=each["places"][:1]), 1),
@@ -97,11 +97,11 @@ SPOILED: dict[str, tuple[Spoil, str]] = {  # what is changed; the figure that sh
     "endless rates": (arrays(lambda v: 1e200 * v, "v", 1), "is larger than anything in a flight"),
     "endless depths": (
         contacts(lambda each: each.update(depth=1e200), *STANCES),
-        "is larger than anything in a flight",
+        "is outside 0 to 10 m",
     ),
-    "a foot without a name": (contacts(lambda each: each.update(frames=[], places=[]), 1), "must name what stands"),
+    "a foot without a name": (contacts(lambda each: each.update(frames=[], places=[]), 1), "has 0 frames and 0 places"),
     "no number": (arrays(lambda y: np.nan * y, "y", 0), "is not finite"),
-    "another side": (lambda content: content["stances"][1].update(side="flight"), "is damaged"),
+    "another side": (lambda content: content["stances"][1].update(side="flight"), "must be 'takeoff' or 'landing'"),
 }
 DAILY = {"forces scaled", "a phase shifted", "feet that hover", "an obstacle where it flies", "endless rates"}
 
