@@ -39,7 +39,7 @@ PROMISED = {
     "fly_a_go2": "degrees off at touchdown, and stands",
     "pinocchio_interop": "nothing pushes the base",
     "ros_trajectory": "with accelerations too",
-    "reference_motion": "118 frames, 50 a second",
+    "reference_motion": "89 frames, 50 a second",
     "from_mjcf": "optimal, proved",
     "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
     "the_method": "|b| = 25.0411",

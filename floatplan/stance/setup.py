@@ -264,9 +264,10 @@ def _refuse_what_is_not_kept(problem: Problem, turns: int) -> None:
         reason = f"a jump ends as level as it begins: it would turn by {TURN * turns:.4g} rad, {missed:.2g} rad off"
         advice = "ask for whole turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
-    height = 0.0 if flight.landing is None else flight.landing.height or 0.0
-    if abs(height - problem.takeoff.position[1]) > FARTHEST_HEIGHT:
-        reason = f"a jump lands on the ground that it leaves, not {height:.3g} m up"
+    landing = flight.landing
+    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[1]
+    if abs(rise) > FARTHEST_HEIGHT:
+        reason = f"a jump lands on the ground that it leaves, not {rise:.3g} m up"
         advice = "leave it out, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="flight.landing.height", advice=advice)
 

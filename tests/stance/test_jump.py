@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -222,7 +223,9 @@ def test_the_largest_share_of_the_limits_is_less_where_that_is_asked() -> None:
     assert shares[0] < shares[1] - 0.05
     figures, margin = spared.check.figures, spared.request.margin
     share = max(figures[name] / margin.get(name, 1.0) for name in ("torque", "velocity", "held_torque"))
-    assert f"they take {share:.0%}" in spared.explanation
+    told = re.search(r"Of what the margins leave the jump takes (\d+)%", spared.explanation)
+    assert told is not None
+    assert int(told[1]) / 100 >= share - 0.005, "it is the share of the whole jump, of which stances are a part"
 
 
 @pytest.mark.long
