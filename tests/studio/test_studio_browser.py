@@ -88,8 +88,14 @@ def test_a_click_on_a_point_of_the_map_goes_there(browser: Browser) -> None:
         assert chart is not None
         row, column = next(place for place in chart.points if place != (ROWS // 2, COLUMNS // 2))
         before = studio.session.view.number
-        browser.driver.find_elements("css selector", f'[data-point="{row},{column}"]')[0].click()
-        page.wait(lambda: studio.session.view.number > before)
+
+        def arrived() -> bool:
+            """A click on the point, which the page may be drawing anew meanwhile."""
+            if studio.session.view.number == before:
+                browser.run(f"document.querySelector('[data-point=\"{row},{column}\"]')?.click()")
+            return bool(studio.session.view.number > before)
+
+        page.wait(arrived)
         flight = studio.session.view.problem.flight
         assert flight.duration == pytest.approx(chart.durations[row])
         assert flight.momentum_in_plane == pytest.approx(chart.momenta[column])
