@@ -50,11 +50,12 @@ def test_a_jump_is_found_that_keeps_away(case: str) -> None:
 
 @pytest.mark.long
 def test_the_world_begins_where_the_frame_takes_off() -> None:
-    """Moved with its obstacle, the jump is the same but for rounding."""
+    """Moved with its obstacle, the jump is the same but for rounding; feet that are points leave where they stood."""
     problem, at = go2_problem(), (1.0, 0.5)
     moved = replace(problem.flight, takeoff=fp.Takeoff("RL_foot", at))
     ball = fp.Circle(center=(1.0 + at[0], 0.8 + at[1]), radius=0.05, velocity=(-3.0, 0.0))
-    found = fp.jump(replace(problem, flight=moved, obstacles=(ball,)), starts=1)
+    points = fp.JumpRequest(feet="points")
+    found = fp.jump(replace(problem, flight=moved, obstacles=(ball,), jump=points), starts=1)
     assert found.ok
     assert found.before[-1].place == pytest.approx(complex(*at), abs=1e-9)
 
