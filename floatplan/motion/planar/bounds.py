@@ -107,27 +107,35 @@ def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
     rates, pairs = bodies.rates, bodies.coupling[i, j]
     constants = bodies.coupling.diagonal().real @ rates
     phasors = np.abs(pairs)[:, None] * (rates[i] + rates[j]) * np.exp(1j * bodies.turn * np.angle(pairs))[:, None]
-    frequencies = bodies.turns[j] - bodies.turns[i]
+    frequencies, phasors = _merged(bodies.turns[j] - bodies.turns[i], phasors)
+    is_constant = ~frequencies.any(axis=1)
     return tuple(
-        _polynomial(constant, frequencies, column) for constant, column in zip(constants, phasors.T, strict=True)
+        _polynomial(constant + column[is_constant].real.sum(), frequencies, np.where(is_constant, 0, column))
+        for constant, column in zip(constants, phasors.T, strict=True)
     )
 
 
+def _merged(frequencies: Array, phasors: ComplexArray) -> tuple[Array, ComplexArray]:
+    """Frequencies (L, n) that differ in more than their sign, in the order in which they appear, and sums of phasors.
+
+    The phasors (K, c) of frequencies (K, n) are those of c polynomials ``Re(sum_k phasor_k exp(i frequency_k . q))``.
+    """
+    leading = np.take_along_axis(frequencies, (frequencies != 0).argmax(axis=1)[:, None], axis=1)
+    is_turned = leading < 0
+    upright = np.where(is_turned, -frequencies, frequencies) + 0.0  # no -0
+    distinct, first, number = np.unique(upright, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    sums = np.zeros((len(distinct), phasors.shape[1]), dtype=np.complex128)
+    np.add.at(sums, number.ravel(), np.where(is_turned, phasors.conj(), phasors))
+    return distinct[order], sums[order]
+
+
 def _polynomial(constant: float, frequencies: Array, phasors: ComplexArray) -> TrigonometricPolynomial:
-    """``constant + Re(sum_l phasor_l exp(i frequency_l . q))``, with one term for each +-frequency."""
-    terms: dict[tuple[float, ...], complex] = {}
-    for frequency, phasor in zip(map(tuple, (frequencies + 0.0).tolist()), phasors.tolist(), strict=True):
-        if next(filter(None, frequency), 0.0) < 0:
-            frequency, phasor = tuple(0.0 - part for part in frequency), phasor.conjugate()
-        terms[frequency] = terms.get(frequency, 0j) + phasor
-    constant += terms.pop((0.0,) * frequencies.shape[1], 0j).real
-    kept = {frequency: phasor for frequency, phasor in terms.items() if phasor}
-    values = np.array(list(kept.values()), dtype=np.complex128)
+    """``constant + Re(sum_l phasor_l exp(i frequency_l . q))``, with the terms alone that there are."""
+    there = np.flatnonzero(phasors)
+    values = phasors[there]
     return TrigonometricPolynomial(
-        constant,
-        read_only(np.abs(values)),
-        read_only(np.array(list(kept)).reshape(len(kept), frequencies.shape[1])),
-        read_only(np.angle(values)),
+        constant, read_only(np.abs(values)), read_only(frequencies[there]), read_only(np.angle(values))
     )
 
 
