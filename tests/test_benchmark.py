@@ -56,8 +56,22 @@ EXPECTED = {
     "launch": "yes that fails",
     "contact": "on feet alone",
     "space": "drawn motions",
+    "guard": "most worse",
 }
-LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch", "contact", "space"}
+LONG = {
+    "speed",
+    "free",
+    "obstacle",
+    "inflight",
+    "startup",
+    "studies",
+    "jump",
+    "hops",
+    "launch",
+    "contact",
+    "space",
+    "guard",
+}
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))
@@ -88,6 +102,7 @@ def test_section_runs(
         landings=1,
         in_space=1,
         peers_in_space=0,
+        guarded=1,
         chains=(3,),
         long_chains=(3, 4),
     )
