@@ -15,6 +15,7 @@ from floatplan.initial.apart import kept_apart
 from floatplan.initial.asked import GRAVITY, Asked, wrong
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.initial.touchdown import as_clear_as_it_lands, touchdown_warning
 from floatplan.planning.planner import plan
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, JointState, Landing, Motion, Posture, Takeoff
@@ -123,6 +124,12 @@ class FirstFlight:
     plan: Plan
     reasons: tuple[str, ...]
     jump: Jump | None = None
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is not as it should be, in sentences."""
+        request = self.problem.jump
+        return [*(each.message for each in self.plan.warnings), *(touchdown_warning(request) if request else [])]
 
     @property
     def turn(self) -> float:
@@ -272,7 +279,7 @@ def _jump(
     """
     try:
         problem = jump_problem(chosen, turns * int(chosen.robot.plane.turn), asked)
-        found = jump(problem, seed=seed, starts=1, helps=helps, progress=say)
+        found = as_clear_as_it_lands(jump(problem, seed=seed, starts=1, helps=helps, progress=say))
         found = _links_apart(found, seed, _following(say, "links apart"))
         if not found.ok or found.flight is None:
             return found.explanation

@@ -16,7 +16,7 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import FIGURES, SHARES, JumpCheck, limit_shares
+from floatplan.stance.check import FIGURES, SHARES, JumpCheck, judged, limit_shares
 from floatplan.stance.exact import NoExactStanceError, exact_stances, released
 from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight, tighter_limits
@@ -184,10 +184,20 @@ def _searched(
             found = solved(program, program.guess(_generator(seed, start)))
             spent += found[1].iterations
             if found[1].converged:
-                answer = _corrected(setup, found, setup.program, seed, say, room)
+                answer = max(answer, _corrected(setup, found, setup.program, seed, say, room), key=_merit)
         if answer.ok:
             break
     return answer, best, tried
+
+
+def _merit(answer: Jump) -> tuple[bool, bool, float]:
+    """Whether a jump is found; whether nothing fails but at touchdown, where it lands turned; and how high it is there.
+
+    Such a one is a jump for somebody who asks for less there.
+    """
+    height, least = answer.check.figures.get("touchdown", 0.0), FIGURES["touchdown"].most(answer.request)
+    failing, _ = judged(answer.request, answer.check.figures, answer.check.unlimited)
+    return answer.ok, answer.flight is not None and len(failing) == 1 and height < least, height
 
 
 def _generator(seed: int, start: int) -> np.random.Generator | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,14 +14,16 @@ import pytest
 from jumps import GO2, INSTALLED, backflip
 
 import floatplan as fp
-from floatplan.initial import flight
+from floatplan.initial import flight, touchdown
 from floatplan.initial.afloat import turns_afloat
 from floatplan.initial.flight import FirstFlight, first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
+from floatplan.initial.touchdown import as_clear_as_it_lands, touchdown_warning
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning
+from floatplan.stance.check import touchdown_height
 from floatplan.stance.jump import Jump
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
@@ -100,6 +103,50 @@ def test_a_jump_that_was_found_is_not_exchanged_for_its_warnings(monkeypatch: py
     assert [problem.ground for problem in plans] == [False, True]
     text = problem_file_text(chosen, first, Path("go2.toml"))
     assert "# Warning: FL_calf_joint needs more torque." in text
+
+
+def asked_to_land_turned(error: float) -> Jump:
+    """The Go2's backflip as one that has to be clear of the ground where it lands turned by so much, rad."""
+    request = replace(backflip().request, pitch_error=error)
+    return replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
+
+
+@needs_jumps
+def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_keeps(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It is written with the largest error at which it is clear, and a warning where that is less than usual."""
+    not_clear = asked_to_land_turned(0.5)
+    assert not not_clear.ok
+    clear = as_clear_as_it_lands(not_clear)
+    assert clear.ok
+    error = clear.request.pitch_error
+    assert clear.problem.jump == clear.request
+    assert 0.07 < error < 0.5
+    assert math.degrees(error) == pytest.approx(round(math.degrees(error), 1), abs=1e-9)
+    assert touchdown_height(clear, error) >= 0.0 > touchdown_height(clear, error + math.radians(0.11))
+    assert as_clear_as_it_lands(clear) is clear
+    assert touchdown_warning(clear.request) == []
+    chosen = go2_s()
+    monkeypatch.setattr(flight, "jump", lambda problem, **_: not_clear)
+    monkeypatch.setattr(touchdown, "USUAL", 0.5)
+    first = first_flight(chosen)
+    assert first.jump is not None
+    path = tmp_path / "go2.toml"
+    path.write_text(problem_file_text(chosen, first, path))
+    told = f"touches the ground where it lands up to {math.degrees(error):.2g} degrees off"
+    assert f"# Warning: Nothing but its feet {told}" in path.read_text()
+    again = fp.load_problem(path)
+    assert again.jump is not None
+    assert again.jump.pitch_error == pytest.approx(error)
+
+
+@needs_jumps
+def test_what_fails_elsewhere_is_no_jump_for_landing_less_turned() -> None:
+    """Torques take more than their share too."""
+    request = replace(backflip().request, pitch_error=0.4, margin={"torque": 0.1})
+    found = replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
+    assert as_clear_as_it_lands(found) is found
 
 
 @needs_jumps
