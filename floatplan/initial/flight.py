@@ -13,9 +13,9 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat, warnings_in_plane
 from floatplan.initial.apart import kept_apart
 from floatplan.initial.asked import GRAVITY, Asked, wrong
+from floatplan.initial.barely import as_clear_as_it_lands, barely_kept
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
-from floatplan.initial.touchdown import as_clear_as_it_lands, touchdown_warning
 from floatplan.planning.planner import plan
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, JointState, Landing, Motion, Posture, Takeoff
@@ -128,8 +128,7 @@ class FirstFlight:
     @property
     def warnings(self) -> list[str]:
         """What is not as it should be, in sentences."""
-        request = self.problem.jump
-        return [*(each.message for each in self.plan.warnings), *(touchdown_warning(request) if request else [])]
+        return [*(each.message for each in self.plan.warnings), *([] if self.jump is None else barely_kept(self.jump))]
 
     @property
     def turn(self) -> float:

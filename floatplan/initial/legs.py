@@ -62,8 +62,7 @@ class Leg:
         shank. A foot that is fixed to the shank has none: it stands on its tip; and neither has a wheel, or what has no
         geometry.
         """
-        link = self.robot.contact_link(self.robot.frames[self.foot].link)
-        if link is None or not self.robot.joint_tree.links[link].collisions:
+        if not self.robot.stands_on_geometry(self.robot.frames[self.foot].link):
             return None
         y = np.append(0.0, self.posture)
         home = self.robot.frames[self.foot]

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from floatplan.initial.afloat import FAST
+from floatplan.initial.barely import USUAL
 from floatplan.initial.flight import DIGITS, FirstFlight
 from floatplan.initial.robots import ChosenRobot
-from floatplan.initial.touchdown import USUAL
 from floatplan.problem.file import file_of
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture, SelfClearance
@@ -110,6 +110,9 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     if chosen.feet:
         held = " They are wheels that their joints hold: those are locked, and the wheels roll with the legs."
         lines += _comment(f"Feet: {', '.join(chosen.feet)}.{held if chosen.on_wheels else ''}")
+        bare = [foot for foot in chosen.feet if not robot.stands_on_geometry(robot.frames[foot].link)]
+        if bare:
+            lines += _comment(f"Without collision geometry in the file they stand on points: {', '.join(bare)}.")
     return lines
 
 

@@ -175,14 +175,12 @@ def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
             twin = name, Spot(each.body, each.local + (spot.place - home.local) * turned)
             found.setdefault(each.body, []).append(twin)
 
-    def shaped(link: str | None) -> bool:
-        return link is not None and bool(robot.joint_tree.links[link].collisions)
+    has_geometry = robot.stands_on_geometry(home.link)
 
     def unlike(twin: tuple[str, Spot]) -> tuple[bool, float]:
-        own = robot.contact_link(twin[0])
-        places = [corner.place for corner in corners(robot.link_hulls.get(own or "", ()))]
-        away = min([abs(place - twin[1].place) for place in places], default=np.inf)
-        return shaped(own) != shaped(robot.contact_link(home.link)), away
+        own = robot.link_hulls.get(robot.contact_link(twin[0]) or "", ())
+        away = min([abs(corner.place - twin[1].place) for corner in corners(own)], default=np.inf)
+        return robot.stands_on_geometry(twin[0]) != has_geometry, away
 
     return [min(twins, key=unlike) for twins in found.values()]
 

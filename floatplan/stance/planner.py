@@ -24,7 +24,7 @@ from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import flight_state
 from floatplan.stance.phases import instants
-from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.program import LIFT, LOW_LIFT, JumpProgram, Solution
 from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
 from floatplan.stance.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
 
@@ -106,6 +106,8 @@ def jump(
         missed = f"{FAILED}. {found.explanation} Searching on: "
         say = partial(lambda told, words: told(missed + words), say)
     answer, best, tried = _searched(setup, first, seed, starts, say)
+    if answer is None and setup.turn == 0.0:
+        answer = _low(setup, seed, say)
     if answer is not None and answer.ok:
         return answer
     until = 2 * process_time() - began
@@ -121,8 +123,13 @@ def jump(
         return _not_found(problem, asked, f"No jump was found in {counted}.")
     if not (gives and helps):
         return answer
-    told = replace(answer, explanation=f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
-    vars(told)["check"] = answer.check  # the motion is the same
+    return _saying(answer, f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
+
+
+def _saying(answer: Jump, explanation: str) -> Jump:
+    """The same motion, with its check, and what is said of it."""
+    told = replace(answer, explanation=explanation)
+    vars(told)["check"] = answer.check
     return told
 
 
@@ -188,6 +195,18 @@ def _searched(
         if answer.ok:
             break
     return answer, best, tried
+
+
+def _low(setup: Setup, seed: int, say: Callable[[str], None]) -> Jump | None:
+    """The hop in which feet rise by less, from the generic guess; None where it has none either."""
+    say(f"with feet that rise by {1e3 * LOW_LIFT:.0f} mm in place of {1e3 * LIFT:.0f} mm")
+    room = replace(ROOM, lift=LOW_LIFT)
+    first = setup.program(room)
+    found = solved(first, first.guess())
+    if not found[1].converged:
+        return None
+    answer = _corrected(setup, found, setup.program, seed, say, room)
+    return _saying(answer, f"{answer.explanation} Its feet were asked to rise by {1e3 * LOW_LIFT:.0f} mm only.")
 
 
 def _merit(answer: Jump) -> tuple[bool, bool, float]:
@@ -267,9 +286,7 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
     share = _largest_share(found, check) if request.objective == "limits" else 0.0
     told = f" Of what the margins leave the jump takes {share:.0%}." if share else ""
     held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
-    answer = replace(found, explanation=held)
-    vars(answer)["check"] = check  # the motion is the same
-    return answer
+    return _saying(found, held)
 
 
 def _largest_share(jump: Jump, check: JumpCheck) -> float:
