@@ -281,8 +281,8 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
             feet.setdefault(robot.contact_link(robot.frames[frame].link), []).append(spot)
     watched = [
         corner
-        for link, hull in robot.link_hulls.items()
-        for corner in corners(hull)
+        for link in robot.touching_links
+        for corner in corners(robot.link_hulls[link])
         if not near_contact(corner, feet.get(link, []))
     ]
     landing = jump.after[0].span[0]

@@ -12,12 +12,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from jumps import INSTALLED, backflip, go2_problem
+from legged_samples import biped, fixed, link
 from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
+from floatplan.initial.asked import Asked
+from floatplan.initial.flight import jump_problem
+from floatplan.initial.robots import chosen_robot
 from floatplan.robot import Robot
-from floatplan.stance.check import TOUCHDOWN
+from floatplan.robot.standing import corners, undersides
+from floatplan.stance.check import TOUCHDOWN, touchdown_height
 from floatplan.stance.contacts import is_ground
 from floatplan.stance.planner import _largest_share
 from floatplan.stance.setup import jump_setup
@@ -74,6 +79,29 @@ def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path: 
     assert old.request.pitch_error == 0
     assert "touchdown" not in old.check.figures
     assert old.ok
+
+
+def test_lines_beside_a_foot_s_geometry_touch_nothing_where_it_lands_turned(tmp_path: Path) -> None:
+    """An ankle without geometry, whose foot is fixed to it at an origin 6 mm below the sole."""
+    text, more = biped(foot="sole", knee=(0.0, 2.4)).replace("0.03 0 -0.035", "0 0 0.021"), []
+    for side in ("left", "right"):
+        text = text.replace(f'<child link="{side}_foot"/>', f'<child link="{side}_ankle_link"/>')
+        more += [
+            link(f"{side}_ankle_link", 0.1),
+            fixed(f"{side}_end", f"{side}_ankle_link", f"{side}_foot", "0.03 0 -0.05"),
+        ]
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.replace("</robot>", "".join(more) + "</robot>"))
+    chosen = chosen_robot(path)
+    found = fp.jump(jump_problem(chosen, 0, Asked()), starts=1, helps=False)
+    assert found.ok, found.explanation
+    y, ends = np.append(0.0, chosen.posture), corners(chosen.robot.link_hulls["left_ankle_link"])
+    under = (
+        undersides(chosen.robot, ends, y).min()
+        - undersides(chosen.robot, corners(chosen.robot.link_hulls["left_foot"]), y).min()
+    )
+    assert under < -0.005
+    assert touchdown_height(found, 0.05) > 0.01
 
 
 def test_the_ground_s_force_grows_gently_after_touchdown() -> None:
