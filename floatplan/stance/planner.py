@@ -32,6 +32,7 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
+MOST_WITHOUT_FLIGHT = 2  # [-] programs whose flight is not found: more nodes do not bring it nearer
 INSTANTS = 1001  # [-] of the flight, where its shares of limits are measured
 FAILED = "no jump was found near the one at hand"
 MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
@@ -252,6 +253,7 @@ def _corrected(
     """The jump of a program's solution, else of one with more nodes; ``say`` is told which of them is at work."""
     programs = 1 + CORRECTIONS
     number = 1
+    without_flight = 0
 
     def finer(room: Room) -> JumpProgram:
         nonlocal number
@@ -261,8 +263,11 @@ def _corrected(
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
+        nonlocal without_flight
         answer = completed(setup, program, solution, seed)
-        return answer, None if answer.ok else answer.check.figures
+        without_flight += answer.flight is None
+        given_up = without_flight == MOST_WITHOUT_FLIGHT
+        return answer, None if answer.ok or given_up else answer.check.figures
 
     return corrected(room, setup.request, found, finer, complete)
 
