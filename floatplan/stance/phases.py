@@ -228,7 +228,11 @@ def _polished(levels: Callable[[Array], Array], y: Array) -> Array:
     At rest on one point nothing but the posture puts the centre of mass over it: what it is off by is a moment that no
     force takes up.
     """
-    found = least_squares(lambda q: levels(np.append(y[0], q)), y[1:], ftol=EXACT, xtol=EXACT, gtol=EXACT)
+
+    def of_joints(joints: Array) -> Array:
+        return levels(np.append(y[0], joints))
+
+    found = least_squares(of_joints, y[1:], ftol=EXACT, xtol=EXACT, gtol=EXACT)
     return np.append(y[0], found.x)
 
 

@@ -173,7 +173,7 @@ class Setup:
     @property
     def turn(self) -> float:
         """Of the base, from where it stands to where it stands again, in whole turns, rad."""
-        return TURN * round((self.standing[-1, 0] - self.standing[0, 0]) / TURN)
+        return TURN * round(float(self.standing[-1, 0] - self.standing[0, 0]) / TURN)
 
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""

@@ -22,9 +22,11 @@ from floatplan.initial.flight import jump_problem
 from floatplan.initial.robots import chosen_robot
 from floatplan.robot import Robot
 from floatplan.robot.standing import corners, undersides
+from floatplan.stance import planner
 from floatplan.stance.check import TOUCHDOWN, touchdown_height
 from floatplan.stance.contacts import is_ground
-from floatplan.stance.planner import _largest_share
+from floatplan.stance.jump import Jump
+from floatplan.stance.planner import _largest_share, _merit
 from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
@@ -79,6 +81,36 @@ def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path: 
     assert old.request.pitch_error == 0
     assert "touchdown" not in old.check.figures
     assert old.ok
+
+
+def test_of_two_that_do_not_hold_the_one_that_lacks_room_where_it_lands_is_kept() -> None:
+    """It is a jump for somebody who asks for a smaller pitch error. One that holds goes before it."""
+
+    def asked(**of_request: Any) -> Jump:
+        return replace(backflip(), request=replace(backflip().request, **of_request))
+
+    turned, weak = asked(pitch_error=0.5), asked(pitch_error=0.5, margin={"torque": 0.1})
+    nothing = Jump(backflip().problem, backflip().request)
+    assert not turned.ok
+    assert max(nothing, turned, weak, key=_merit) is turned
+    assert max(backflip(), turned, key=_merit) is backflip()
+
+
+def test_where_two_programs_have_no_flight_no_third_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = go2_problem(0)
+    figures: list[Any] = []
+
+    def tried(room: Any, request: Any, found: Any, finer: Any, complete: Any) -> Jump:
+        for _ in range(2):
+            answer, of_check = complete(None, None)
+            figures.append(of_check)
+        return answer
+
+    monkeypatch.setattr(planner, "completed", lambda *_: Jump(problem, fp.JumpRequest()))
+    monkeypatch.setattr(planner, "corrected", tried)
+    setup = jump_setup(problem, fp.JumpRequest())
+    planner._corrected(setup, (None, None), setup.program, 0, lambda _: None)  # type: ignore[arg-type]
+    assert figures == [{}, None], "the second one ends it"
 
 
 def test_lines_beside_a_foot_s_geometry_touch_nothing_where_it_lands_turned(tmp_path: Path) -> None:
