@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -306,7 +305,7 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
         point.times = begin + duration * np.linspace(0.0, 1.0, len(point.times))
         for _ in range(FOLLOWED):
             end = np.stack((first[0] + moved, rates, accelerations))
-            joints = partial(quintic, span=point.times[[0, -1]], first=first, last=end)
+            joints = [quintic(times, point.times[[0, -1]], first, end) for times in point.sampled]
             found = point.follow(joints, start)
             if not np.isfinite(found).all() or abs(found[1, 0, -1]) > FASTEST:
                 return None

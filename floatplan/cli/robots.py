@@ -233,8 +233,8 @@ def init(
     write_atomically(path, text)
     if not quiet:
         typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
-        for warning in flight.plan.warnings:
-            typer.echo(f"warning: {warning.message}", err=True)
+        for warning in flight.warnings:
+            typer.echo(f"warning: {warning}", err=True)
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)

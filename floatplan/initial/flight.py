@@ -13,6 +13,7 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, turns_afloat, warnings_in_plane
 from floatplan.initial.apart import kept_apart
 from floatplan.initial.asked import GRAVITY, Asked, wrong
+from floatplan.initial.barely import as_clear_as_it_lands, barely_kept
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.planning.planner import plan
@@ -123,6 +124,11 @@ class FirstFlight:
     plan: Plan
     reasons: tuple[str, ...]
     jump: Jump | None = None
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is not as it should be, in sentences."""
+        return [*(each.message for each in self.plan.warnings), *([] if self.jump is None else barely_kept(self.jump))]
 
     @property
     def turn(self) -> float:
@@ -272,7 +278,7 @@ def _jump(
     """
     try:
         problem = jump_problem(chosen, turns * int(chosen.robot.plane.turn), asked)
-        found = jump(problem, seed=seed, starts=1, helps=helps, progress=say)
+        found = as_clear_as_it_lands(jump(problem, seed=seed, starts=1, helps=helps, progress=say))
         found = _links_apart(found, seed, _following(say, "links apart"))
         if not found.ok or found.flight is None:
             return found.explanation

@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.robot.robot import Robot
-from floatplan.robot.standing import FLAT, SOLE, Spot, corners, heights_over_com
+from floatplan.robot.standing import FLAT, SOLE, Spot, corners, heights_over_com, may_roll, out_of_round
 
 NO_LENGTH = 0.05  # [-] of a leg's length: joints that are no farther apart than that are at one place
 SAMPLES = 128  # [-] of a leg's postures
@@ -59,12 +59,16 @@ class Leg:
         """Both ends of the foot's sole, which is below the way from the first to the second.
 
         It is the side of the foot on which it stands, as flat as soles are, that is longest and faces away from the
-        shank. A foot that is fixed to the shank has none: it stands on its tip; and neither has one without geometry.
+        shank. A foot that is fixed to the shank has none: it stands on its tip; and neither has a wheel, or what has no
+        geometry.
         """
-        link = self.robot.contact_link(self.robot.frames[self.foot].link)
-        if link is None or not self.robot.joint_tree.links[link].collisions:
+        if not self.robot.stands_on_geometry(self.robot.frames[self.foot].link):
             return None
         y = np.append(0.0, self.posture)
+        home = self.robot.frames[self.foot]
+        radius = max(abs(each.place - home.local) + each.radius for each in self.corners)
+        if may_roll(out_of_round(self.robot, self.foot, Spot(home.body, home.local), radius, y), radius):
+            return None
         origins = self._distinct(y)
         if len(origins) < 3 or origins[-1] != Spot(self.bodies[-1], 0j):
             return None

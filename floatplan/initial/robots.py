@@ -97,7 +97,7 @@ def chosen_robot(
     chosen = _in_best_plane(source, given, reference, known.planes, foot)
     chosen = replace(chosen, postures=(*known.references, *known.others)[:MOST_POSTURES])
     if not chosen.feet:
-        chosen = _on_wheels(source, chosen)
+        chosen = _on_wheels(source, chosen, given)
     others = [] if "reference" in given else [*references[1:], *known.others]
     return _standing(source, chosen, foot, posture or {}, others)
 
@@ -157,20 +157,25 @@ def _in_best_plane(
     return max(tried, key=_merit)
 
 
-def _on_wheels(source: str | Path, chosen: ChosenRobot) -> ChosenRobot:
+def _on_wheels(source: str | Path, chosen: ChosenRobot, given: Mapping[str, Any]) -> ChosenRobot:
     """The robot on the wheels of legs that step, where it has such: their joints hold them, and are locked for that."""
     own = {name for name in wheels(chosen.robot) if name in (*chosen.robot.joints, *chosen.robot.coupled)}
-    if not own or "joints" in chosen.choices:
+    if not own or "joints" in given:
         return chosen
-    locked = {**dict.fromkeys(sorted(own), 0.0), **chosen.choices.get("locked", {})}
+    choices = {**chosen.choices, "locked": {**dict.fromkeys(sorted(own), 0.0), **chosen.choices.get("locked", {})}}
+    if "joints" in choices:
+        choices["joints"] = [name for name in choices["joints"] if name not in own]
     try:
-        robot = Robot.from_file(source, **{**chosen.choices, "locked": locked})
+        robot = Robot.from_file(source, **choices)
+        # with wheels that turn, no joint above them is where it would tilt them; nor is it with wheels that are held
+        upright = {name: at for name, at in chosen.robot.locked.items() if robot.locked[name] != at}
+        if upright:
+            choices["locked"] |= upright
+            robot = Robot.from_file(source, **choices)
         standing_on = wheel_feet(robot)
     except InputError:
         return chosen
-    if not standing_on:
-        return chosen
-    return replace(chosen, robot=robot, choices={**chosen.choices, "locked": locked}, feet=standing_on, on_wheels=True)
+    return replace(chosen, robot=robot, choices=choices, feet=standing_on, on_wheels=True) if standing_on else chosen
 
 
 def _standing(

@@ -24,6 +24,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.errors import InputError
 from floatplan.initial.legs import Leg
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.robot.standing import Spot, corners, spot_weights
@@ -103,7 +104,10 @@ def _written(reference: Array, given: Mapping[int, float]) -> Array:
 def posture_fault(robot: Robot, feet: Sequence[str], positions: Array, limits: Array) -> str:
     """Return why a robot cannot jump from a posture (n,) rad, or the static one next to it; empty where it can."""
     y = np.append(0.0, positions)
-    contacts = [contact for foot in feet for contact in contact_at(robot, foot, y)]
+    try:
+        contacts = [contact for foot in feet for contact in contact_at(robot, foot, y)]
+    except InputError as error:  # a frame on which nothing stands in this posture
+        return error.reason
     floating = in_the_air(robot, contacts, y, FAR)
     if floating:
         return floating
@@ -175,7 +179,10 @@ def sought_posture(
 def _rounded(robot: Robot, feet: Sequence[str], positions: Array, limits: Array) -> Array | None:
     """The static posture next to one, in round numbers of degrees; None where it is none to jump from."""
     y = np.append(0.0, positions)
-    contacts: list[Contact] = [contact for foot in feet for contact in contact_at(robot, foot, y)]
+    try:
+        contacts: list[Contact] = [contact for foot in feet for contact in contact_at(robot, foot, y)]
+    except InputError:
+        return None
     static = standing_posture(robot, contacts, y, _bounds(limits))
     if static is None:
         return None

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.initial.afloat import FAST
+from floatplan.initial.barely import USUAL
 from floatplan.initial.flight import DIGITS, FirstFlight
 from floatplan.initial.robots import ChosenRobot
 from floatplan.problem.file import file_of
@@ -24,6 +25,7 @@ from floatplan.robot.wheels import explain_wheels, wheels
 
 USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
 WIDTH = 110  # [-] characters of a comment
+PITCH = "  # degrees, by which it may be turned where it lands, with nothing but feet on the ground"
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -64,7 +66,7 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
         f" found too, and checked 2000 times a second: they {shares}."
     )
-    told = [line for warning in flight.plan.warnings for line in _comment(f"Warning: {warning.message}")]
+    told = [line for warning in flight.warnings for line in _comment(f"Warning: {warning}")]
     return [*_comment(what), *_comment(checked), *told, *_comment(" ".join(flight.reasons))]
 
 
@@ -108,6 +110,9 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     if chosen.feet:
         held = " They are wheels that their joints hold: those are locked, and the wheels roll with the legs."
         lines += _comment(f"Feet: {', '.join(chosen.feet)}.{held if chosen.on_wheels else ''}")
+        bare = [foot for foot in chosen.feet if not robot.stands_on_geometry(robot.frames[foot].link)]
+        if bare:
+            lines += _comment(f"Without collision geometry in the file they stand on points: {', '.join(bare)}.")
     return lines
 
 
@@ -165,6 +170,7 @@ def _jump(jump: JumpRequest, chosen: ChosenRobot) -> list[list[str]]:
             f"margin = {{ {margin} }}{shares}",
             *([f"fixed = {_value(list(jump.fixed))}"] if jump.fixed else []),
             *([f"feet = {_value(jump.feet)}"] if jump.feet != "auto" else []),
+            *([f"pitch_error = {_degrees(jump.pitch_error)}{PITCH}"] if jump.pitch_error != USUAL else []),
         ],
         [
             "[jump.takeoff]",

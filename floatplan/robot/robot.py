@@ -473,6 +473,11 @@ class Robot:
             link = joint.parent
         return link if link in shaped else None
 
+    def stands_on_geometry(self, link: str) -> bool:
+        """Whether that with which a link stands on the ground has collision geometry, and is no line between joints."""
+        own = self.contact_link(link)
+        return own is not None and bool(self.joint_tree.links[own].collisions)
+
     def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
         """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
 

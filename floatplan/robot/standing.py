@@ -88,7 +88,8 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
     """Return the points on which a frame's link stands: the frame's origin; or toe and heel where it has a sole.
 
     Where that origin is high above the ground or below it, it is the middle of the shape's lowest end, its tip, as of a
-    ball; and where the link has no geometry, so that it is a line from there to its end.
+    ball; and where the link has no geometry, so that it is a line from there to its end. A wheel about its frame
+    stands on that whatever its radius.
 
     Parameters
     ----------
@@ -108,6 +109,9 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
         return (StandingPoint("", origin, 0.0),)
     places, under = heights_over_com(robot, ends, y), undersides(robot, ends, y)
     ground = float(under.min())
+    depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
+    if may_roll(out_of_round(robot, frame, origin, depth, y), depth):  # large wheels are flat as soles, nearly
+        return (StandingPoint("", origin, depth),)
     low = np.flatnonzero(under < ground + FLAT)
     rear = low[places.real[low].argmin()]
     front = low[places.real[low].argmax()]
@@ -117,7 +121,6 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
             for suffix, at in ((TOE, front), (HEEL, rear))
         )
         return toe, heel
-    depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
     link = robot.contact_link(home.link)
     is_line = link is not None and not robot.joint_tree.links[link].collisions
     if -POINT_FEET <= depth <= (POINT_FEET if is_line else HIGHEST):

@@ -132,7 +132,9 @@ def _checked(jump: JumpMotion) -> JumpCheck:
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
     flown = flight_state(jump.flight, jump.takeoff_time, times)
     flight = _surroundings(jump, flown, min(grounds))
-    figures = _worst([*_stances(jump), *_touchdown(jump), *flight, *_seams(jump), ("level", np.ptp(grounds))])
+    error = jump.request.pitch_error
+    touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
+    figures = _worst([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
     unlimited = _unlimited(jump.problem)
     broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures, unlimited))
     if not jump.flight.ok:
@@ -257,13 +259,21 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
             yield "obstacles", least
 
 
-def _touchdown(jump: JumpMotion) -> Iterator[Value]:
-    """Least height over the ground of all but feet, m, of a robot that lands turned about its feet.
+def touchdown_height(jump: JumpMotion, error: float) -> float:
+    """Least height over the ground of all but feet, m, of a robot that lands turned by an error, rad, about its feet.
+
+    It is infinite of a robot that is all feet.
+    """
+    return min(_touchdown(jump, error), default=np.inf)
+
+
+def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
+    """Least heights over the ground of all but feet, m, of a robot that lands turned by an error, rad, about its feet.
 
     The robot is turned as a rigid body, either way, until one of its feet is on the ground: the one that is the lowest
     then, whether it stands at that time or is still to come.
     """
-    error, robot = jump.request.pitch_error, jump.problem.robot
+    robot = jump.problem.robot
     contacts = list({each.name: each for stance in jump.stances for each in stance.contacts}.values())
     feet: dict[str | None, list[Spot]] = {}
     for contact in contacts:
@@ -271,12 +281,12 @@ def _touchdown(jump: JumpMotion) -> Iterator[Value]:
             feet.setdefault(robot.contact_link(robot.frames[frame].link), []).append(spot)
     watched = [
         corner
-        for link, hull in robot.link_hulls.items()
-        for corner in corners(hull)
+        for link in robot.touching_links
+        for corner in corners(robot.link_hulls[link])
         if not near_contact(corner, feet.get(link, []))
     ]
     landing = jump.after[0].span[0]
-    for stance in jump.after if error and watched else ():
+    for stance in jump.after if watched else ():
         begin, end = stance.span[0], min(stance.span[1], landing + TOUCHDOWN)
         if begin >= end:
             continue
@@ -289,7 +299,7 @@ def _touchdown(jump: JumpMotion) -> Iterator[Value]:
         for sign in (1.0, -1.0):
             turn = np.exp(1j * sign * error)
             ground = ((of_feet * turn).imag - depths).min(axis=1)
-            yield "touchdown", ((places * turn).imag - radii - ground[:, None]).min()
+            yield float(((places * turn).imag - radii - ground[:, None]).min())
 
 
 def _seams(jump: JumpMotion) -> Iterator[Value]:

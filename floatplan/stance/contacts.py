@@ -156,7 +156,8 @@ def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
 def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
     """Links on other bodies that move as the frame does, and the point of each that is where ``spot`` is.
 
-    Of several on a body that is whose own shape has a corner nearest to the point.
+    Of several on a body that is one with geometry where the frame's link has it, and whose own shape has a corner
+    nearest to the point.
     """
     tree, home = robot.tree, robot.frames[frame]
     alike = [
@@ -174,11 +175,14 @@ def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
             twin = name, Spot(each.body, each.local + (spot.place - home.local) * turned)
             found.setdefault(each.body, []).append(twin)
 
-    def away(twin: tuple[str, Spot]) -> float:
-        own = robot.link_hulls.get(robot.contact_link(twin[0]) or "", ())
-        return min([abs(corner.place - twin[1].place) for corner in corners(own)], default=np.inf)
+    has_geometry = robot.stands_on_geometry(home.link)
 
-    return [min(twins, key=away) for twins in found.values()]
+    def unlike(twin: tuple[str, Spot]) -> tuple[bool, float]:
+        own = robot.link_hulls.get(robot.contact_link(twin[0]) or "", ())
+        away = min([abs(corner.place - twin[1].place) for corner in corners(own)], default=np.inf)
+        return robot.stands_on_geometry(twin[0]) != has_geometry, away
+
+    return [min(twins, key=unlike) for twins in found.values()]
 
 
 def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:

@@ -8,7 +8,7 @@ with feet at rest and the robot in free fall; on one point alone, joints are cha
 All this is done on a fine grid, between which quintics are as good as exact.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
@@ -185,19 +185,29 @@ class OnePoint:
         forward = ca.Function("step", [state, joints, step], [state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
         self._steps = forward.mapaccum(SUBSTEPS * (len(times) - 1))
 
-    def follow(self, joints: Callable[[Array], Any], start: tuple[float, float]) -> Array:
+    @property
+    def _fine(self) -> Array:
+        """Times of the steps, s."""
+        return refined(self.times, SUBSTEPS)
+
+    @property
+    def sampled(self) -> tuple[Array, ...]:
+        """Times, s, at which joints have to be known: of the steps' begins, middles and ends, and ``times``."""
+        fine = self._fine
+        return fine[:-1], fine[:-1] + np.diff(fine) / 2, fine[1:], self.times
+
+    def follow(self, joints: Sequence[Array], start: tuple[float, float]) -> Array:
         """Return y, v, a (3, n+1, G) at the times.
 
         Parameters
         ----------
-        joints : function of times (N,) that returns q, q', q'' (n, N)
+        joints : q, q', q'' (3, n, N) at each of the times in ``sampled``
         start : orientation and its rate at the first time
         """
-        fine = refined(self.times, SUBSTEPS)
-        steps = np.diff(fine)
-        stages = [np.concatenate(joints(each)) for each in (fine[:-1], fine[:-1] + steps / 2, fine[1:])]
-        found = np.asarray(self._steps(np.array(start), np.concatenate(stages), steps[None]))
-        motion = np.insert(np.stack(joints(self.times)), 0, 0.0, axis=1)
+        *stages, at_times = joints
+        steps = np.diff(self._fine)
+        found = np.asarray(self._steps(np.array(start), np.concatenate(stages).reshape(-1, len(steps)), steps[None]))
+        motion = np.insert(at_times, 0, 0.0, axis=1)
         motion[:2, 0] = np.insert(found[:, SUBSTEPS - 1 :: SUBSTEPS], 0, start, axis=1)
         motion[2, 0] = self.dynamics.turned(*motion)
         return motion
@@ -304,16 +314,19 @@ def _one_point(
     scale = np.array([[1.0], [1 / span], [1 / span**2]])
     rows = [] if beyond is None else [each - 1 for each in beyond.dependent]
 
-    def follow(unknown: Array) -> Array:
-        def joints(times: Array) -> Array:
-            found = nodes.at(times)[:, 1:]
-            if beyond is None:
-                return found + _bumps(times, ends, unknown.reshape(n, 2))
-            change = scale * unknown.reshape(3, -1)
-            found[:, rows] += quintic(times, ends, *(change, 0 * change)[::way])
-            return found
+    sampled = stance.sampled
+    planned = [nodes.at(times)[:, 1:] for times in sampled]
 
-        return stance.follow(joints, meeting)
+    def follow(unknown: Array) -> Array:
+        changed = []
+        for times, joints in zip(sampled, planned, strict=True):
+            if beyond is None:
+                changed.append(joints + _bumps(times, ends, unknown.reshape(n, 2)))
+                continue
+            change, found = scale * unknown.reshape(3, -1), joints.copy()
+            found[:, rows] += quintic(times, ends, *(change, 0 * change)[::way])
+            changed.append(found)
+        return stance.follow(changed, meeting)
 
     def residual(unknown: Array) -> Array:
         last = follow(unknown)[:, :, -1:]

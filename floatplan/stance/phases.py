@@ -1,12 +1,12 @@
 """Phases of a jump: which contacts stand when, for how long; and the standing posture at both ends."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import Bounds, NonlinearConstraint, minimize
+from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
@@ -26,6 +26,7 @@ GENTLE = 0.1  # [-] of a phase's duration, at its end next to the flight, in whi
 ATTEMPTS = 10  # [-] random postures from which a standing one is looked for
 UNSTEADY = 1.0  # [-] cost of time on one point, over sqrt(height / g): there errors grow by a factor e in as much
 STILL = 1e-6  # [m] what counts as level
+EXACT = 1e-14  # [-] of the search for what is as level as numbers are
 
 Side = Literal["takeoff", "flight", "landing"]
 
@@ -200,7 +201,7 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
         return inside and bool(np.abs(levels(positions)).max(initial=0.0) < STILL)
 
     if stands(wanted) and (limits[:, 0] <= wanted).all() and (wanted <= limits[:, 1]).all():
-        return wanted
+        return _polished(levels, wanted) if one else wanted
     constraints = [NonlinearConstraint(levels, 0.0, 0.0)]
     if not one:
         constraints.append(NonlinearConstraint(span, 0.0, np.inf))
@@ -217,8 +218,22 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
             options={"ftol": 1e-12, "maxiter": 200},
         )
         if stands(found.x):
-            return np.asarray(found.x)
+            return _polished(levels, found.x) if one else np.asarray(found.x)
     return None
+
+
+def _polished(levels: Callable[[Array], Array], y: Array) -> Array:
+    """Return the posture (n+1,) next to one whose ``levels`` nearly vanish, in which they do; the base stays.
+
+    At rest on one point nothing but the posture puts the centre of mass over it: what it is off by is a moment that no
+    force takes up.
+    """
+
+    def of_joints(joints: Array) -> Array:
+        return levels(np.append(y[0], joints))
+
+    found = least_squares(of_joints, y[1:], ftol=EXACT, xtol=EXACT, gtol=EXACT)
+    return np.append(y[0], found.x)
 
 
 def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:

@@ -16,7 +16,7 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import FIGURES, SHARES, JumpCheck, limit_shares
+from floatplan.stance.check import FIGURES, SHARES, JumpCheck, judged, limit_shares
 from floatplan.stance.exact import NoExactStanceError, exact_stances, released
 from floatplan.stance.exchange import solved
 from floatplan.stance.flight import flight_problem, planned_flight, tighter_limits
@@ -24,7 +24,7 @@ from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import flight_state
 from floatplan.stance.phases import instants
-from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.program import LIFT, LOW_LIFT, JumpProgram, Solution
 from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
 from floatplan.stance.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
 
@@ -32,6 +32,7 @@ ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what it
 STARTS = 4
 WORK = 300  # [-] times the starts: iterations after which no other is tried
 BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
+MOST_WITHOUT_FLIGHT = 2  # [-] programs whose flight is not found: more nodes do not bring it nearer
 INSTANTS = 1001  # [-] of the flight, where its shares of limits are measured
 FAILED = "no jump was found near the one at hand"
 MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
@@ -106,6 +107,8 @@ def jump(
         missed = f"{FAILED}. {found.explanation} Searching on: "
         say = partial(lambda told, words: told(missed + words), say)
     answer, best, tried = _searched(setup, first, seed, starts, say)
+    if answer is None and setup.turn == 0.0:
+        answer = _low(setup, seed, say)
     if answer is not None and answer.ok:
         return answer
     until = 2 * process_time() - began
@@ -121,8 +124,13 @@ def jump(
         return _not_found(problem, asked, f"No jump was found in {counted}.")
     if not (gives and helps):
         return answer
-    told = replace(answer, explanation=f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
-    vars(told)["check"] = answer.check  # the motion is the same
+    return _saying(answer, f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
+
+
+def _saying(answer: Jump, explanation: str) -> Jump:
+    """The same motion, with its check, and what is said of it."""
+    told = replace(answer, explanation=explanation)
+    vars(told)["check"] = answer.check
     return told
 
 
@@ -184,10 +192,32 @@ def _searched(
             found = solved(program, program.guess(_generator(seed, start)))
             spent += found[1].iterations
             if found[1].converged:
-                answer = _corrected(setup, found, setup.program, seed, say, room)
+                answer = max(answer, _corrected(setup, found, setup.program, seed, say, room), key=_merit)
         if answer.ok:
             break
     return answer, best, tried
+
+
+def _low(setup: Setup, seed: int, say: Callable[[str], None]) -> Jump | None:
+    """The hop in which feet rise by less, from the generic guess; None where it has none either."""
+    say(f"with feet that rise by {1e3 * LOW_LIFT:.0f} mm in place of {1e3 * LIFT:.0f} mm")
+    room = replace(ROOM, lift=LOW_LIFT)
+    first = setup.program(room)
+    found = solved(first, first.guess())
+    if not found[1].converged:
+        return None
+    answer = _corrected(setup, found, setup.program, seed, say, room)
+    return _saying(answer, f"{answer.explanation} Its feet were asked to rise by {1e3 * LOW_LIFT:.0f} mm only.")
+
+
+def _merit(answer: Jump) -> tuple[bool, bool, float]:
+    """Whether a jump is found; whether nothing fails but at touchdown, where it lands turned; and how high it is there.
+
+    Such a one is a jump for somebody who asks for less there.
+    """
+    height, least = answer.check.figures.get("touchdown", 0.0), FIGURES["touchdown"].most(answer.request)
+    failing, _ = judged(answer.request, answer.check.figures, answer.check.unlimited)
+    return answer.ok, answer.flight is not None and len(failing) == 1 and height < least, height
 
 
 def _generator(seed: int, start: int) -> np.random.Generator | None:
@@ -223,6 +253,7 @@ def _corrected(
     """The jump of a program's solution, else of one with more nodes; ``say`` is told which of them is at work."""
     programs = 1 + CORRECTIONS
     number = 1
+    without_flight = 0
 
     def finer(room: Room) -> JumpProgram:
         nonlocal number
@@ -232,8 +263,11 @@ def _corrected(
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
+        nonlocal without_flight
         answer = completed(setup, program, solution, seed)
-        return answer, None if answer.ok else answer.check.figures
+        without_flight += answer.flight is None
+        given_up = without_flight == MOST_WITHOUT_FLIGHT
+        return answer, None if answer.ok or given_up else answer.check.figures
 
     return corrected(room, setup.request, found, finer, complete)
 
@@ -257,9 +291,7 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
     share = _largest_share(found, check) if request.objective == "limits" else 0.0
     told = f" Of what the margins leave the jump takes {share:.0%}." if share else ""
     held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
-    answer = replace(found, explanation=held)
-    vars(answer)["check"] = check  # the motion is the same
-    return answer
+    return _saying(found, held)
 
 
 def _largest_share(jump: Jump, check: JumpCheck) -> float:

@@ -40,8 +40,10 @@ from floatplan.stance.rows import (
     hermite_step,
 )
 from floatplan.stance.separation import SLIGHT, Separation
+from floatplan.tables import POINT_FEET
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
+LOW_LIFT = 2 * POINT_FEET  # [m] of hops that do not reach that: the legs of slow motors extend by 0.5 m/s at most
 CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
@@ -113,6 +115,7 @@ class JumpProgram:
     momentum : kg m^2/s, where it is given
     limits : whether the factor on limits is least, instead of squared torques
     iterations : of IPOPT at most
+    lift : of feet in the middle of the flight, m
     """
 
     def __init__(
@@ -123,13 +126,14 @@ class JumpProgram:
         momentum: float | None = None,
         limits: bool = False,
         iterations: int = ITERATIONS,
+        lift: float = LIFT,
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations, self._warm = limits, iterations, False
+        self._limits, self._iterations, self._lift, self._warm = limits, iterations, lift, False
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -338,7 +342,7 @@ class JumpProgram:
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
         times = duration * ca.DM(phase.shares).T
         heights = z0 + vz0 * times - gravity * times**2 / 2
-        lifts = LIFT * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
+        lifts = self._lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node.flight()
         values, cost = rows.calls(function, y, v, a)
         feet = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])

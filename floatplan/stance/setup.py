@@ -40,7 +40,7 @@ from floatplan.stance.phases import (
     standing_posture,
     static_beyond_ranges,
 )
-from floatplan.stance.program import ITERATIONS, JumpProgram, Solution
+from floatplan.stance.program import ITERATIONS, LIFT, JumpProgram, Solution
 from floatplan.stance.rows import LEAST_FORCE, Bounds, NodeRows
 from floatplan.stance.separation import ROOM, Separation
 
@@ -72,6 +72,7 @@ class Room:
     pressed : least vertical force over the weight, where more than one contact stands
     turned : whether rows keep the robot above the ground where it lands turned by the pitch error
         Most landings do without them, and a program with them is slower and finds fewer jumps.
+    lift : of feet in the middle of the flight, m
     """
 
     torque: float
@@ -83,6 +84,7 @@ class Room:
     apart: float = ROOM
     pressed: float = LEAST_FORCE
     turned: bool = False
+    lift: float = LIFT
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -168,6 +170,11 @@ class Setup:
             for contact in phase.others:
                 phase.own_joints(self.problem.robot.tree, contact)
 
+    @property
+    def turn(self) -> float:
+        """Of the base, from where it stands to where it stands again, in whole turns, rad."""
+        return TURN * round(float(self.standing[-1, 0] - self.standing[0, 0]) / TURN)
+
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
@@ -200,7 +207,7 @@ class Setup:
         origin = problem.takeoff.place_in_plane
         parts = problem.obstacles, problem.self_clearances, origin, origin[1] - self._height_of_origin, room.apart
         limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
-        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations)
+        return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations, room.lift)
 
     @property
     def _height_of_origin(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,18 +10,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from jumps import GO2, INSTALLED, backflip
+from legged_samples import biped
 
 import floatplan as fp
-from floatplan.initial import flight
+from floatplan.initial import barely, flight
 from floatplan.initial.afloat import turns_afloat
+from floatplan.initial.asked import Asked
+from floatplan.initial.barely import as_clear_as_it_lands, barely_kept, feet_rise
 from floatplan.initial.flight import FirstFlight, first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning
+from floatplan.stance import planner
+from floatplan.stance.check import touchdown_height
 from floatplan.stance.jump import Jump
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
@@ -100,6 +107,91 @@ def test_a_jump_that_was_found_is_not_exchanged_for_its_warnings(monkeypatch: py
     assert [problem.ground for problem in plans] == [False, True]
     text = problem_file_text(chosen, first, Path("go2.toml"))
     assert "# Warning: FL_calf_joint needs more torque." in text
+
+
+def asked_to_land_turned(error: float) -> Jump:
+    """The Go2's backflip as one that has to be clear of the ground where it lands turned by so much, rad."""
+    request = replace(backflip().request, pitch_error=error)
+    return replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
+
+
+@needs_jumps
+def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_keeps(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It is written with the largest error at which it is clear, and a warning where that is less than usual."""
+    not_clear = asked_to_land_turned(0.5)
+    assert not not_clear.ok
+    clear = as_clear_as_it_lands(not_clear)
+    assert clear.ok
+    error = clear.request.pitch_error
+    assert clear.problem.jump == clear.request
+    assert 0.07 < error < 0.5
+    assert math.degrees(error) == pytest.approx(round(math.degrees(error), 1), abs=1e-9)
+    assert touchdown_height(clear, error) >= 0.0 > touchdown_height(clear, error + math.radians(0.11))
+    assert as_clear_as_it_lands(clear) is clear
+    assert barely_kept(clear) == []
+    chosen = go2_s()
+    monkeypatch.setattr(flight, "jump", lambda problem, **_: not_clear)
+    monkeypatch.setattr(barely, "USUAL", 0.5)
+    first = first_flight(chosen)
+    assert first.jump is not None
+    path = tmp_path / "go2.toml"
+    path.write_text(problem_file_text(chosen, first, path))
+    told = f"touches the ground where it lands turned by {math.degrees(error):.2g} degrees at most"
+    assert f"# Warning: Nothing but its feet {told}" in path.read_text()
+    again = fp.load_problem(path)
+    assert again.jump is not None
+    assert again.jump.pitch_error == pytest.approx(error)
+
+
+@needs_jumps
+def test_what_fails_elsewhere_is_no_jump_for_landing_less_turned() -> None:
+    """Torques take more than their share too."""
+    request = replace(backflip().request, pitch_error=0.4, margin={"torque": 0.1})
+    found = replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
+    assert as_clear_as_it_lands(found) is found
+
+
+@needs_jumps
+@pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_slow_legs_hop_with_feet_that_rise_by_less(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known: bool
+) -> None:
+    """Where motors are too slow for a hop as it is looked for at first; that there is none is ``known`` in no time."""
+    path = tmp_path / "slow.urdf"
+    path.write_text(biped(foot="sole", knee=(0.0, 2.4)).replace('velocity="25"', 'velocity="2.5"'))
+    if known:
+        monkeypatch.setattr(planner, "_searched", lambda *_: (None, None, 1))
+    said: list[str] = []
+    problem = flight.jump_problem(chosen_robot(path), 0, Asked())
+    found = fp.jump(problem, starts=1, helps=False, progress=said.append)
+    assert found.ok
+    assert "with feet that rise by 8 mm in place of 20 mm" in said
+    assert found.explanation.endswith("Its feet were asked to rise by 8 mm only.")
+    assert feet_rise(found) > 0.006
+
+
+@needs_jumps
+def test_how_far_the_feet_rise_is_as_in_the_motion() -> None:
+    """The lower one of the Go2's feet, by the frames of Pinocchio, over where it stood."""
+    found = backflip()
+    model, height = found.problem.robot.model, []
+    data = model.createData()
+    assert found.flight is not None
+    for time in found.takeoff_time + np.linspace(0.0, found.flight.duration, 101):
+        pin.framesForwardKinematics(model, data, found.at(np.array([time])).positions[0])
+        feet = [data.oMf[model.getFrameId(f"{name}_foot")].translation for name in ("FL", "RL")]
+        height.append(min(foot @ found.problem.robot.plane.vertical for foot in feet))
+    ground = found.before[0].ground + found.before[0].contacts[0].depth
+    assert feet_rise(found) == pytest.approx(max(height) - ground, abs=1e-6)
+    assert barely_kept(found) == []
+
+
+@needs_jumps
+def test_feet_that_hardly_rise_are_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(barely, "feet_rise", lambda _: 0.0068)
+    assert barely_kept(backflip()) == ["In flight its feet rise by 6.8 mm only."]
 
 
 @needs_jumps

@@ -201,6 +201,52 @@ def test_legs_on_wheels_stand_on_them(tmp_path, make, count):
     assert all(contact.radius == pytest.approx(0.06, abs=1e-3) for contact in setup.phases[0].contacts)
 
 
+def steered(radius: float) -> str:
+    """A biped whose wheels are steered about the vertical, with a light whip that turns in the plane of its legs."""
+    text = legged_samples.biped(foot="wheel").replace('radius="0.06"', f'radius="{radius}"')
+    more = [
+        legged_samples.hinge("whip", "body", "whip_link", "0 0 0.1"),
+        legged_samples.link("whip_link", 0.02, center="0 0 0.05"),
+    ]
+    for side in ("left", "right"):
+        text = text.replace(
+            f'<parent link="{side}_shank"/><child link="{side}_wheel"/>',
+            f'<parent link="{side}_fork"/><child link="{side}_wheel"/>',
+        )
+        text = text.replace('xyz="0 0 -0.2" rpy="0 0.0 0"', 'xyz="0 0 0" rpy="0 0.0 0"')
+        more += [
+            legged_samples.hinge(f"{side}_steer", f"{side}_shank", f"{side}_fork", "0 0 -0.2", (-1.5, 1.5), "0 0 1"),
+            legged_samples.link(f"{side}_fork", 0.1),
+            legged_samples.fixed(f"{side}_end", f"{side}_fork", f"{side}_contact", f"0 0 -{radius}"),
+            f'<link name="{side}_contact"/>',
+        ]
+    return text.replace("</robot>", "".join(more) + "</robot>")
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.17])
+def test_steered_wheels_of_any_size_are_held_upright(tmp_path, radius):
+    """The file's posture would steer them out of the plane, and something else is left locked for being light."""
+    (tmp_path / "robot.urdf").write_text(steered(radius))
+    bent = {"hip": -0.5, "knee": 1.0, "steer": 0.6}
+    states = "".join(
+        f'<joint name="{side}_{key}" value="{at}"/>' for side in ("left", "right") for key, at in bent.items()
+    )
+    (tmp_path / "robot.srdf").write_text(
+        f'<robot name="legged"><group_state name="standing" group="all">{states}</group_state></robot>'
+    )
+    chosen = chosen_robot(tmp_path / "robot.urdf")
+    assert chosen.on_wheels
+    assert len(chosen.feet) == 1
+    assert "joints" in chosen.choices
+    assert {chosen.robot.locked[name] for name in ("left_roll", "right_roll", "left_steer", "right_steer")} == {0.0}
+    problem = jump_problem(chosen, 0, Asked())
+    assert problem.jump is not None
+    setup = jump_setup(problem, problem.jump)
+    assert [contact.radius for contact in setup.phases[0].contacts] == pytest.approx([radius], abs=1e-3)
+    untouched = chosen_robot(tmp_path / "robot.urdf", {"joints": ["left_hip", "left_knee", "left_roll"]})
+    assert not untouched.on_wheels
+
+
 def test_a_cart_on_wheels_has_no_feet(tmp_path):
     body, wheels_of_cart = legged_samples.legged(), []
     for number, at in enumerate((-0.1, 0.1)):

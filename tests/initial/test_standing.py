@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,21 @@ def test_the_jump_begins_in_the_posture_that_was_found(chosen: Load) -> None:
     assert problem.jump is not None
     setup = jump_setup(problem, problem.jump)
     np.testing.assert_allclose(setup.standing[:, 1:], [robot.posture, robot.posture], atol=1e-3)
+
+
+@pytest.mark.parametrize("from_", [None, {"left_hip": -0.75, "left_knee": 1.43}])
+def test_on_one_point_it_stands_as_balanced_as_numbers_are(chosen: Load, from_: dict[str, float] | None) -> None:
+    """From round numbers: what is off there is a moment about the point, at rest, which nothing takes up."""
+    robot = chosen(biped(knee=(0.0, 2.4)))
+    problem = jump_problem(robot, 0, Asked())
+    assert problem.jump is not None
+    if from_ is not None:
+        problem = replace(problem, jump=replace(problem.jump, takeoff=fp.JumpTakeoff(from_=from_)))
+    setup = jump_setup(problem, problem.jump)
+    (contact,) = setup.phases[0].contacts
+    for y in setup.standing:
+        assert abs(heights_over_com(robot.robot, contact.spots[:1], y)[0].real) < 1e-12
+        assert y[0] == 0.0
 
 
 def test_what_is_asked_of_the_posture_is_kept_and_the_rest_is_found(chosen: Load) -> None:

@@ -12,14 +12,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from jumps import INSTALLED, backflip, go2_problem
+from legged_samples import biped, fixed, link
 from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
+from floatplan.initial.asked import Asked
+from floatplan.initial.flight import jump_problem
+from floatplan.initial.robots import chosen_robot
 from floatplan.robot import Robot
-from floatplan.stance.check import TOUCHDOWN
+from floatplan.robot.standing import corners, undersides
+from floatplan.stance import planner
+from floatplan.stance.check import TOUCHDOWN, touchdown_height
 from floatplan.stance.contacts import is_ground
-from floatplan.stance.planner import _largest_share
+from floatplan.stance.jump import Jump
+from floatplan.stance.planner import _largest_share, _merit
 from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
@@ -74,6 +81,59 @@ def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path: 
     assert old.request.pitch_error == 0
     assert "touchdown" not in old.check.figures
     assert old.ok
+
+
+def test_of_two_that_do_not_hold_the_one_that_lacks_room_where_it_lands_is_kept() -> None:
+    """It is a jump for somebody who asks for a smaller pitch error. One that holds goes before it."""
+
+    def asked(**of_request: Any) -> Jump:
+        return replace(backflip(), request=replace(backflip().request, **of_request))
+
+    turned, weak = asked(pitch_error=0.5), asked(pitch_error=0.5, margin={"torque": 0.1})
+    nothing = Jump(backflip().problem, backflip().request)
+    assert not turned.ok
+    assert max(nothing, turned, weak, key=_merit) is turned
+    assert max(backflip(), turned, key=_merit) is backflip()
+
+
+def test_where_two_programs_have_no_flight_no_third_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = go2_problem(0)
+    figures: list[Any] = []
+
+    def tried(room: Any, request: Any, found: Any, finer: Any, complete: Any) -> Jump:
+        for _ in range(2):
+            answer, of_check = complete(None, None)
+            figures.append(of_check)
+        return answer
+
+    monkeypatch.setattr(planner, "completed", lambda *_: Jump(problem, fp.JumpRequest()))
+    monkeypatch.setattr(planner, "corrected", tried)
+    setup = jump_setup(problem, fp.JumpRequest())
+    planner._corrected(setup, (None, None), setup.program, 0, lambda _: None)  # type: ignore[arg-type]
+    assert figures == [{}, None], "the second one ends it"
+
+
+def test_lines_beside_a_foot_s_geometry_touch_nothing_where_it_lands_turned(tmp_path: Path) -> None:
+    """An ankle without geometry, whose foot is fixed to it at an origin 6 mm below the sole."""
+    text, more = biped(foot="sole", knee=(0.0, 2.4)).replace("0.03 0 -0.035", "0 0 0.021"), []
+    for side in ("left", "right"):
+        text = text.replace(f'<child link="{side}_foot"/>', f'<child link="{side}_ankle_link"/>')
+        more += [
+            link(f"{side}_ankle_link", 0.1),
+            fixed(f"{side}_end", f"{side}_ankle_link", f"{side}_foot", "0.03 0 -0.05"),
+        ]
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.replace("</robot>", "".join(more) + "</robot>"))
+    chosen = chosen_robot(path)
+    found = fp.jump(jump_problem(chosen, 0, Asked()), starts=1, helps=False)
+    assert found.ok, found.explanation
+    y, ends = np.append(0.0, chosen.posture), corners(chosen.robot.link_hulls["left_ankle_link"])
+    under = (
+        undersides(chosen.robot, ends, y).min()
+        - undersides(chosen.robot, corners(chosen.robot.link_hulls["left_foot"]), y).min()
+    )
+    assert under < -0.005
+    assert touchdown_height(found, 0.05) > 0.01
 
 
 def test_the_ground_s_force_grows_gently_after_touchdown() -> None:

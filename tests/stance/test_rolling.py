@@ -63,7 +63,8 @@ def test_a_foot_that_rolls_does_not_slip_and_balances() -> None:
     robot, contact, _ = go2_foot()
     dynamics = StanceDynamics(PlanarModel(robot), Phase("takeoff", (contact,), 1.0, (1.0, 1.0), 1), np.zeros(5))
     times = np.linspace(0.0, 0.2, 41)
-    y, v, a = OnePoint(dynamics, times).follow(rocking, (0.1, 2.0))
+    point = OnePoint(dynamics, times)
+    y, v, a = point.follow([np.stack(rocking(each)) for each in point.sampled], (0.1, 2.0))
     stance = Stance(robot, 9.81, (contact,), 0.3 + 0.1j, Grid(times, y, v, a, np.empty((0, len(times)))))
     state, model = stance.at(times), robot.model
     data = model.createData()
@@ -92,7 +93,8 @@ def test_momentum_about_a_contact_that_moves() -> None:
     model = PlanarModel(robot)
     dynamics = StanceDynamics(model, Phase("landing", (contact,), 1.0, (1.0, 1.0), 1), np.zeros(5))
     times = np.linspace(0.0, 0.2, 401)
-    path = OnePoint(dynamics, times).follow(rocking, (0.1, 2.0))
+    point = OnePoint(dynamics, times)
+    path = point.follow([np.stack(rocking(each)) for each in point.sampled], (0.1, 2.0))
     found = model.function("about", model.momentum_about(contact.spots[0]))(*path)
     values, rates, changes = (np.asarray(each).ravel() for each in found)
     for low, high in ((values, rates), (rates, changes)):
