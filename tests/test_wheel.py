@@ -86,7 +86,7 @@ def test_its_kernel_knows_no_folder_of_the_machine(wheel: Path) -> None:
 def test_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:
     assert "-py3-none-" in wheel.name
     assert "any" not in wheel.name
-    describe = "import floatplan as fp, floatplan.kernel.layout as kernel; print(fp.__file__, kernel.description())"
+    describe = "import floatplan as fp, floatplan.kernel.library as kernel; print(fp.__file__, kernel.description())"
     assert str(unpacked) in told(describe, unpacked)
     assert "compiled kernel (" in told(describe, unpacked)
     with (unpacked / "floatplan" / "kernel" / "batch.hpp").open("a") as source:

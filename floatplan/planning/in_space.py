@@ -13,10 +13,11 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.planning.attempt import Attempts, Outcome, Reached
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
 from floatplan.planning.search import ANNOUNCED_EVERY, SearchOptions, SearchResult, expiry, log_attempt
 from floatplan.planning.starts import Start
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
@@ -52,13 +53,13 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
         other = _tried(freed, replace(options, starts=1), 1 - WITH_GIVEN)
     except (InputError, KeyboardInterrupt):
         return result
-    x = other.best.solution.x
+    x = other.best.x
     return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
 
 
 def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchResult:
     """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
-    outcomes: list[Outcome] = []
+    outcomes: list[AttemptResult] = []
     expired, began = expiry(options.budget and share * options.budget), prepared.model.work
     most_work = share * options.work
     solved, announced, interrupted = 0, time.monotonic(), False
@@ -104,7 +105,9 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
     return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
 
 
-def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool], most_work: float) -> Iterator[Outcome | None]:
+def _outcomes(
+    prepared: Attempts, seed: int, stop: Callable[[], bool], most_work: float
+) -> Iterator[AttemptResult | None]:
     """Where the starts end, in their order: those of the first degree, then those of the others, in turns.
 
     Each may do so much work. None where that cannot be integrated.
@@ -127,7 +130,9 @@ def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool], most_work
                 yield _followed(prepared, start, stop, most_work) if start else None
 
 
-def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool], most_work: float) -> Outcome | None:
+def _followed(
+    prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool], most_work: float
+) -> AttemptResult | None:
     """Where one start ends: closed, then made smaller, or followed with limits and another objective.
 
     None where that cannot be integrated.
@@ -148,12 +153,12 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool],
     return outcome if np.isfinite(outcome.motion.residual).all() else None
 
 
-def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> Outcome:
+def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> AttemptResult:
     """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
     lifted = motion.lifted
     variables, free = lifted.variables, lifted.coefficients
     outcome = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
-    chosen = outcome.solution.x[free:]
+    chosen = outcome.x[free:]
     if not outcome.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
         return outcome
     h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
@@ -166,8 +171,8 @@ def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], 
     return prepared.attempt(Start(given, nearest.x, at_once=True), stop)
 
 
-def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
+def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> AttemptResult:
     variables, model = motion.lifted.variables, prepared.model
     nodes = model.nodes(LEVEL, variables.polynomials.form)
     known = trajectory(model, variables, nodes, motion.x)
-    return prepared.judge(variables, Reached(motion.x, status, 0, 0), known)
+    return prepared.judge(variables, motion.x, status, known=known)

@@ -13,20 +13,22 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import MOST_STARTS, Search
+from floatplan.compiled.batch import Search
 from floatplan.compiled.numbers import is_plain
 from floatplan.errors import refuse
 from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, follow_together
 from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
 from floatplan.pool import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
+from floatplan.tolerances import SETTINGS
 
 LOG = logging.getLogger(__name__)
 LOGGED = ("starts", "solved", "iterations")
@@ -44,8 +46,8 @@ class SearchedPlan:
     """
 
     plan: Plan
-    ended: Outcome | Followed
-    others: tuple[Outcome, ...] = ()
+    ended: AttemptResult | Followed
+    others: tuple[AttemptResult, ...] = ()
     gave_up: bool = False
     work: float = 0.0
 
@@ -55,9 +57,9 @@ class SearchedPlan:
         return Answer.of_plan(self.plan, self.plan.status)
 
     @cached_property
-    def best(self) -> Outcome:
+    def best(self) -> AttemptResult:
         """The outcome that the plan was made of."""
-        if isinstance(self.ended, Outcome):
+        if isinstance(self.ended, AttemptResult):
             return self.ended
         return Attempts(self.plan.problem, self.plan.solver["seed"]).outcome_of(self.ended)
 
@@ -87,9 +89,9 @@ class Searched:
         counts: dict[str, Any] = self.result.counts
         nothing = "impossible" if self.reasons else "not_found"
         return Answer(
-            status=best.solution.status if best.holds else nothing,
+            status=best.status if best.holds else nothing,
             objective=best.objective_value if best.holds else np.nan,
-            angular_momentum=float(best.begun.angular_momentum(best.solution.x)[0]),
+            angular_momentum=float(best.start_variables.angular_momentum(best.x)[0]),
             residual=abs(best.missed.item()) if best.missed.size == 1 else best.motion.flown.missed,
             coefficients=best.written,
             **counts,
@@ -104,7 +106,7 @@ class Searched:
         plan = Plan.of_motion(
             prepared.problem,
             *motion_of(best),
-            status=best.solution.status if best.holds else unsolved,
+            status=best.status if best.holds else unsolved,
             ok=best.holds,
             explanation=explain(prepared, result, self.reasons),
             solver={**result.counts, "seconds": time.perf_counter() - self.began, "seed": prepared.seed},
@@ -138,7 +140,7 @@ def searched(prepared: Attempts, options: SearchOptions) -> Searched:
 def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | Searched:
     """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
     began = time.perf_counter()
-    most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
+    most = min(SETTINGS.most_starts + options.starts - 1, ATTEMPTS)
     together = is_plain(problem) and not problem.raises_degree
     followed = (
         follow_together(problem, problem.degrees, Search(options.starts, most, options.seed)) if together else None
@@ -192,9 +194,9 @@ def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> Sear
     return SearchResult([outcome]) if outcome.holds else None
 
 
-def motion_of(outcome: Outcome) -> tuple[SinePolynomials, Array, Array, Array | None]:
+def motion_of(outcome: AttemptResult) -> tuple[SinePolynomials, Array, Array, Array | None]:
     """Where an attempt ended: its polynomials, their free coefficients z (n, width), h (e,), kg m^2/s, and b."""
-    variables, x = outcome.variables, outcome.solution.x
+    variables, x = outcome.variables, outcome.x
     h = variables.angular_momentum(x)
     return variables.motion_class(h), variables.free_coefficients(x), h, outcome.coefficients
 
@@ -209,7 +211,7 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     problem = prepared.problem
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
     sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]
-    momentum = found.best.begun.angular_momentum(found.best.solution.x)
+    momentum = found.best.start_variables.angular_momentum(found.best.x)
     sentences += [
         f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)
     ]
@@ -220,7 +222,7 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     if found.momentum_found is not None:
         h = _numbers(found.momentum_found, ".6g")
         sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
-    elif not reasons and found.best.begun.coefficients:
+    elif not reasons and found.best.start_variables.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
     return " ".join(sentences)
 
@@ -291,7 +293,7 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         amount = f"{-value * block.scale[row]:.4g} {block.unit}"
         violated = f"{block.labels[row]} is violated by {amount}"
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
-    if not best.begun.coefficients:
+    if not best.start_variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
     counted = "1 start was" if tried == 1 else f"{tried} starts were"
-    return [*sentences, f"{counted} tried, up to degree {max(best.begun.degrees)}."]
+    return [*sentences, f"{counted} tried, up to degree {max(best.start_variables.degrees)}."]

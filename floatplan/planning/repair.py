@@ -14,17 +14,18 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, motion_of
 from floatplan.planning.search import SearchOptions, search
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import SAME
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
 from floatplan.pool import one_thread
 from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
+from floatplan.tolerances import EXCHANGE
 
 LOG = logging.getLogger(__name__)
 ROUNDS = 3  # [-] tightened problems at most
@@ -88,17 +89,17 @@ def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
     for outcome in found.others or _not_kept(found):
         moved = found.plan.moving_as(*motion_of(outcome))
-        yield SearchedPlan(replace(moved, status=outcome.solution.status), outcome)
+        yield SearchedPlan(replace(moved, status=outcome.status), outcome)
 
 
-def _not_kept(found: SearchedPlan) -> tuple[Outcome, ...]:
+def _not_kept(found: SearchedPlan) -> tuple[AttemptResult, ...]:
     """Solutions worse than the best, of starts that the kernel has followed together: now one by one."""
     solver, best = found.plan.solver, found.best
-    if best.starts == 1 or solver["solved"] < 2:
+    if not best.is_exhaustive or solver["solved"] < 2:
         return ()
     options = SearchOptions(solver["seed"], solver["solved"])
     again = search(Attempts(found.plan.problem, solver["seed"]), options, solver["starts"])
-    return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + SAME))
+    return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + EXCHANGE.same))
 
 
 def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
@@ -108,10 +109,10 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     """
     plan, best = found.plan, found.best
     prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
-    outcome = prepared.attempt(Start(best.variables, best.solution.x, at_once=True))
+    outcome = prepared.attempt(Start(best.variables, best.x, at_once=True))
     if not outcome.holds:
         return None
-    more = {name: plan.solver[name] + getattr(outcome.solution, name) for name in ("iterations", "evaluations")}
+    more = {name: plan.solver[name] + getattr(outcome, name) for name in ("iterations", "evaluations")}
     return SearchedPlan(replace(plan.moving_as(*motion_of(outcome)), solver={**plan.solver, **more}), outcome)
 
 

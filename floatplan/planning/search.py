@@ -19,14 +19,15 @@ import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.arrays import Array
-from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS, SAME
+from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
+from floatplan.planning.transcription.result import AttemptResult, best
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
+from floatplan.tolerances import EXCHANGE, SETTINGS
 
 LOG = logging.getLogger(__name__)
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 3 to 7 s in space, 1 s in a plane
@@ -56,19 +57,19 @@ class SearchResult:
     Where the given h led to no plan, ``momentum_found`` (e,), kg m^2/s, is one that did.
     """
 
-    outcomes: Sequence[Outcome]
+    outcomes: Sequence[AttemptResult]
     ran_out_of_time: bool = False
     ran_out_of_patience: bool = False
     interrupted: bool = False
     momentum_found: Array | None = None
 
     @cached_property
-    def best(self) -> Outcome:
+    def best(self) -> AttemptResult:
         """The best outcome, the first of equals."""
         return best(self.outcomes)
 
     @cached_property
-    def holding(self) -> tuple[Outcome, ...]:
+    def holding(self) -> tuple[AttemptResult, ...]:
         """All that hold, in the order of their objectives, which a single one need not have evaluated."""
         holding = [outcome for outcome in self.outcomes if outcome.holds]
         return tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding)
@@ -76,10 +77,9 @@ class SearchResult:
     @property
     def counts(self) -> dict[str, int]:
         """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
-        solutions = [outcome.solution for outcome in self.outcomes]
         return {
-            "iterations": sum(solution.iterations for solution in solutions),
-            "evaluations": sum(solution.evaluations for solution in solutions),
+            "iterations": sum(outcome.iterations for outcome in self.outcomes),
+            "evaluations": sum(outcome.evaluations for outcome in self.outcomes),
             "starts": _starts(self.outcomes),
             "solved": sum(outcome.solved for outcome in self.outcomes if outcome.holds),
         }
@@ -145,7 +145,7 @@ def search(
     """
     expired = expiry(options.budget)
     allowance = Allowance.of(options)
-    outcomes: list[Outcome] = []
+    outcomes: list[AttemptResult] = []
     interrupted = False
     announced = time.monotonic()
     try:
@@ -172,27 +172,27 @@ def search(
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
 
-def _untried(prepared: Attempts) -> Outcome:
+def _untried(prepared: Attempts) -> AttemptResult:
     """Return the plain motion as it is."""
     outcome = prepared.attempt(prepared.plain_start, lambda: True)
     outcome.starts = 0
     return outcome
 
 
-def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
+def log_attempt(prepared: Attempts, outcomes: Sequence[AttemptResult]) -> None:
     """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
     if LOG.isEnabledFor(logging.INFO):
         LOG.info("%s", _said(prepared, outcomes))
 
 
-def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
+def _said(prepared: Attempts, outcomes: Sequence[AttemptResult]) -> str:
     outcome = outcomes[-1]
     degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
     start = _starts(outcomes)
-    steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
+    steps = f"start {start}, degree {degrees}, {outcome.iterations} steps"
     least = f"best violation {min(each.violation for each in outcomes):.3g}"
     if outcome.holds:
-        return f"{steps}; {outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
+        return f"{steps}; {outcome.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
     if outcome.violation == np.inf:
         return f"{steps}; no motion to the goal"
     of = " rad of the goal's orientation"
@@ -220,7 +220,7 @@ class Allowance:
         work, patience = options.work, np.inf if options.patience is None else options.patience
         return cls(min(work, patience), held_back=work - patience if patience < work else 0.0)
 
-    def grants(self, outcome: Outcome, is_first: bool) -> bool:
+    def grants(self, outcome: AttemptResult, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
         self.left -= outcome.work
         self.is_used_up = self.left < 0
@@ -229,21 +229,21 @@ class Allowance:
         return is_first or not self.is_used_up
 
 
-def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> bool:
+def _are_enough(outcomes: list[AttemptResult], wanted: int, prepared: Attempts) -> bool:
     """Whether ``wanted`` starts are solved and more of them promise little."""
     solved = [index for index, outcome in enumerate(outcomes) if outcome.holds]
-    if solved and outcomes[0].starts > 1:  # the kernel has followed as many as promise anything
+    if solved and outcomes[0].is_exhaustive:
         return True
     if len(solved) < max(wanted, 1):
         return False
     constrained = prepared.problem.has_inequalities
-    easy = [outcome.is_optimal and outcome.solution.iterations <= EASY_ITERATIONS for outcome in outcomes]
+    easy = [outcome.is_optimal and outcome.iterations <= SETTINGS.easy_iterations for outcome in outcomes]
     if constrained and prepared.momentum.free:
         values = np.sort([outcomes[index].objective_value for index in solved])
         agreeing = int((values - values[0] <= AGREEMENT * values).sum())
         enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST
         return _starts(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
-    if easy[0] or len(solved) >= WANTED_AFTER_FAILURE:
+    if easy[0] or len(solved) >= SETTINGS.wanted_after_failure:
         return True
     return constrained and (
         any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST
@@ -267,13 +267,13 @@ def _outcomes(
     allowance: Allowance,
     followed: Followed | None,
     most: int,
-) -> Iterator[Outcome]:
+) -> Iterator[AttemptResult]:
     """Outcomes of the attempts, in their order, from this process or from several; of so many starts at most.
 
     The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
     none: how far it came would depend on what ran beside it.
     """
-    tried: list[Outcome] = []
+    tried: list[AttemptResult] = []
     together = prepared.outcome_of(followed) if followed else None
     is_first = together is None
     if together:
@@ -281,10 +281,10 @@ def _outcomes(
         most -= together.starts
         yield together
 
-    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
         return prepared.attempts(degrees, given, numbers, expired, allowance.left, not options.near_miss)
 
-    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome | None]:
+    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[AttemptResult | None]:
         """One after the other as long as it matters where each ends, then together."""
         number = numbers.start
         while number < numbers.stop:
@@ -320,23 +320,23 @@ def _outcomes(
                     break
 
 
-def _are_hopeless(tried: list[Outcome], most: int) -> bool:
+def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
     """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
     nearest, starts = min(each.violation for each in tried), _starts(tried)
     return nearest > 0 and (starts == most or (starts >= FEW and nearest > FAR))
 
 
-def _starts(outcomes: Sequence[Outcome]) -> int:
+def _starts(outcomes: Sequence[AttemptResult]) -> int:
     """How many were followed."""
     return sum(outcome.starts for outcome in outcomes)
 
 
-def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
+def _nearest(outcomes: list[AttemptResult]) -> list[AttemptResult]:
     """The outcomes of least violation, each at another motion."""
-    distinct: list[Outcome] = []
+    distinct: list[AttemptResult] = []
     for outcome in sorted(outcomes, key=lambda outcome: (outcome.violation, outcome.objective_value)):
         value = outcome.objective_value
-        if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
+        if all(abs(value - other.objective_value) > EXCHANGE.same * abs(value) for other in distinct):
             distinct.append(outcome)
     return distinct[:RAISED]
 
@@ -352,13 +352,13 @@ def expiry(budget: float | None) -> Callable[[], bool]:
 @one_thread
 def _attempting(
     problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float
-) -> Callable[..., Outcome | None]:
+) -> Callable[..., AttemptResult | None]:
     """Return what follows starts in a process of its own, by degrees, given starts and number."""
     prepared, expired = Attempts(problem, seed, momentum), expiry(budget)
 
     @one_thread
-    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
         outcome = prepared.attempts(degrees, given, numbers, expired, most_work)
-        return outcome and replace(outcome, begun=outcome.variables, landed=None)  # without what it caches
+        return outcome and replace(outcome, start_variables=outcome.variables, branch=None)  # without what it caches
 
     return attempt

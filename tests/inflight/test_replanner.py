@@ -15,8 +15,8 @@ from long_cases import cases
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.inflight.update import MEMORY
 from floatplan.robot.urdf.tree import robots_folder
+from floatplan.tolerances import CORRECTION_GAINS
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
@@ -142,7 +142,7 @@ def test_nothing_is_imported_or_gathered(plan: fp.Plan, replanner: fp.Replanner)
         replanner.update(*robot.state(replanner))
         replanner.reference(following)
     assert set(sys.modules) == modules
-    assert len(replanner._update.motions) <= MEMORY
+    assert len(replanner._update.motions) <= CORRECTION_GAINS.memory
 
 
 def test_calls_between_corrections_only_measure(plan: fp.Plan) -> None:

@@ -25,10 +25,9 @@ from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule, Robot
+from floatplan.tolerances import SETTINGS
 
 TINY = 1e-300  # keeps a quotient of zeros from being none
-SMALLEST_TAIL = 1e-16  # relative: rounding
-LARGEST_TAIL = 0.9  # relative: no decay can be read from more
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +166,7 @@ class PlanarBaseMotion:
 
         N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
         """
-        decay = math.log(min(max(self.unresolved, SMALLEST_TAIL), LARGEST_TAIL)) / self.grid.nodes
+        decay = math.log(min(max(self.unresolved, SETTINGS.smallest_tail), SETTINGS.largest_tail)) / self.grid.nodes
         count = math.log(error / max(self.fastest * self.flight.duration, error)) / (2 * decay)
         finest = len(NODE_COUNTS) - 1
         return finest if math.isnan(count) else min(bisect_left(NODE_COUNTS, count), finest)
