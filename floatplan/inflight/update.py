@@ -131,27 +131,41 @@ class Update:
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
-        self.views, self._first, self._instants = views, rewriting.first, views.instants
+        self.views = views
         self.motions: deque[RemainingMotion] = deque(maxlen=CORRECTION_GAINS.memory)
-        blocks, grid, first = views.rows, views.instants, rewriting.first
+        blocks = views.rows
+        grid = views.instants
+        first = rewriting.first
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
-        bodies, n, width = constraints.bodies, constraints.joints, len(views.whitening)
-        columns, motors = CONDITIONS + width, tree.motor_turns.shape[1]
-        self._constraints, self._path = constraints.struct, constraints.path
+        bodies = constraints.bodies
+        n = constraints.joints
+        width = len(views.whitening)
+        columns = CONDITIONS + width
+        motors = tree.motor_turns.shape[1]
+        self._first = first
+        self._instants = grid
+        self._constraints = constraints.struct
+        self._path = constraints.path
         self._block_first = constraints.block_first
-        masses = _of_masses(tree, bodies)
         # The robot's C is of the masses that are estimated, which the kernel writes: no longer real, for one.
-        real, imaginary = np.zeros_like(bodies.real), np.zeros_like(bodies.real)
-        link_real, link_imaginary = np.zeros(bodies.links.shape), np.zeros(bodies.links.shape)
+        real = np.zeros_like(bodies.real)
+        imaginary = np.zeros_like(bodies.real)
+        link_real = np.zeros(bodies.links.shape)
+        link_imaginary = np.zeros(bodies.links.shape)
         self._robot = robot_struct(bodies, [width] * n)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
         # Written at each call.
-        self._positions, self._velocities = np.zeros(n), np.zeros(n)
-        self._measured_positions, self._measured_velocities = np.zeros(n), np.zeros(n)
-        self._state, self._torques = np.zeros((3, n)), np.zeros(n + motors)
-        self._warm_start, self._coefficients = np.zeros((width, n)), np.zeros((columns, n))
-        self._worst, self._torque_peak = np.zeros(len(blocks)), np.zeros(motors)
+        self._positions = np.zeros(n)
+        self._velocities = np.zeros(n)
+        self._measured_positions = np.zeros(n)
+        self._measured_velocities = np.zeros(n)
+        self._state = np.zeros((3, n))
+        self._torques = np.zeros(n + motors)
+        self._warm_start = np.zeros((width, n))
+        self._coefficients = np.zeros((columns, n))
+        self._worst = np.zeros(len(blocks))
+        self._torque_peak = np.zeros(motors)
         self.row_values = np.zeros((constraints.rows, len(grid.s)))
         gap = gauss_legendre(CORRECTION_GAINS.gap_nodes)
         plan = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
@@ -187,7 +201,7 @@ class Update:
             turns=np.concatenate((tree.turns, tree.motor_turns), axis=1),
             mass=doubles(tree.mass),
             inertia=doubles(tree.inertia),
-            **masses,
+            **_of_masses(tree, bodies),
             link_real=link_real,
             link_imaginary=link_imaginary,
             real=real,

@@ -155,9 +155,9 @@ class Attempts:
     def _level(self) -> int:
         return EXCHANGE.constrained_level if self.constraints else 0
 
-    def raised(self, outcome: AttemptResult, degrees: tuple[int, ...]) -> Start:
-        """Return the motion of an outcome as a start at higher degrees."""
-        lower, x = outcome.variables, outcome.x
+    def raised(self, result: AttemptResult, degrees: tuple[int, ...]) -> Start:
+        """Return the motion of an result as a start at higher degrees."""
+        lower, x = result.variables, result.x
         rise = zip(lower.polynomials.free, degrees, lower.degrees, strict=True)
         polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))
         variables = scaled_variables(self.problem, polynomials, self.momentum, lower.following)
@@ -201,13 +201,13 @@ class Attempts:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work
         if is_plain(self.problem):
-            outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
+            result = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
         elif starts := self._starts_from(start):
-            outcome = self._follow_compiled(starts, range(1), most_work, expired=stop())
+            result = self._follow_compiled(starts, range(1), most_work, expired=stop())
         else:
-            outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
-        outcome.work = self.model.work - before
-        return outcome
+            result = self._follow(start, lambda: self.model.work - before > most_work or stop())
+        result.work = self.model.work - before
+        return result
 
     def attempts(
         self,
@@ -221,7 +221,7 @@ class Attempts:
         """Follow starts by number, the given ones first; None where there are not so many.
 
         They are followed until one holds: by the kernel as many as take a moment, else one alone. Where it ``asks``
-        first, and the problem is known to have no solution, the outcome is the plain motion as it is, of no start.
+        first, and the problem is known to have no solution, the result is the plain motion as it is, of no start.
         """
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
@@ -233,23 +233,23 @@ class Attempts:
             return None
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
-            outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
+            result = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
         elif starts := self._starts_from(plain):
             expired = stop()
-            outcome = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
-            if not outcome.starts and not self.impossible:
-                outcome = self._follow_compiled(starts, numbers, most_work, expired=expired)
+            result = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
+            if not result.starts and not self.impossible:
+                result = self._follow_compiled(starts, numbers, most_work, expired=expired)
         else:
             return self.attempt(plain, stop, most_work)
-        outcome.work = self.model.work - before
-        return outcome
+        result.work = self.model.work - before
+        return result
 
-    def outcome_of(self, followed: Followed) -> AttemptResult:
+    def result_of(self, followed: Followed) -> AttemptResult:
         """Return the best of the starts that the kernel has followed together."""
         before = self.model.work
-        outcome = self._judge_compiled(followed, self.plain_start.variables)
-        outcome.work = self.model.work - before
-        return outcome
+        result = self._judge_compiled(followed, self.plain_start.variables)
+        result.work = self.model.work - before
+        return result
 
     def _starts_from(self, start: Start) -> PreparedStarts | None:
         """Starts of which this one is number 0, prepared for the kernel; None where that knows no such flight."""
@@ -301,9 +301,9 @@ class Attempts:
             yield start.x
             yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
 
-        outcome = follow(start.x)
-        if outcome.holds or stop() or not blocks:
-            return outcome
+        result = follow(start.x)
+        if result.holds or stop() or not blocks:
+            return result
         nodes = model.nodes(self._level, variables.polynomials.form)
         sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
         program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
@@ -312,10 +312,10 @@ class Attempts:
             unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
             promises = nearest.squared_violation < EXCHANGE.promising and not nearest.stuck
             other = follow(nearest.x) if promises else judge(unsolved)
-            outcome = best([outcome, other])
-            if outcome.holds or stop():
+            result = best([result, other])
+            if result.holds or stop():
                 break
-        return outcome
+        return result
 
     def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> AttemptResult:
         """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
@@ -329,7 +329,7 @@ class Attempts:
             variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
         nodes = model.nodes(EXCHANGE.compiled_level, variables.polynomials.form)
-        outcome = self.judge(
+        result = self.judge(
             variables,
             x,
             followed.status,
@@ -337,11 +337,11 @@ class Attempts:
             evaluations=counts["evaluations"],
             known=trajectory(model, variables, nodes, x),
         )
-        outcome.starts = counts["starts"]
-        outcome.solved = max(counts["solved"], 1)
-        if outcome.holds:
-            outcome.coefficients = answers.coefficients[0]
-        return outcome
+        result.starts = counts["starts"]
+        result.solved = max(counts["solved"], 1)
+        if result.holds:
+            result.coefficients = answers.coefficients[0]
+        return result
 
     def judge(
         self,

@@ -31,7 +31,7 @@ MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OF_ONE = 0.3  # [-] of the work, that one start may do
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
-LEVEL = 2  # of the grids that an outcome is evaluated on
+LEVEL = 2  # of the grids that an result is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
@@ -59,7 +59,7 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
 
 def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchResult:
     """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
-    outcomes: list[AttemptResult] = []
+    results: list[AttemptResult] = []
     expired, began = expiry(options.budget and share * options.budget), prepared.model.work
     most_work = share * options.work
     solved, announced, interrupted = 0, time.monotonic(), False
@@ -68,24 +68,24 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
         return expired() or prepared.model.work - began > most_work
 
     try:
-        for outcome in islice(_outcomes(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
-            if outcome:
-                outcomes.append(outcome)
-                solved += outcome.holds
-                log_attempt(prepared, outcomes)
+        for result in islice(_results(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
+            if result:
+                results.append(result)
+                solved += result.holds
+                log_attempt(prepared, results)
             if solved >= options.starts or stop():
                 break
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced = time.monotonic()
-                options.progress(f"{len(outcomes)} starts tried, {solved} solved")
+                options.progress(f"{len(results)} starts tried, {solved} solved")
     except KeyboardInterrupt:
         interrupted = True
-        if not outcomes:
+        if not results:
             raise
-    if not outcomes:
+    if not results:
         reason = "turns the robot too fast: no motion can be integrated"
         raise InputError(reason, element="flight.angular_momentum", advice="give a smaller one, or fewer turns")
-    return SearchResult(outcomes, ran_out_of_time=stop(), interrupted=interrupted)
+    return SearchResult(prepared, results, ran_out_of_time=stop(), interrupted=interrupted)
 
 
 def _is_followed(prepared: Attempts) -> bool:
@@ -105,7 +105,7 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
     return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
 
 
-def _outcomes(
+def _results(
     prepared: Attempts, seed: int, stop: Callable[[], bool], most_work: float
 ) -> Iterator[AttemptResult | None]:
     """Where the starts end, in their order: those of the first degree, then those of the others, in turns.
@@ -142,36 +142,36 @@ def _followed(
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and _is_followed(prepared):
         try:
-            outcome = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
+            result = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
         except IntegrationError:
-            outcome = _outcome(prepared, motion, "infeasible")
+            result = _judged(prepared, motion, "infeasible")
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
-        outcome = _outcome(prepared, final or motion, status)
-    outcome.work = model.work - before
-    return outcome if np.isfinite(outcome.motion.residual).all() else None
+        result = _judged(prepared, final or motion, status)
+    result.work = model.work - before
+    return result if np.isfinite(result.motion.residual).all() else None
 
 
 def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> AttemptResult:
     """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
     lifted = motion.lifted
     variables, free = lifted.variables, lifted.coefficients
-    outcome = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
-    chosen = outcome.x[free:]
-    if not outcome.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
-        return outcome
+    result = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
+    chosen = result.x[free:]
+    if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
+        return result
     h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
     given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
     fixed = LiftedFlight(lifted.model, lifted.flight, given)
     nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
     usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
     if not usable:
-        return _outcome(prepared, nearest, "infeasible")
+        return _judged(prepared, nearest, "infeasible")
     return prepared.attempt(Start(given, nearest.x, at_once=True), stop)
 
 
-def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> AttemptResult:
+def _judged(prepared: Attempts, motion: LiftedMotion, status: str) -> AttemptResult:
     variables, model = motion.lifted.variables, prepared.model
     nodes = model.nodes(LEVEL, variables.polynomials.form)
     known = trajectory(model, variables, nodes, motion.x)

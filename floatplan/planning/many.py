@@ -17,9 +17,9 @@ from floatplan.compiled.batch import INFEASIBLE, STATUS, Answers, Search, solver
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import Searched, SearchedPlan, found_for, planned, searched
+from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.search import Allowance, SearchOptions
+from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
 from floatplan.planning.together import follow_batch
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
@@ -286,8 +286,8 @@ def _made_together(
         place = next(places)
         return found.answer(place) if place in enough else found.prepared(place, problems[index], seed)
 
-    def go_on(prepared: Attempts) -> Searched:
-        return searched(prepared, replace(options, seed=prepared.seed))
+    def go_on(prepared: Attempts) -> SearchResult:
+        return search(prepared, replace(options, seed=prepared.seed))
 
     made: list[Any] = [_made(begin, *each) for each in zip(indices, seeds, good.tolist(), strict=True)]
     for step in (go_on, _told):  # each for all, which is quicker than one after the other
@@ -295,9 +295,11 @@ def _made_together(
     return made
 
 
-def _told(found: Searched | SearchedPlan) -> Answer:
-    answer = found.answer
-    if not found.gave_up or answer.status != "not_found":
+def _told(found: SearchResult | SearchedPlan) -> Answer:
+    if isinstance(found, SearchedPlan):
+        return found.answer
+    answer = searched_answer(found)
+    if not found.ran_out_of_patience or answer.status != "not_found":
         return answer
     return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
 

@@ -87,9 +87,9 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
 
 def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
-    for outcome in found.others or _not_kept(found):
-        moved = found.plan.moving_as(*motion_of(outcome))
-        yield SearchedPlan(replace(moved, status=outcome.status), outcome)
+    for result in found.others or _not_kept(found):
+        moved = found.plan.moving_as(*motion_of(result))
+        yield SearchedPlan(replace(moved, status=result.status), result)
 
 
 def _not_kept(found: SearchedPlan) -> tuple[AttemptResult, ...]:
@@ -109,11 +109,11 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     """
     plan, best = found.plan, found.best
     prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
-    outcome = prepared.attempt(Start(best.variables, best.x, at_once=True))
-    if not outcome.holds:
+    result = prepared.attempt(Start(best.variables, best.x, at_once=True))
+    if not result.holds:
         return None
-    more = {name: plan.solver[name] + getattr(outcome, name) for name in ("iterations", "evaluations")}
-    return SearchedPlan(replace(plan.moving_as(*motion_of(outcome)), solver={**plan.solver, **more}), outcome)
+    more = {name: plan.solver[name] + getattr(result, name) for name in ("iterations", "evaluations")}
+    return SearchedPlan(replace(plan.moving_as(*motion_of(result)), solver={**plan.solver, **more}), result)
 
 
 def judged(plan: Plan, certificate: Certificate) -> Plan:

@@ -100,7 +100,7 @@ def test_it_goes_on_after_an_attempt_that_is_solved(problem):
 
 def test_unsolved_attempts_are_counted_at_each_degree(hopeless):
     rising = replace(hopeless, motion=fp.Motion("auto"))
-    assert [max(outcome.variables.degrees) for outcome in run(rising, attempts=1).outcomes] == [7, 9, 11, 13]
+    assert [max(outcome.variables.degrees) for outcome in run(rising, attempts=1).results] == [7, 9, 11, 13]
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):

@@ -318,12 +318,14 @@ def _rules(bodies: int) -> Struct:
 def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Struct:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
-    form, series = polynomials.form, basis(polynomials.form).series
+    form = polynomials.form
+    series = basis(form).series
     given = form.given
-    condition = [given.index(each) if each in given else -1 for each in range(CONDITIONS)]
-    map_ = None
+    columns = [given.index(condition) if condition in given else -1 for condition in range(CONDITIONS)]
+    coefficient_map = None
     if of_coefficients and following is not None:
-        map_ = powers_map(form, polynomials.duration) / whitening(form, (polynomials.duration,))[3]
+        unit = whitening(form, (polynomials.duration,))[3]
+        coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
     return Struct(
         "Motions",
         size=variables.size,
@@ -339,12 +341,12 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
         centre=doubles(polynomials.centre),
         amplitude=doubles(polynomials.amplitude),
         first=integers(list(accumulate(polynomials.free, initial=0))),
-        condition=integers(condition),
+        condition=integers(columns),
         boundary=doubles(polynomials.given_boundary),
         offset=doubles(variables.offset),
         scaling=doubles(variables.scaling),
         series=doubles(series),
-        map=None if map_ is None else doubles(map_),
+        map=coefficient_map,
         start=_end(following, 0, momentum.centre),
         goal=_end(following, 1, momentum.centre),
     )
