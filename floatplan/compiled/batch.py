@@ -14,6 +14,10 @@ from floatplan.arrays import Array, IntArray
 from floatplan.compiled.bodies import Bodies, grid_struct, robot_struct
 from floatplan.kernel.library import Kernel, kernel
 from floatplan.kernel.structs import FFI, Struct, StructArray, doubles, enumeration
+from floatplan.kernel.tolerances import COARSE as COARSE_STAGE
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, NEARLY_RESOLVED, SETTINGS, Stage
+from floatplan.kernel.tolerances import FINE as FINE_STAGE
+from floatplan.kernel.tolerances import ROUGH as ROUGH_STAGE
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.flight import PlanarFlight
@@ -22,10 +26,7 @@ from floatplan.optimization.programs import Settings
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
-from floatplan.tolerances import COARSE as COARSE_STAGE
-from floatplan.tolerances import CONSTRAINED_SETTINGS, NEARLY_RESOLVED, SETTINGS, Stage
-from floatplan.tolerances import FINE as FINE_STAGE
-from floatplan.tolerances import ROUGH as ROUGH_STAGE
+from floatplan.tables import ORIENTATION
 
 
 def solver_settings(stage: Stage, *, longest_step: float = SETTINGS.longest_step, polish: bool = True) -> Settings:
@@ -208,13 +209,13 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 @lru_cache(maxsize=32)
 def _settings(search: Search) -> Struct:
     """Return every number of a search without inequalities."""
-    return Struct.of_numbers(replace(SETTINGS, **vars(search), levels=len(NODE_COUNTS)))
+    return Struct.of_numbers(replace(SETTINGS, **vars(search), tolerance=ORIENTATION, levels=len(NODE_COUNTS)))
 
 
 @cache
 def constrained_settings() -> Struct:
     """Return those of a search with inequalities."""
-    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS, levels=len(NODE_COUNTS)))
+    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS, tolerance=ORIENTATION, levels=len(NODE_COUNTS)))
 
 
 def is_planar(flight: FlightDynamics) -> bool:

@@ -7,8 +7,8 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.optimization.programs import AnyEvaluation, Multipliers, Step
-from floatplan.tolerances import EXCHANGE
 
 
 def dual_step(

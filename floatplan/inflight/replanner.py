@@ -28,11 +28,11 @@ from floatplan.inflight.estimate import (
 )
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import Corrected, RemainingMotion, Rewriting, Update
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool import one_thread
-from floatplan.tolerances import CORRECTION_GAINS
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 REACH = 0.15  # [-] of the plan's angular momentum, either way

@@ -4,7 +4,10 @@ All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``pr
 read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
+from __future__ import annotations
+
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -14,20 +17,20 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebval
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.compiled.bodies import Bodies, robot_struct
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.inflight.estimate import Estimate, Expected, Measurement
-from floatplan.inflight.prediction import Views
+from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, integers
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, WrittenMotion, basis
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.tolerances import CORRECTION_GAINS
 
 LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
@@ -123,11 +126,50 @@ class Corrected:
     share: float
 
 
+@dataclass(frozen=True, eq=False)
+class _CalledArrays:
+    """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
+
+    measured_positions: Array
+    measured_velocities: Array
+    positions: Array
+    velocities: Array
+    map: Array
+    asked: Array
+    torques: Array
+    warm_start: Array
+    coefficients: Array
+    planned: Array
+    worst: Array
+    row_values: Array
+    torque_peak: Array
+
+    @classmethod
+    def empty(cls, constraints: CompiledConstraints, instants: int, width: int, motors: int) -> _CalledArrays:
+        """Return room for a flight with so many instants, free polynomials of each joint, and motors."""
+        n = constraints.joints
+        columns = CONDITIONS + width
+        return cls(
+            measured_positions=np.zeros(n),
+            measured_velocities=np.zeros(n),
+            positions=np.zeros(n),
+            velocities=np.zeros(n),
+            map=np.zeros(n + 1),
+            asked=np.zeros((3, n)),
+            torques=np.zeros(n + motors),
+            warm_start=np.zeros((width, n)),
+            coefficients=np.zeros((columns, n)),
+            planned=np.zeros((columns, n)),
+            worst=np.zeros(len(constraints.block_first) - 1),
+            row_values=np.zeros((constraints.rows, instants)),
+            torque_peak=np.zeros(motors),
+        )
+
+
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
-    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2. ``row_values`` (rows, K)
-    are those of the rows at all instants under the motion predicted last; infinite where none applies.
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2.
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
@@ -135,14 +177,12 @@ class Update:
         self.motions: deque[RemainingMotion] = deque(maxlen=CORRECTION_GAINS.memory)
         blocks = views.rows
         grid = views.instants
-        first = rewriting.first
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
         bodies = constraints.bodies
         n = constraints.joints
         width = len(views.whitening)
-        columns = CONDITIONS + width
         motors = tree.motor_turns.shape[1]
-        self._first = first
+        self._first = rewriting.first
         self._instants = grid
         self._constraints = constraints.struct
         self._path = constraints.path
@@ -155,21 +195,7 @@ class Update:
         self._robot = robot_struct(bodies, [width] * n)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
-        # Written at each call.
-        self._positions = np.zeros(n)
-        self._velocities = np.zeros(n)
-        self._measured_positions = np.zeros(n)
-        self._measured_velocities = np.zeros(n)
-        self._state = np.zeros((3, n))
-        self._torques = np.zeros(n + motors)
-        self._warm_start = np.zeros((width, n))
-        self._coefficients = np.zeros((columns, n))
-        self._worst = np.zeros(len(blocks))
-        self._torque_peak = np.zeros(motors)
-        self.row_values = np.zeros((constraints.rows, len(grid.s)))
-        gap = gauss_legendre(CORRECTION_GAINS.gap_nodes)
-        plan = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
-        windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
+        self._called = _CalledArrays.empty(constraints, len(grid.s), width, motors)
         self._struct = Struct(
             "Flight",
             instants=len(grid.s),
@@ -181,56 +207,29 @@ class Update:
             goal=views.flight.final_orientation,
             sigma=sigma,
             acceleration=acceleration,
-            centre=doubles(first.centre),
-            amplitude=doubles(first.amplitude),
-            weights=doubles(grid.weights),
-            columns=width * np.arange(n + 1),
-            whitening=doubles(views.whitening),
-            unwhitening=doubles(views.unwhitening),
-            plan=np.concatenate(([first.begin, first.end], np.ravel(plan))),
-            table=doubles(first.table),
-            points=doubles(rewriting.points),
-            of_values=doubles(rewriting.of_values),
-            at_landing=doubles(rewriting.landing),
-            gap=doubles(gap.nodes),
-            gap_weights=doubles(gap.weights),
-            block_first=integers(constraints.block_first),
-            aim=doubles([rows.aim for rows in blocks]),
-            softness=doubles([rows.softness for rows in blocks]),
-            row_window=doubles(np.repeat(windows, np.diff(constraints.block_first), axis=0)),
-            turns=np.concatenate((tree.turns, tree.motor_turns), axis=1),
             mass=doubles(tree.mass),
             inertia=doubles(tree.inertia),
-            **_of_masses(tree, bodies),
+            turns=np.concatenate((tree.turns, tree.motor_turns), axis=1),
             link_real=link_real,
             link_imaginary=link_imaginary,
             real=real,
             imaginary=imaginary,
-            motions=np.zeros((CORRECTION_GAINS.memory, 2 + 3 * columns * n)),
-            measured_positions=self._measured_positions,
-            measured_velocities=self._measured_velocities,
-            positions=self._positions,
-            velocities=self._velocities,
-            map=np.zeros(n + 1),
-            asked=self._state,
-            torques=self._torques,
-            warm_start=self._warm_start,
-            coefficients=self._coefficients,
-            planned=np.zeros((columns, n)),
-            worst=self._worst,
-            row_values=self.row_values,
-            torque_peak=self._torque_peak,
-            # Of the estimate, see begin(); and room to work in, once it is known how much.
-            state=None,
-            covariance=None,
-            surprises=None,
-            wander=None,
-            deviations=None,
-            room=None,
+            motions=np.zeros((CORRECTION_GAINS.memory, 2 + 3 * (CONDITIONS + width) * n)),
+            room=None,  # once it is known how much
+            **dict.fromkeys(FILTER),  # see begin()
+            **_of_masses(tree, bodies),
+            **_of_limits(blocks, constraints.block_first),
+            **_of_plan(rewriting, views, grid),
             **self._of_instants(grid),
+            **vars(self._called),
         )
         room = kernel().flight_room(self._robot.pointer, self._constraints.pointer, self._flight)
         self._struct.point_to(room=np.zeros(room))
+
+    @property
+    def row_values(self) -> Array:
+        """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
+        return self._called.row_values
 
     @property
     def _flight(self) -> Any:
@@ -250,7 +249,7 @@ class Update:
     def aim_as_planned(self) -> None:
         """Aim no further from limits than the motion predicted last is: it comes to the ground, as feet do."""
         landing, views = int(np.argmax(self._instants.s)), self.views
-        values = [self.row_values[begin:end] for begin, end in pairwise(self._block_first)]
+        values = [self._called.row_values[begin:end] for begin, end in pairwise(self._block_first)]
         views.rows = [rows.as_planned(own, landing) for rows, own in zip(views.rows, values, strict=True)]
         self._struct.point_to(aim=doubles([rows.aim for rows in self.views.rows]))
 
@@ -258,12 +257,12 @@ class Update:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
         flight = self._flight
         flight.began, flight.measured, flight.now = self.estimate.time, measured.time, now
-        self._measured_positions[:] = measured.positions
-        self._measured_velocities[:] = measured.velocities
+        self._called.measured_positions[:] = measured.positions
+        self._called.measured_velocities[:] = measured.velocities
         self._step(STEPS["expect_state"])
         orientation = self.estimate.inertial.orientation + flight.turn_before
         base = orientation, flight.expected_rate, flight.aside, flight.variance, flight.noise
-        return Expected(self._positions, self._velocities, *base)
+        return Expected(self._called.positions, self._called.velocities, *base)
 
     def learn(self, measured: Measurement) -> None:
         """Take in a measurement that is as it was expected."""
@@ -272,9 +271,9 @@ class Update:
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
         """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the h and the masses found."""
-        self._state[:] = positions, velocities, accelerations
+        self._called.asked[:] = positions, velocities, accelerations
         self._step(STEPS["find_torques"])
-        return self._torques.copy()
+        return self._called.torques.copy()
 
     @property
     def turned(self) -> float:
@@ -287,7 +286,7 @@ class Update:
         self._look_at(now, landing)
         flight.evaluations, flight.is_warm = evaluations, warm_start is not None
         if warm_start is not None:
-            self._warm_start[:] = warm_start
+            self._called.warm_start[:] = warm_start
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
@@ -296,7 +295,7 @@ class Update:
     def predicted(self, motion: RemainingMotion) -> Corrected:
         """Return what comes of a motion as it is; the estimate is that when it begins."""
         self._look_at(motion.begin, motion.end)
-        self._coefficients[:] = motion.coefficients
+        self._called.coefficients[:] = motion.coefficients
         self._step(STEPS["predict_motion"])
         return self._judged(motion)
 
@@ -320,7 +319,7 @@ class Update:
 
     def _judged(self, motion: RemainingMotion) -> Corrected:
         found = self._flight.corrected
-        return Corrected(motion, found.miss, self._worst.copy(), self._torque_peak.copy(), found.share)
+        return Corrected(motion, found.miss, self._called.worst.copy(), self._called.torque_peak.copy(), found.share)
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
@@ -332,12 +331,12 @@ class Update:
         """Take a motion as the present one."""
         self.motions.append(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
-        self._coefficients[:] = motion.coefficients
+        self._called.coefficients[:] = motion.coefficients
         self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._first
-        coefficients = self._coefficients.copy()
+        coefficients = self._called.coefficients.copy()
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
@@ -358,6 +357,40 @@ class Update:
             "first": doubles(first.T),
             "second": doubles(second.T),
         }
+
+
+def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid) -> dict[str, Array | IntArray]:
+    """The plan's motion, and what its changes and motions on a shorter time are made of."""
+    first = rewriting.first
+    width = len(views.whitening)
+    gap = gauss_legendre(CORRECTION_GAINS.gap_nodes)
+    motion = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
+    return {
+        "centre": doubles(first.centre),
+        "amplitude": doubles(first.amplitude),
+        "weights": doubles(grid.weights),
+        "columns": integers(width * np.arange(len(first.centre) + 1)),
+        "whitening": doubles(views.whitening),
+        "unwhitening": doubles(views.unwhitening),
+        "plan": np.concatenate(([first.begin, first.end], np.ravel(motion))),
+        "table": doubles(first.table),
+        "points": doubles(rewriting.points),
+        "of_values": doubles(rewriting.of_values),
+        "at_landing": doubles(rewriting.landing),
+        "gap": doubles(gap.nodes),
+        "gap_weights": doubles(gap.weights),
+    }
+
+
+def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array | IntArray]:
+    """The blocks of rows: where each begins, its aim, softness, and the window of its rows, s."""
+    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
+    return {
+        "block_first": integers(first),
+        "aim": doubles([rows.aim for rows in blocks]),
+        "softness": doubles([rows.softness for rows in blocks]),
+        "row_window": doubles(np.repeat(windows, np.diff(first), axis=0)),
+    }
 
 
 def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:

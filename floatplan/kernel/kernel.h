@@ -365,13 +365,16 @@ typedef struct {
     double *pulls;          // (terms), to work in
 } Cosines;
 
+// What is wanted of Turning: its attitudes, how small turns go on in each cell, or where they lead.
 typedef enum { attitudes, transitions, turns } Asked;
 
+// Steps of an update of corrections, see flight.hpp.
 typedef enum {
     remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion,
     correct_motion
 } Step;
 
+// Of a motion; one that needs a grid asks for more nodes than were given.
 typedef enum { infeasible, feasible, optimal, needs_grid } Status;
 
 // The functions of the library. Each takes which set of instructions it runs with, at most floatplan_instructions().

@@ -225,11 +225,11 @@ def _addresses(name: str, arrays: Mapping[str, Array | IntArray | None]) -> dict
     known = layout(name).arrays
     addresses = {}
     for member, array in arrays.items():
+        if member not in known:
+            raise TypeError(f"{name} points to no {member}")
         if array is None:
             addresses[member] = NULL
             continue
-        if member not in known:
-            raise TypeError(f"{name} points to no {member}")
         dtype, array_type = known[member]
         try:
             if array.dtype != dtype:

@@ -20,7 +20,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.tolerances import EXCHANGE
+from floatplan.kernel.tolerances import EXCHANGE
 
 Detail = TypeVar("Detail")
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows

@@ -20,6 +20,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.optimization.programs import (
     AnyEvaluation,
     Detail,
@@ -32,7 +33,6 @@ from floatplan.optimization.programs import (
     solve_qp,
     solved,
 )
-from floatplan.tolerances import EXCHANGE, SETTINGS
 
 
 def solve_small(matrix: Array, right: Array) -> Array | None:

@@ -16,6 +16,7 @@ from floatplan.arrays import Array
 from floatplan.compiled import batch
 from floatplan.compiled.batch import STATUS, Answers, Rows, Search, solver
 from floatplan.compiled.numbers import Numbers, is_plain
+from floatplan.kernel.tolerances import EXCHANGE, QUADRATURE_ERROR, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
@@ -44,7 +45,6 @@ from floatplan.planning.transcription.variables import DecisionVariables, decisi
 from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
-from floatplan.tolerances import EXCHANGE, QUADRATURE_ERROR, SETTINGS
 
 LOG = logging.getLogger(__name__)
 Stop: TypeAlias = Callable[[], bool]
@@ -156,7 +156,7 @@ class Attempts:
         return EXCHANGE.constrained_level if self.constraints else 0
 
     def raised(self, result: AttemptResult, degrees: tuple[int, ...]) -> Start:
-        """Return the motion of an result as a start at higher degrees."""
+        """Return the motion of a result as a start at higher degrees."""
         lower, x = result.variables, result.x
         rise = zip(lower.polynomials.free, degrees, lower.degrees, strict=True)
         polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))

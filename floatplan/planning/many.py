@@ -16,6 +16,7 @@ from floatplan.certificate.certificate import certify
 from floatplan.compiled.batch import INFEASIBLE, STATUS, Answers, Search, solver
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
@@ -26,7 +27,6 @@ from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import SETTINGS
 
 CHUNK, WITH_ROWS = 2048, 256  # problems of a batch, plain or with inequalities
 AT_ONCE = 8  # problems that go alone, which a process is given at a time

@@ -16,6 +16,7 @@ from floatplan.arrays import Array
 from floatplan.compiled.batch import Search
 from floatplan.compiled.numbers import is_plain
 from floatplan.errors import refuse
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, follow_together
@@ -28,7 +29,6 @@ from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
 from floatplan.pool import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
-from floatplan.tolerances import SETTINGS
 
 LOG = logging.getLogger(__name__)
 LOGGED = ("starts", "solved", "iterations")

@@ -14,6 +14,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, motion_of
 from floatplan.planning.search import SearchOptions, search
@@ -25,7 +26,6 @@ from floatplan.pool import one_thread
 from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
-from floatplan.tolerances import EXCHANGE
 
 LOG = logging.getLogger(__name__)
 ROUNDS = 3  # [-] tightened problems at most

@@ -19,6 +19,7 @@ import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.arrays import Array
+from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed
 from floatplan.planning.starts import Start
@@ -27,7 +28,6 @@ from floatplan.planning.transcription.result import AttemptResult, best
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
-from floatplan.tolerances import EXCHANGE, SETTINGS
 
 LOG = logging.getLogger(__name__)
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 3 to 7 s in space, 1 s in a plane

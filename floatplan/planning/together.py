@@ -69,6 +69,27 @@ class BatchedStarts:
     minima: MinimaArrays
     coefficients: Array
 
+    def follow(self) -> None:
+        """Follow the plain motion of each problem."""
+        compiled = self.like.compiled
+        assert compiled, "flights in space go alone"
+        kernel = compiled.watch.kernel
+        no_memory = kernel.attempt(
+            self.inputs.robot,
+            self.constraints.pointer,
+            self.motions.pointer,
+            self.inputs.levels,
+            self.inputs.settings,
+            self.inputs.rules,
+            self.powers.pointer,
+            self.attempts.pointer,
+            self.draws.pointer,
+            len(self.plain),
+            kernel.instructions,
+        )
+        if no_memory:
+            raise MemoryError("no memory to follow starts")
+
     @property
     def solved(self) -> IntArray:
         """Those that need no more starts."""
@@ -138,64 +159,31 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
     x = plain.copy()
     branch = np.zeros((count, n), np.int64)
     coefficients = np.empty((count, n, CONDITIONS + polynomials.width))
-    arrays = MinimaArrays.empty(count, compiled.most_minima)
-
-    minima = StructRows(compiled.minima, count)
-    minima.point_to(row=arrays.row, s=arrays.s, least=arrays.least)
+    minima = MinimaArrays.empty(count, compiled.most_minima)
 
     attempts = StructRows(compiled.attempt_struct(variables, x[0], True), count)
-    obstacles = numbers.obstacles or [()] * count
-    attempts.set_numbers(
-        first=0,
-        count=1,
-        most_work=most_work,
-        reach=compiled.reach,  # it is asked first whether there is a chance
-        thickness=np.array([min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]),
-    )
-    attempts.set_structs(minima=minima)
+    attempts.set_numbers(first=0, count=1, most_work=most_work, thickness=_thickness(numbers, count))
+    attempts.set_numbers(reach=compiled.reach)  # it is asked first whether there is a chance
+    attempts.set_structs(minima=_minima_rows(compiled, minima, count))
     attempts.point_to(plain=plain, x=x, coefficients=coefficients)
-
-    inputs, like_motions = compiled.inputs(variables)
-    motions = StructRows(like_motions, count)
-    motions.set_numbers(
-        duration=rows.duration,
-        momentum=rows.momentum,
-        change=rows.change,
-        orientation=numbers.values["orientation"][:, 0],
-    )
+    inputs, motions_like = compiled.inputs(variables)
+    motions = StructRows(motions_like, count)
+    motions.set_numbers(duration=rows.duration, momentum=rows.momentum, change=rows.change)
+    motions.set_numbers(orientation=numbers.values["orientation"][:, 0])
     motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
-
     draws = StructRows(draws_struct(variables, True, branch[0]), count)
     draws.point_to(branch=branch, offset_map=offset_map)
-
     constraints = StructRows(compiled.watch.struct, count)
     constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
 
-    powers = powers_of_basis(polynomials.width)
-    kernel = compiled.watch.kernel
-    no_memory = kernel.attempt(
-        inputs.robot,
-        constraints.pointer,
-        motions.pointer,
-        inputs.levels,
-        inputs.settings,
-        inputs.rules,
-        powers.pointer,
-        attempts.pointer,
-        draws.pointer,
-        count,
-        kernel.instructions,
-    )
-    if no_memory:
-        raise MemoryError("no memory to follow starts")
-    return BatchedStarts(
+    batch = BatchedStarts(
         like=like,
         rows=rows,
         offset=offset,
         scaling=scaling,
         offset_map=offset_map,
         inputs=inputs,
-        powers=powers,
+        powers=powers_of_basis(polynomials.width),
         attempts=attempts,
         draws=draws,
         motions=motions,
@@ -203,9 +191,24 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
         plain=plain,
         x=x,
         branch=branch,
-        minima=arrays,
+        minima=minima,
         coefficients=coefficients,
     )
+    batch.follow()
+    return batch
+
+
+def _minima_rows(compiled: CompiledProblem, arrays: MinimaArrays, count: int) -> StructRows:
+    """Where the kernel writes the minima of each problem."""
+    rows = StructRows(compiled.minima, count)
+    rows.point_to(row=arrays.row, s=arrays.s, least=arrays.least)
+    return rows
+
+
+def _thickness(numbers: Numbers, count: int) -> Array:
+    """The least thickness (count,) of an obstacle of each problem, m; infinite where there is none."""
+    obstacles = numbers.obstacles or [()] * count
+    return np.array([min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles])
 
 
 def _of_constraints(compiled: CompiledProblem, numbers: Numbers, count: int) -> dict[str, Array]:

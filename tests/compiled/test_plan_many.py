@@ -16,13 +16,13 @@ from plain_problems import plain_problems, problem_of, random_robot
 import floatplan as fp
 from floatplan.compiled.batch import INFEASIBLE, Search, solver
 from floatplan.compiled.numbers import Numbers
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.planning import many
 from floatplan.planning import search as searching
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.transcription import exchange
 from floatplan.tables import BOUNDARY, ORIENTATION
-from floatplan.tolerances import SETTINGS
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from long_cases import cases
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.tolerances import CORRECTION_GAINS
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))

@@ -17,9 +17,9 @@ from update_reference import Present, Reference, filtered, step
 import floatplan as fp
 from floatplan.inflight import prediction, update
 from floatplan.inflight.replanner import REACHED, Correction
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.tolerances import CORRECTION_GAINS
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))

@@ -16,6 +16,7 @@ from kernel_program import KernelProgram
 
 import floatplan as fp
 from floatplan.kernel import library
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.dynamics import Partials
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import Limit, applies
@@ -23,7 +24,6 @@ from floatplan.planning.transcription.exchange import local_minima
 from floatplan.planning.transcription.program import objective
 from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
 from floatplan.robot.planar.model import BASE_COORDINATES
-from floatplan.tolerances import EXCHANGE
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
 LEVEL = 4  # of grids

@@ -17,7 +17,7 @@ from floatplan.compiled.bodies import grid_struct
 from floatplan.inflight import prediction
 from floatplan.kernel import build, library
 from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, all_names, dtype, enumeration, layout
-from floatplan.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
+from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
 
 
 def grid_arrays() -> dict[str, np.ndarray]:
@@ -46,7 +46,7 @@ def test_structs_and_enumerations_are_the_compiler_s(tmp_path):
 def test_the_header_is_plain_c(tmp_path):
     source = tmp_path / "structs.c"
     source.write_text(f'#include "{build.FOLDER / build.HEADER}"\n', encoding="utf-8")
-    command = ["cc", "-std=c99", "-Wall", "-Werror", "-fsyntax-only", str(source)]
+    command = [*build.command(), "-x", "c", "-std=c99", "-Wall", "-Werror", "-fsyntax-only", str(source)]
     assert subprocess.run(command, capture_output=True, text=True).stderr == ""
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.optimization import sqp
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.optimization.sqp import reduce_violations
-from floatplan.tolerances import EXCHANGE
 
 
 class Program:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from floatplan.compiled.quadratic import dual_step
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.optimization import programs
 from floatplan.optimization.programs import Derivatives, Evaluation, Step, elastic_qp, solve_qp, solved
-from floatplan.tolerances import EXCHANGE
 
 SIZE, EQUALITIES, INEQUALITIES = 7, 2, 60
 NO_ROWS = np.empty(0, dtype=np.int64)

@@ -9,6 +9,7 @@ import pytest
 from general_path import take_general_path
 
 import floatplan as fp
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.flight import impossibilities
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.starts import Start
@@ -18,7 +19,6 @@ from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
-from floatplan.tolerances import EXCHANGE
 
 NAMES = ("obstacle", "torque_limited", "moving_hoop", "handstand_ground", "gallery/solo", "gallery/bolt")
 DRAWN_ALONE = 40  # starts, the first of them plain ones at other h where that is free

@@ -18,13 +18,13 @@ from independent import Look, violations_seen
 from long_cases import cases
 
 import floatplan as fp
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.planar import bounds
 from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
 from floatplan.motion.planar.closed_form import Dynamics, ballistics
 from floatplan.planning.search import DEFAULT_WORK
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
-from floatplan.tolerances import EXCHANGE
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 WORK = DEFAULT_WORK / 20  # of the searches here

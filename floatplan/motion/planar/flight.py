@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.motion.dynamics import FlightGrid, MomentumSet
 from floatplan.motion.planar import clearance
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes, momentum_asked
@@ -25,7 +26,6 @@ from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule, Robot
-from floatplan.tolerances import SETTINGS
 
 TINY = 1e-300  # keeps a quotient of zeros from being none
 

@@ -17,6 +17,7 @@ from floatplan.compiled.attempts import knots, nodes_of_levels
 from floatplan.compiled.batch import STATUS, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.structs import Pointer, Struct, doubles, integers
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import PlanarFlight, central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -29,7 +30,6 @@ from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
-from floatplan.tolerances import EXCHANGE
 
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints

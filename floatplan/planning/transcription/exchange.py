@@ -13,6 +13,7 @@ from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
+from floatplan.kernel.tolerances import EXCHANGE, NEARLY_RESOLVED, QUADRATURE_ERROR, SETTINGS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
 from floatplan.optimization.sqp import Solution, minimise, reduce_violations
@@ -28,7 +29,6 @@ from floatplan.planning.transcription.program import (
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import ORIENTATION
-from floatplan.tolerances import EXCHANGE, NEARLY_RESOLVED, QUADRATURE_ERROR, SETTINGS
 
 FIRST_LOOK = 129  # instants of the first look between the nodes
 FIRST_GRID = read_only(np.linspace(0, 1, FIRST_LOOK))

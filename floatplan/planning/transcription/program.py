@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.trajectory import (
@@ -25,7 +26,6 @@ from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
-from floatplan.tolerances import EXCHANGE
 
 EXACT_LEVEL = -1  # of the grids: the finest, for the number that the user sees
 RANK = 1e-7  # singular values below this, relative to the largest, are rounding

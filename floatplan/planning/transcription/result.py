@@ -10,6 +10,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.batch import is_planar
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.transcription.exchange import Worst
 from floatplan.planning.transcription.program import objective_value
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectory
@@ -17,7 +18,6 @@ from floatplan.planning.transcription.variables import DecisionVariables, decisi
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 from floatplan.tables import Objective as ObjectiveName
-from floatplan.tolerances import EXCHANGE
 
 
 @dataclass(eq=False)

@@ -15,12 +15,12 @@ from typing import cast
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import EXCHANGE
 
 CUBED = 0.012  # [instants of one body] of a quadratic program, times the cube of the number of its variables
 CHANGE = (0.045, 0.0027)  # [instants of one body] of a row's change, times variables squared; times variables and rows

@@ -2,13 +2,12 @@
 
 One dataclass for each struct of numbers in ``kernel.h``, with the fields of that struct; Python that uses the same
 number reads it here. In brackets the unit; then what the number does, and why it has this value where that is known.
+What depends on the problem, or is a number of another room, is 0 here and filled in where the struct is made.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from floatplan.tables import ORIENTATION
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Settings:
     coarsely_resolved: float = 0.02  # [-] what the first nodes may miss of the motion, relative to its size
     too_wild: float = 0.3  # [-] the same of a random motion; a wilder one is no start
     hopeless: float = 0.1  # [unit of the row] violation after the coarse stage, above which a fine one is wasted
-    tolerance: float = ORIENTATION  # [rad] of the attitude at landing, as the plan is judged by
+    tolerance: float = 0.0  # [rad] of the attitude at landing, as the plan is judged by: ORIENTATION of tables.py
     unresolved: float = 1e-6  # [-] what the nodes may miss of a plan, relative to its size: its square is lost
     smallest_tail: float = 1e-16  # [-] of Legendre coefficients, relative to the largest value: rounding
     largest_tail: float = 0.9  # [-] the same: no decay can be read from more
@@ -68,7 +67,7 @@ class Settings:
     most_rounds: int = 24  # [-] of SQP, each with other nodes or instants
     most_iterations: int = 240  # [-] in all rounds together
     first_level: int = 2  # of grids: with fewer nodes a search is hardly faster, and ends elsewhere more often
-    levels: int = 0  # [-] of grids that there are: the kernel is told
+    levels: int = 0  # [-] of grids that there are: as many as NODE_COUNTS has
     finer: int = 2  # [-] levels of grids, from one to the next with twice the nodes
 
     level_of_starts: int = 1  # of grids, where random starts are drawn
