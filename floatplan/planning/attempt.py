@@ -124,6 +124,7 @@ class Attempts:
         self._is_followed = followed is not None
         if followed:
             self.plain_start, self._starts = followed
+            assert self._starts.plain is self.plain_start.x, "they are the starts of that one"
             self._learn(self._starts)
 
     def prepare(self) -> None:

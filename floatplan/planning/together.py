@@ -126,11 +126,12 @@ class BatchedStarts:
         variables = DecisionVariables(
             polynomials, self.offset[row], self.scaling[row], momentum, offset_map=self.offset_map[row]
         )
+        start = Start(variables, self.plain[row], at_once=True)
         inputs = replace(self.inputs, constraints=self.constraints.row(row), motions=self.motions.row(row))
         starts = PreparedStarts(
             compiled=compiled,
             variables=variables,
-            plain=self.plain[row],
+            plain=start.x,
             inputs=inputs,
             powers=self.powers.pointer,
             attempt=self.attempts.row(row),
@@ -141,7 +142,7 @@ class BatchedStarts:
             coefficients=self.coefficients[row],
             kept=self,
         )
-        prepared = Attempts(problem, seed, momentum, (Start(variables, self.plain[row], at_once=True), starts))
+        prepared = Attempts(problem, seed, momentum, (start, starts))
         if not starts.attempt.violation <= 0:
             prepared.prepare()
         return prepared
