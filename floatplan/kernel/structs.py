@@ -209,7 +209,7 @@ def _restored(name: str, content: bytes, arrays: dict[str, Array | IntArray | No
     struct = Struct.__new__(Struct)
     struct.name = name
     struct.pointer = _NEW(layout(name).pointer)
-    struct._arrays = arrays
+    struct._arrays = dict(arrays)
     FFI.buffer(struct.pointer)[:] = content
     for path, array in arrays.items():
         *within, member = path.split(".")

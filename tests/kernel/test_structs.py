@@ -130,8 +130,11 @@ def test_copies_hold_the_same_and_have_arrays_of_their_own(copied):
     assert other.pointer.low == FFI.NULL
     other.pointer.count = 5
     assert outer.pointer.count == 2
+    other.point_to(peaks=np.full(3, 7.0))
+    assert outer.pointer.peaks[1] == 1.0
+    assert outer._arrays["peaks"] is s
     if copied is not copy.copy:
-        other.pointer.peaks[1] = 9.0
+        other.pointer.minima.s[1] = 9.0
         assert s[1] == 1.0
 
 
