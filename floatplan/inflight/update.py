@@ -169,12 +169,13 @@ class _CalledArrays:
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
-    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2.
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``gains`` say the rest.
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
-        self.motions: deque[RemainingMotion] = deque(maxlen=CORRECTION_GAINS.memory)
+        self.gains = CORRECTION_GAINS
+        self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
@@ -203,7 +204,7 @@ class Update:
             nodes=grid.nodes,
             blocks=len(blocks),
             motors=motors,
-            law=Struct.of_numbers(CORRECTION_GAINS),
+            law=Struct.of_numbers(self.gains),
             goal=views.flight.final_orientation,
             sigma=sigma,
             acceleration=acceleration,
@@ -214,12 +215,12 @@ class Update:
             link_imaginary=link_imaginary,
             real=real,
             imaginary=imaginary,
-            motions=np.zeros((CORRECTION_GAINS.memory, 2 + 3 * (CONDITIONS + width) * n)),
+            motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
             room=None,  # once it is known how much
             **dict.fromkeys(FILTER),  # see begin()
             **_of_masses(tree, bodies),
             **_of_limits(blocks, constraints.block_first),
-            **_of_plan(rewriting, views, grid),
+            **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
             **self._of_instants(grid),
             **vars(self._called),
         )
@@ -359,11 +360,11 @@ class Update:
         }
 
 
-def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid) -> dict[str, Array | IntArray]:
+def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int) -> dict[str, Array | IntArray]:
     """The plan's motion, and what its changes and motions on a shorter time are made of."""
     first = rewriting.first
     width = len(views.whitening)
-    gap = gauss_legendre(CORRECTION_GAINS.gap_nodes)
+    gap = gauss_legendre(gap_nodes)
     motion = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
     return {
         "centre": doubles(first.centre),
