@@ -13,6 +13,7 @@ import pytest
 from elsewhere import told
 
 import floatplan
+from floatplan.kernel.build import header_digest
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.long
@@ -81,6 +82,11 @@ def test_its_kernel_knows_no_folder_of_the_machine(wheel: Path) -> None:
     kernel = zipfile.ZipFile(wheel).read("floatplan/kernel/_kernel.so")
     for folder in (ROOT, Path.home(), wheel.parents[2]):
         assert str(folder).encode() not in kernel
+
+
+def test_it_has_the_kernel_s_header_as_cffi_has_read_it(wheel: Path) -> None:
+    kept = zipfile.ZipFile(wheel).read("floatplan/kernel/_declarations.py").decode()
+    assert f'HEADER = "{header_digest()}"' in kept
 
 
 def test_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:
