@@ -40,7 +40,10 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and say of a wheel for which platform it then is."""
-        if self.target_name != "wheel" or (version == "editable" and os.environ.get(ELSEWHERE)):
+        if self.target_name != "wheel":
+            return
+        self._building.keep_declarations()
+        if version == "editable" and os.environ.get(ELSEWHERE):
             return
         try:
             if version == "editable":

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 import floatplan as fp
-from floatplan.kernel.layout import Filled
+from floatplan.kernel.structs import Struct
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.variables import DecisionVariables
@@ -41,19 +41,39 @@ class KernelProgram:
         compiled, size = self._ready.compiled, len(x)
         assert compiled, "the flight is in a plane"
         x = np.ascontiguousarray(x)
-        given, attempt, kept = compiled.prepared(self.of, x.copy(), True)
+        attempt = compiled.attempt_struct(self.of, x.copy(), True)
+        inputs, motions = compiled.inputs(self.of)
         count = self._ready.model.flight.node_counts[self.level] + len(self.others)
-        rows, stride = attempt.structure.rows, -(-count // 8) * 8
+        rows, stride = attempt.pointer.rows, -(-count // 8) * 8
         shapes = {"gradient": (size,), "row": (size,), "hessian": (size, size), "step": (size,)}
         shapes |= {"values": (rows, stride), "slopes": (rows, stride, size)}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        numbers = {"level": self.level, "extra": len(self.others), "back_off": self.back_off, "penalty": penalty}
-        at = Filled("Evaluation", **numbers, **arrays, others=np.array(self.others), x=x)
+        at = Struct(
+            "Evaluation",
+            level=self.level,
+            extra=len(self.others),
+            others=np.array(self.others, np.float64),
+            x=x,
+            back_off=self.back_off,
+            penalty=penalty,
+            **arrays,
+        )
         kernel = compiled.watch.kernel
-        assert not kernel.evaluate(*given, attempt.structure, at.structure, kernel.instructions), "there is memory"
-        assert kept, "until here"
+        no_memory = kernel.evaluate(
+            inputs.robot,
+            inputs.constraints,
+            inputs.motions,
+            inputs.levels,
+            inputs.settings,
+            inputs.rules,
+            attempt.pointer,
+            at.pointer,
+            kernel.instructions,
+        )
+        assert not no_memory
+        assert motions, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
-        return arrays | {name: np.array(getattr(at.structure, name)) for name in ("objective", "equality")}
+        return arrays | {name: np.array(getattr(at.pointer, name)) for name in ("objective", "equality")}
 
     def evaluate(self, x: np.ndarray) -> Evaluation[None]:
         """Values and derivatives at x."""

@@ -12,7 +12,7 @@ from generated_problems import random_chain
 from measuring import Counts, heading, in_turns, table
 
 import floatplan as fp
-from floatplan.kernel.layout import description
+from floatplan.kernel.library import description
 
 BARS = {2: 40_000, 5: 6_000, 10: 1_500}  # plans/s, one core
 SAME = 1e-6  # relative, of |b|

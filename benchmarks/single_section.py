@@ -11,7 +11,7 @@ from functools import partial
 from measuring import Counts, example, heading, in_turns, table
 
 import floatplan as fp
-from floatplan.kernel.layout import description
+from floatplan.kernel.library import description
 
 TORQUE_SHARE = 0.8  # [-] of what the plan without limits needs
 MOST_STARTS = 64

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-NEEDED = ("scripts/environment", "pyproject.toml", "floatplan/kernel/build.py")
+NEEDED = ("scripts/environment", "pyproject.toml", "floatplan/kernel/build.py", "floatplan/kernel/kernel.h")
 PYTHON = """#!/bin/sh
 case "$*" in *install*) echo "$@" "elsewhere=${{FLOATPLAN_KERNEL_ELSEWHERE:-}}" >> installed; exit 0 ;; esac
 exec {python} "$@"

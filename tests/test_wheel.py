@@ -13,6 +13,7 @@ import pytest
 from elsewhere import told
 
 import floatplan
+from floatplan.kernel.build import header_digest
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.long
@@ -83,10 +84,15 @@ def test_its_kernel_knows_no_folder_of_the_machine(wheel: Path) -> None:
         assert str(folder).encode() not in kernel
 
 
+def test_it_has_the_kernel_s_header_as_cffi_has_read_it(wheel: Path) -> None:
+    kept = zipfile.ZipFile(wheel).read("floatplan/kernel/_declarations.py").decode()
+    assert f'HEADER = "{header_digest()}"' in kept
+
+
 def test_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:
     assert "-py3-none-" in wheel.name
     assert "any" not in wheel.name
-    describe = "import floatplan as fp, floatplan.kernel.layout as kernel; print(fp.__file__, kernel.description())"
+    describe = "import floatplan as fp, floatplan.kernel.library as kernel; print(fp.__file__, kernel.description())"
     assert str(unpacked) in told(describe, unpacked)
     assert "compiled kernel (" in told(describe, unpacked)
     with (unpacked / "floatplan" / "kernel" / "batch.hpp").open("a") as source:

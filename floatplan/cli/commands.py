@@ -45,7 +45,7 @@ def main() -> None:
 def _print_version(wanted: bool) -> None:
     """Print the version, and which solver makes plans without inequalities."""
     if wanted:
-        from floatplan.kernel.layout import description
+        from floatplan.kernel.library import description
 
         typer.echo(f"floatplan {fp.__version__}, {description()}")
         raise typer.Exit(common.DONE)

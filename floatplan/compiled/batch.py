@@ -6,70 +6,41 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.bodies import Bodies, filled_grid, filled_robot
-from floatplan.kernel.layout import (
-    ENUMERATIONS,
-    STRUCTURES,
-    Filled,
-    Kernel,
-    Structure,
-    address,
-    constants,
-    kernel,
-    structure_array,
-)
+from floatplan.compiled.bodies import Bodies, grid_struct, robot_struct
+from floatplan.kernel.library import Kernel, kernel
+from floatplan.kernel.structs import FFI, Struct, StructArray, doubles, enumeration
+from floatplan.kernel.tolerances import COARSE as COARSE_STAGE
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, NEARLY_RESOLVED, SETTINGS, Stage
+from floatplan.kernel.tolerances import FINE as FINE_STAGE
+from floatplan.kernel.tolerances import ROUGH as ROUGH_STAGE
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
-from floatplan.motion.planar import flight
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.optimization import sqp
 from floatplan.optimization.programs import Settings
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION
 
-# Of every search, compiled or not.
-QUADRATURE_ERROR = 1e-13  # rad, of the attitude at landing, at which the nodes are enough
-NEARLY_RESOLVED = 1e-6  # rad, error of the attitude at landing that nodes may leave before the last stage
-COARSELY_RESOLVED = 0.02  # what the nodes may miss of the motion, relative to its size
-UNRESOLVED = 1e-6  # the same of a plan: its square is lost
-MOST_ROUNDS = 24
-MOST_ITERATIONS = 240  # in all rounds together
-HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
-COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
-ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
-FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
-CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
-EASY_ITERATIONS = 40  # [-] of a plain start: with fewer of them other starts promise little
-WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
-SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of random motions
-# Of the compiled one alone.
-FINER = 2  # levels of grids, from one to the next with twice the nodes
-USUAL_NODES = 128  # grids of more are made where they are needed
-FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
-LEVEL_OF_STARTS = 1  # of grids
-MOST_STARTS = 65  # [-] the plain one, and random ones
-CANDIDATES = 12  # for starts, from which those are followed that promise most
-FOLLOWED = 6
-SPREADS_OF_STARTS = (0.2, 0.4, 0.8, 1.6, 0.8, 1.6)  # of random motions; beyond, few of them lead anywhere
-RANKED_ROUNDS = 2  # where all of these fail, what promises little is followed too
-STEP_TO_RANK = 1.0  # rad, root mean square of p
-STEPS_TO_RANK = 3
-CHANGED_BRANCHES = 0.8  # [-] of the joints of a candidate, where not all branches are candidates
-HOPELESS_WAY = 30.0  # rad, root mean square of p: a start from which (14), were it linear, is farther away is left
-STARTS_TO_AGREE = 16  # [-] after so many a problem is given up, where
-AGREEING = 4  # [-] of them came equally near to (14), and none nearer:
-AGREEMENT = 0.003  # [-] relative difference of what is left of it
-TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
+
+def solver_settings(stage: Stage, *, longest_step: float = SETTINGS.longest_step, polish: bool = True) -> Settings:
+    """Return the settings of the solver in Python for a stage of a search."""
+    return Settings(stage.feasibility, stage.optimality, stage.iterations, longest_step, polish)
+
+
+COARSE = solver_settings(COARSE_STAGE, polish=False)
+ROUGH = solver_settings(ROUGH_STAGE, polish=False)
+FINE = solver_settings(FINE_STAGE)
+CAUTIOUS = solver_settings(FINE_STAGE, longest_step=CONSTRAINED_SETTINGS.longest_step)
+USUAL_NODES = 128  # [-] grids of more are made where they are needed
 NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
-INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
+INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = enumeration("Status")
 STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
 
 
@@ -146,6 +117,23 @@ class Answers:
     z: Array
     coefficients: Array
 
+    @classmethod
+    def empty(cls, count: int, joints: int, width: int) -> Answers:
+        """Return room for so many problems."""
+        return cls(
+            status=np.zeros(count, np.int64),
+            iterations=np.zeros(count, np.int64),
+            evaluations=np.zeros(count, np.int64),
+            instants=np.zeros(count, np.int64),
+            starts=np.zeros(count, np.int64),
+            solved=np.zeros(count, np.int64),
+            branch=np.zeros((count, joints), np.int64),
+            objective=np.zeros(count),
+            residual=np.zeros(count),
+            z=np.zeros((count, joints, width)),
+            coefficients=np.zeros((count, joints, CONDITIONS + width)),
+        )
+
 
 class Solver:
     """The compiled solver for a tree, joint ranges and degrees."""
@@ -156,7 +144,7 @@ class Solver:
         self.bodies = len(tree.mass)
         self._most_nodes = USUAL_NODES
         low, high = position_limits.T
-        self._robot = filled_robot(Bodies(tree, (low + high) / 2, (high - low) / 2), free)
+        self._robot = robot_struct(Bodies(tree, (low + high) / 2, (high - low) / 2), free)
 
     def plan(self, rows: Rows, search: Search) -> Answers:
         """Plan a batch; the answer to a row depends on that row and on the search alone."""
@@ -170,31 +158,45 @@ class Solver:
         return answers
 
     def _plan(self, rows: Rows, search: Search, most_nodes: int) -> Answers:
-        count, n, width = len(rows.duration), self._n, self._width
-        shapes = {"branch": (n,), "z": (n, width), "coefficients": (n, CONDITIONS + width)}
-        kinds = {name: STRUCTURES["Batch"].arrays[name][0] for name in Answers.__annotations__}
-        made: Any = {name: np.zeros((count, *shapes.get(name, ())), kind) for name, kind in kinds.items()}
-        answers = Answers(**made)
-        batch, powers, compiled = Filled("Batch", rows, answers, count=count), powers_of_basis(width), self._kernel
-        given = self._robot.structure, *_grids(width, most_nodes), powers.structure, _settings(search), batch.structure
-        if compiled.plan(*given, compiled.instructions):
+        count = len(rows.duration)
+        answers = Answers.empty(count, self._n, self._width)
+        batch = Struct(
+            "Batch",
+            count=count,
+            duration=doubles(rows.duration),
+            momentum=doubles(rows.momentum),
+            change=doubles(rows.change),
+            boundary=doubles(rows.boundary),
+            start=None if rows.start is None else doubles(rows.start),
+            **vars(answers),
+        )
+        compiled = self._kernel
+        no_memory = compiled.plan(
+            self._robot.pointer,
+            _grids(self._width, most_nodes).pointer,
+            FFI.from_buffer("Index[]", NODES_OF_LEVELS),
+            powers_of_basis(self._width).pointer,
+            _settings(search).pointer,
+            batch.pointer,
+            compiled.instructions,
+        )
+        if no_memory:
             raise MemoryError("no memory for a batch of plans")
         return answers
 
 
 @lru_cache(maxsize=32)
-def _grids(width: int, most_nodes: int) -> tuple[Any, int]:
-    """Grids of all levels, those of too many nodes left out; and where their numbers of nodes are."""
-    grids = [filled_grid(width, count) if count <= most_nodes else None for count in NODE_COUNTS]
-    return structure_array("Grid", grids), address(NODES_OF_LEVELS)
+def _grids(width: int, most_nodes: int) -> StructArray:
+    """Grids of all levels, those of too many nodes left out."""
+    return StructArray("Grid", [grid_struct(width, count) if count <= most_nodes else None for count in NODE_COUNTS])
 
 
 @cache
-def powers_of_basis(width: int) -> Filled:
+def powers_of_basis(width: int) -> Struct:
     """Return what b is written with, of motions with so many free polynomials."""
     columns, columns_low = _doubles(basis_columns(width))
     lost, lost_low = _doubles(compensations(CONDITIONS + width))
-    return Filled("Powers", columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
+    return Struct("Powers", columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
 
 
 def _doubles(fractions: Any) -> tuple[Array, Array]:
@@ -204,28 +206,16 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
     return high, (fractions - exact).astype(np.float64)
 
 
-Steps: TypeAlias = tuple[tuple[Settings, float], ...]  # and the error of the attitude that their nodes may leave, rad
-
-
 @lru_cache(maxsize=32)
-def _settings(search: Search) -> Structure:
-    """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
-    fine = replace(FINE, longest_step=search.longest_step)
-    steps: Steps = ((ROUGH, NEARLY_RESOLVED), (nearly_resolved(fine), NEARLY_RESOLVED), (fine, QUADRATURE_ERROR))
-    return _numbers(search, steps)
+def _settings(search: Search) -> Struct:
+    """Return every number of a search without inequalities."""
+    return Struct.of_numbers(replace(SETTINGS, **vars(search), tolerance=ORIENTATION, levels=len(NODE_COUNTS)))
 
 
 @cache
-def constrained_settings() -> Structure:
-    """Return those of a search with constraints, whose first and last stages are these."""
-    coarse, fine = (COARSE, QUADRATURE_ERROR), (CAUTIOUS, QUADRATURE_ERROR)
-    return _numbers(Search(longest_step=CAUTIOUS.longest_step), (coarse, fine, fine))
-
-
-def _numbers(search: Search, steps: Steps) -> Structure:
-    stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
-    others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages}
-    return constants("Settings", vars(sqp), vars(flight), globals(), **others)
+def constrained_settings() -> Struct:
+    """Return those of a search with inequalities."""
+    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS, tolerance=ORIENTATION, levels=len(NODE_COUNTS)))
 
 
 def is_planar(flight: FlightDynamics) -> bool:

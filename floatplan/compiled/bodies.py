@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray, identity
-from floatplan.kernel.layout import Filled
+from floatplan.kernel.structs import Struct, doubles, integers
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree
@@ -86,25 +86,48 @@ def _built_up(turns: Array) -> tuple[IntArray, Array]:
     return parent, differences[rows, parent]
 
 
-def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
+def robot_struct(bodies: Bodies, free: Sequence[int]) -> Struct:
     """Return a robot whose joints have so many free polynomials."""
-    of_links = {"links": len(bodies.group), "link_real": bodies.links.real, "link_imaginary": bodies.links.imag}
-    counts = {"joints": len(free), "bodies": len(bodies.real), "width": max(free)}
-    kinds = {"is_real": bodies.is_real, "has_rotors": bodies.rotors is not None}
-    return Filled("Robot", bodies, free=free, **counts, **of_links, **kinds)
+    return Struct(
+        "Robot",
+        joints=len(free),
+        bodies=len(bodies.real),
+        width=max(free),
+        free=integers(free),
+        real=doubles(bodies.real),
+        imaginary=doubles(bodies.imaginary),
+        is_real=bodies.is_real,
+        parent=integers(bodies.parent),
+        first=integers(bodies.first),
+        joint=integers(bodies.joint),
+        ratio=doubles(bodies.ratio),
+        links=len(bodies.group),
+        group=integers(bodies.group),
+        link_real=doubles(bodies.links.real),
+        link_imaginary=doubles(bodies.links.imag),
+        has_rotors=bodies.rotors is not None,
+        rotors=None if bodies.rotors is None else doubles(bodies.rotors),
+    )
 
 
 @lru_cache(maxsize=64)
-def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Filled]:
+def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Struct]:
     """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
     joints = tree.turns.shape[1]
     bodies = Bodies(tree, np.zeros(joints), np.ones(joints))
-    return bodies, filled_robot(bodies, [0] * joints)
+    return bodies, robot_struct(bodies, [0] * joints)
 
 
 @lru_cache(maxsize=64)
-def filled_grid(width: int, count: int) -> Filled:
+def grid_struct(width: int, count: int) -> Struct:
     """Return the basis at so many nodes."""
     quadrature = gauss_legendre(count)
     value, slope, _ = basis(Form(width)).values(quadrature.nodes)
-    return Filled("Grid", quadrature, nodes=count, value=value.T, slope=slope.T, tail=quadrature.transform[-3:])
+    return Struct(
+        "Grid",
+        nodes=count,
+        weights=doubles(quadrature.weights),
+        value=doubles(value.T),
+        slope=doubles(slope.T),
+        tail=doubles(quadrature.transform[-3:]),
+    )

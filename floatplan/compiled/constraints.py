@@ -15,7 +15,8 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.compiled.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles, enumeration, integers
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.flight import PlanarFlight
@@ -23,7 +24,7 @@ from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
 
-SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = map(int, ENUMERATIONS["RowKind"])
+SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = map(int, enumeration("RowKind"))
 QUANTITIES = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # of sums
 
 
@@ -81,18 +82,34 @@ class CompiledConstraints:
         all_sums = np.concatenate((np.empty((0, self.terms)), *sums, *(() if self.also is None else (self.also,))))
         own = all_sums[: self.first_also]
         needs_moments = "torque" in also or bool(own[:, 2 + 2 * self.joints :].any())
-        needed = {"needs_moments": needs_moments, "needs_places": max(kind, default=SUM) > SHARE}
         accelerate = needs_moments or also == "accelerations" or own[:, 2 + self.joints : 2 + 2 * self.joints].any()
         shapes, ends = flight.link_shapes, _ends(tree, flight.link_shapes)
         opposite = _opposite(kind, first, own)
         self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
         path = flight.ballistics
-        self.path, self.least = np.array([*path.position0, *path.velocity0, path.gravity]), np.array(least)
-        rows = {"kind": kind, "first": first, "second": second, "per_scale": per_scale, "opposite": opposite}
-        capsules = {"capsules": len(ends), "ends_real": ends.real, "ends_imaginary": ends.imag, "turn": tree.turn}
-        about = {"rows": self.rows, "obstacles": obstacles, "sums": all_sums, "needs_accelerations": bool(accelerate)}
-        self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
-        self.references = self.robot.structure, self.filled.structure
+        self.path = np.array([*path.position0, *path.velocity0, path.gravity])
+        self.least = doubles(least)
+        self.struct = Struct(
+            "Constraints",
+            capsules=len(ends),
+            rows=self.rows,
+            needs_moments=needs_moments,
+            needs_accelerations=bool(accelerate),
+            needs_places=max(kind, default=SUM) > SHARE,
+            turn=tree.turn,
+            ends_real=doubles(ends.real),
+            ends_imaginary=doubles(ends.imag),
+            radius=doubles(shapes.radius),
+            path=self.path,
+            obstacles=doubles(obstacles),
+            kind=integers(kind),
+            first=integers(first),
+            second=integers(second),
+            opposite=integers(opposite),
+            least=self.least,
+            per_scale=doubles(per_scale),
+            sums=doubles(all_sums),
+        )
 
     def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> None:
         """Write the rows of a block."""

@@ -11,7 +11,8 @@ from floatplan.arrays import Array
 from floatplan.compiled.bodies import unscaled_robot
 from floatplan.compiled.constraints import CompiledConstraints, DistanceRows, can_write
 from floatplan.compiled.numbers import Numbers
-from floatplan.kernel.layout import Filled, kernel, structure_array
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import NULL, Struct, StructArray, doubles
 from floatplan.motion.planar.flight import planar_flight
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
 from floatplan.problem.problem import Problem
@@ -58,22 +59,43 @@ def many_peaks(
     coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
     orders : how many of the joints' derivatives to measure too
     """
-    found, problems = kernel(), [of] if isinstance(of, Problem) else [of.like] if isinstance(of, Numbers) else of
+    problems = [of] if isinstance(of, Problem) else [of.like] if isinstance(of, Numbers) else of
     count, n, size = coefficients.shape
-    like, motors = problems[0], len(problems[0].robot.motors)
+    like = problems[0]
+    motors = len(like.robot.motors)
     peaks = np.empty((count, motors + orders * n))
     low, high = np.array([np.broadcast_to(each.position_limits, (n, 2)) for each in problems]).T.swapaxes(1, 2)
     low, high = (np.broadcast_to(each, (count, n)) for each in (low, high))
-    counts = {"count": count, "levels": len(NODES), "columns": size, "motors": motors, "orders": orders}
-    ranges = {"centre": (low + high) / 2, "amplitude": (high - low) / 2, "turns": like.robot.tree.motor_turns}
-    plans = {"duration": duration, "momentum": angular_momentum, "coefficients": np.nan_to_num(coefficients, nan=0.0)}
     clearance = np.full(count, np.inf)
     constraints, distances = _distances(None if isinstance(of, Problem) or not like.obstacles else of)
-    found_here = {"resolved": RESOLVED, "peaks": peaks, "clearance": clearance}
-    batch = Filled("Peaks", **found_here, **counts, **ranges, **plans, **distances)
-    robot = unscaled_robot(like.robot.tree)[1].structure
-    among = constraints.filled.structure if constraints else None
-    if found.peaks(robot, _interpolations(size, NODES), among, batch.structure, found.instructions):
+    batch = Struct(
+        "Peaks",
+        count=count,
+        levels=len(NODES),
+        columns=size,
+        motors=motors,
+        orders=orders,
+        resolved=RESOLVED,
+        turns=doubles(like.robot.tree.motor_turns),
+        centre=doubles((low + high) / 2),
+        amplitude=doubles((high - low) / 2),
+        duration=doubles(duration),
+        momentum=doubles(angular_momentum),
+        coefficients=doubles(np.nan_to_num(coefficients, nan=0.0)),
+        peaks=peaks,
+        clearance=clearance,
+        **distances,
+    )
+    _, robot = unscaled_robot(like.robot.tree)
+    interpolations = _interpolations(size, NODES)
+    compiled = kernel()
+    if compiled.peaks(
+        robot.pointer,
+        interpolations.pointer,
+        constraints.struct.pointer if constraints else NULL,
+        batch.pointer,
+        compiled.instructions,
+    ):
         raise MemoryError("no memory to measure plans")
     of_motors, *of_joints = np.split(peaks, range(motors, peaks.shape[1], n), axis=1)
     return ManyPeaks(of_motors, dict(zip(ORDERS, of_joints, strict=False)), clearance)
@@ -81,36 +103,43 @@ def many_peaks(
 
 def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[CompiledConstraints | None, dict[str, Any]]:
     """Rows of the distances to obstacles, and what of each problem is its own."""
-    own: dict[str, Any] = dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
     if of is None:
-        nothing = dict.fromkeys(("grid", "low", "high", "row", "s", "least"))
-        return None, own | {"minima": Filled("Minima", **nothing)}
+        return None, dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
     numbers = of if isinstance(of, Numbers) else Numbers.of_problems(of)
-    like, grid = numbers.like, np.linspace(0, 1, INSTANTS)
+    like = numbers.like
     blocks = [DistanceRows(each, 0.0, 1.0) for each in like.obstacles]
     constraints = CompiledConstraints(planar_flight(like), blocks)
     rows = np.diff(constraints.block_first)
     windows = np.array([[each.window or (0.0, np.inf) for each in own] for own in numbers.obstacles])
     windows = np.minimum(windows / numbers.values["duration"][:, None, None], (np.inf, 1.0))
     low, high = np.repeat(windows, rows, axis=1).transpose(2, 0, 1)
-    room = {"row": np.empty(INSTANTS * constraints.rows, np.int64)}
-    room |= {name: np.empty(INSTANTS * constraints.rows) for name in ("s", "least")}  # type: ignore[misc]
-    span = 1 / (INSTANTS - 1)
-    minima = Filled("Minima", instants=INSTANTS, near=np.inf, span=span, grid=grid, low=None, high=None, **room)
+    most = INSTANTS * constraints.rows
+    minima = Struct(
+        "Minima",
+        instants=INSTANTS,
+        near=np.inf,
+        span=1 / (INSTANTS - 1),
+        grid=np.linspace(0, 1, INSTANTS),
+        low=None,
+        high=None,
+        row=np.empty(most, np.int64),
+        s=np.empty(most),
+        least=np.empty(most),
+    )
     obstacles = numbers.obstacle_numbers()
     return constraints, {
-        "orientation": numbers.values["orientation"][:, 0],
-        "path": numbers.paths(),
-        "obstacles": obstacles,
+        "orientation": doubles(numbers.values["orientation"][:, 0]),
+        "path": doubles(numbers.paths()),
+        "obstacles": doubles(obstacles),
         "numbers": obstacles.shape[1],
-        "low": low,
-        "high": high,
+        "low": doubles(low),
+        "high": doubles(high),
         "minima": minima,
     }
 
 
 @lru_cache(maxsize=16)
-def _interpolations(size: int, counts: tuple[int, ...]) -> Any:
+def _interpolations(size: int, counts: tuple[int, ...]) -> StructArray:
     """Powers of s and their derivatives at the nodes, and the Chebyshev coefficients from values there."""
     found = []
     k = np.arange(size)
@@ -120,6 +149,14 @@ def _interpolations(size: int, counts: tuple[int, ...]) -> Any:
         slope, curvature = np.zeros((2, *powers.shape))
         slope[:, 1:] = powers[:, :-1] * k[1:]
         curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
-        of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
-        found.append(Filled("Interpolation", nodes=nodes, s=s, map=coefficient_map(nodes), **of_powers))
-    return structure_array("Interpolation", found)
+        interpolation = Struct(
+            "Interpolation",
+            nodes=nodes,
+            s=doubles(s),
+            map=doubles(coefficient_map(nodes)),
+            value=doubles(powers.T),
+            slope=doubles(slope.T),
+            curvature=doubles(curvature.T),
+        )
+        found.append(interpolation)
+    return StructArray("Interpolation", found)

@@ -5,8 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.layout import Filled, kernel
-from floatplan.optimization.programs import QP_CHANGES, QP_TOLERANCE, AnyEvaluation, Multipliers, Step
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles
+from floatplan.kernel.tolerances import EXCHANGE
+from floatplan.optimization.programs import AnyEvaluation, Multipliers, Step
 
 
 def dual_step(
@@ -16,22 +18,38 @@ def dual_step(
 
     How many changes there were is ``counted`` in either case.
     """
-    size, equalities, found = len(hessian), len(current.equality), kernel()
-    active, solution = np.empty(size, dtype=np.int64), np.empty(2 * size + equalities)
+    size = len(hessian)
+    equalities = len(current.equality)
+    active = np.empty(size, dtype=np.int64)
+    solution = np.empty(2 * size + equalities)
     count = len(current.inequality)
-    rows = -(-count // 8) * 8
-    inequality, packs = np.full(rows, np.inf), np.zeros((rows, size))
-    inequality[:count], packs[:count] = current.inequality, current.inequality_jacobian
-    counts = {"size": size, "equalities": equalities, "rows": rows}
-    bounds = {"changes": QP_CHANGES, "tolerance": QP_TOLERANCE}
-    slopes = {"equality_rows": current.equality_jacobian, "inequality_rows": packs.reshape(-1, 8, size).swapaxes(1, 2)}
-    given = {"hessian": hessian, "inequality": inequality, "active": active, "solution": solution}
-    filled = Filled("Quadratic", current, **counts, **bounds, **slopes, **given)
-    structure = filled.structure
-    solved = found.quadratic(structure, found.instructions)
-    counted(structure.changes)
+    rows = -(-count // 8) * 8  # rows beyond the last hold whatever x is
+    inequality = np.full(rows, np.inf)
+    inequality[:count] = current.inequality
+    packs = np.zeros((rows, size))
+    packs[:count] = current.inequality_jacobian
+    struct = Struct(
+        "Quadratic",
+        size=size,
+        equalities=equalities,
+        rows=rows,
+        changes=EXCHANGE.qp_changes,
+        tolerance=EXCHANGE.qp_tolerance,
+        hessian=doubles(hessian),
+        gradient=doubles(current.gradient),
+        equality=doubles(current.equality),
+        equality_rows=doubles(current.equality_jacobian),
+        inequality=inequality,
+        inequality_rows=doubles(packs.reshape(-1, 8, size).swapaxes(1, 2)),
+        active=active,
+        solution=solution,
+    )
+    compiled = kernel()
+    solved = compiled.quadratic(struct.pointer, compiled.instructions)
+    counted(struct.pointer.changes)
     if not solved:
         return None
     multipliers = np.zeros(count)
-    multipliers[active[: structure.count]] = solution[size + equalities : size + equalities + structure.count]
+    found = struct.pointer.count
+    multipliers[active[:found]] = solution[size + equalities : size + equalities + found]
     return Step(solution[:size], Multipliers(solution[size : size + equalities], multipliers))

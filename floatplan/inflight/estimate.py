@@ -43,16 +43,11 @@ DEVIATION = 0.05  # [rad] of angles from where their rates lead
 LONGEST_GAP = 0.1  # [s] between them
 PLACE_TIME = 0.02  # [s] time constant of the low-pass filter
 MASS_ERROR = 0.05  # [-] of what is known of masses and inertias beforehand
-LARGEST_ERROR = 0.3  # [-] of them that is believed
 MOMENTUM_ERROR = 0.2  # [-] of the plan's h
 SLOWEST_TURN = 1.0  # [rad/s] whose momentum is the least scale of h
 ORIENTATION_ERROR = 0.05  # [rad] at takeoff
-ANGLE_NOISE = 0.002  # [rad] of measured angles
-RATE_NOISE = 0.04  # [rad/s] of measured rates, also by when they are measured: beside the angles, or half a step later
 WANDER = 0.002  # [-] of the errors, per root of a second, by which the state may change
 ORIENTATION_WANDER = 0.0005  # [rad] the same of the orientation
-SURPRISING = 3.0  # [-] deviations of a momentum from what is expected
-MOST_SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update

@@ -27,7 +27,8 @@ from floatplan.inflight.estimate import (
     unwrapped,
 )
 from floatplan.inflight.prediction import Views
-from floatplan.inflight.update import EVALUATIONS_NEAR, FAR, KEPT, Corrected, RemainingMotion, Rewriting, Update
+from floatplan.inflight.update import Corrected, RemainingMotion, Rewriting, Update
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
@@ -132,7 +133,7 @@ class WarmStarts:
             found, changed, momentum, least = [], motion, planned, SHORTEST * abs(step)
             while abs(step) >= least > 0 and abs(momentum + step - planned) <= reach * (1 + 1e-9):
                 there = corrected(changed, momentum + step, EVALUATIONS)
-                if abs(there.miss) > FAR or (there.worst < -KEPT).any():
+                if abs(there.miss) > CORRECTION_GAINS.far or (there.worst < -CORRECTION_GAINS.kept).any():
                     step /= 2
                     continue
                 changed, momentum = there.motion, momentum + step
@@ -339,7 +340,7 @@ class Replanner:
             return self._unchanged("refused", "too late to correct anything")
         momentum = self._estimate.inertial.angular_momentum
         warm_start = self._warm_starts.at(now, momentum) if first else None
-        evaluations = FIRST if first else EVALUATIONS_NEAR
+        evaluations = FIRST if first else CORRECTION_GAINS.evaluations_near
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
         self._last = _told(*_judged(corrected), corrected, landing, momentum)
@@ -375,7 +376,7 @@ def _judged(corrected: Corrected) -> tuple[Status, str]:
         return "refused", "any correction breaks a limit"
     if corrected.share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if min(corrected.worst.tolist(), default=0.0) < -KEPT:
+    if min(corrected.worst.tolist(), default=0.0) < -CORRECTION_GAINS.kept:
         return "limited", "a limit will be broken, as without the correction"
     if not abs(corrected.miss) <= REACHED:
         return "limited", f"it lands more than {REACHED:g} rad from the goal"

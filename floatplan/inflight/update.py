@@ -4,6 +4,8 @@ All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``pr
 read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +17,14 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebval
 
-from floatplan.arrays import Array, read_only
-from floatplan.compiled.bodies import Bodies, filled_robot
+from floatplan.arrays import Array, IntArray, read_only
+from floatplan.compiled.bodies import Bodies, robot_struct
 from floatplan.compiled.constraints import CompiledConstraints
-from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate, Expected, Measurement
 from floatplan.inflight.prediction import LimitRows, Views
-from floatplan.kernel.layout import ENUMERATIONS, Filled, constants, kernel
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles, enumeration, integers
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
@@ -30,21 +33,9 @@ from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
 
 LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
-EVALUATIONS_NEAR = 1  # [-] of changed motions at most
-EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
-FAR = 0.06  # [rad]
-WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
-SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
-SHORTER = 0.3  # [-] of a step that is no better
-MOST_ROWS = 24  # [-] of a block that are looked at in a step
-KEPT = 1e-3  # [-] a row that is less below zero counts as kept
-TAKEN_BACK = 0.1  # [-] of what earlier corrections changed and the landing does not need, by each
-SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
-MEMORY = 64  # [-] motions that are remembered, for measurements that come late
-GAP_NODES = 5  # [-] of the quadrature between measurements
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
 FILTER = ("state", "covariance", "surprises", "wander", "deviations")  # what is of an estimate
-STEPS = ENUMERATIONS["Step"].__members__
+STEPS = enumeration("Step").__members__
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update
@@ -135,59 +126,121 @@ class Corrected:
     share: float
 
 
+@dataclass(frozen=True, eq=False)
+class _CalledArrays:
+    """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
+
+    measured_positions: Array
+    measured_velocities: Array
+    positions: Array
+    velocities: Array
+    map: Array
+    asked: Array
+    torques: Array
+    warm_start: Array
+    coefficients: Array
+    planned: Array
+    worst: Array
+    row_values: Array
+    torque_peak: Array
+
+    @classmethod
+    def empty(cls, constraints: CompiledConstraints, instants: int, width: int, motors: int) -> _CalledArrays:
+        """Return room for a flight with so many instants, free polynomials of each joint, and motors."""
+        n = constraints.joints
+        columns = CONDITIONS + width
+        return cls(
+            measured_positions=np.zeros(n),
+            measured_velocities=np.zeros(n),
+            positions=np.zeros(n),
+            velocities=np.zeros(n),
+            map=np.zeros(n + 1),
+            asked=np.zeros((3, n)),
+            torques=np.zeros(n + motors),
+            warm_start=np.zeros((width, n)),
+            coefficients=np.zeros((columns, n)),
+            planned=np.zeros((columns, n)),
+            worst=np.zeros(len(constraints.block_first) - 1),
+            row_values=np.zeros((constraints.rows, instants)),
+            torque_peak=np.zeros(motors),
+        )
+
+
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
-    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2. ``row_values`` (rows, K)
-    are those of the rows at all instants under the motion predicted last; infinite where none applies.
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``gains`` say the rest.
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
-        self.views, self._first, self._instants = views, rewriting.first, views.instants
-        self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
-        blocks, grid, first = views.rows, views.instants, rewriting.first
+        self.views = views
+        self.gains = CORRECTION_GAINS
+        self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
+        blocks = views.rows
+        grid = views.instants
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
-        bodies, n, width = constraints.bodies, constraints.joints, len(views.whitening)
-        columns, motors = CONDITIONS + width, tree.motor_turns.shape[1]
-        self._constraints, self._path = constraints.filled, constraints.path
-        # Of the masses found: the robot's too.
-        found = {name: np.zeros(bodies.real.shape) for name in ("real", "imaginary")}
-        found |= {name: np.zeros(bodies.links.shape) for name in ("link_real", "link_imaginary")}
-        self._robot = filled_robot(bodies, [width] * n)
-        self._robot.point_to(**found)
-        self._robot.structure.is_real = False
-        shapes: dict[str, Any] = dict.fromkeys(("positions", "velocities"), n)
-        shapes |= {"measured_positions": n, "measured_velocities": n, "map": n + 1, "asked": (3, n)}
-        shapes |= dict.fromkeys(("coefficients", "planned"), (columns, n)) | {"warm_start": (width, n)}
-        shapes |= {"torques": n + motors, "worst": len(blocks), "torque_peak": motors}
-        shapes |= {"row_values": (constraints.rows, len(grid.s))}
-        self._called = {name: np.zeros(shape) for name, shape in shapes.items()}
-        self.row_values = self._called["row_values"]
-        gap, law = gauss_legendre(GAP_NODES), constants("Law", vars(filtering), globals())
-        counts = {"width": width, "instants": len(grid.s), "nodes": grid.nodes, "motors": motors}
-        numbers = {"goal": views.flight.final_orientation, "sigma": sigma, "acceleration": acceleration, "law": law}
-        made = {"motions": np.zeros((MEMORY, 2 + 3 * columns * n)), "columns": width * np.arange(n + 1)}
-        by_time = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
-        made["plan"] = np.concatenate(([first.begin, first.end], np.ravel(by_time)))
-        made |= {"gap": gap.nodes, "gap_weights": gap.weights, "at_landing": rewriting.landing}
-        made["turns"] = np.concatenate((tree.turns, tree.motor_turns), axis=1)
-        later = dict.fromkeys((*FILTER, "room"))  # see begin()
-        rows, masses = _of_limits(blocks, constraints.block_first), _of_masses(tree, bodies)
+        bodies = constraints.bodies
+        n = constraints.joints
+        width = len(views.whitening)
+        motors = tree.motor_turns.shape[1]
+        self._first = rewriting.first
+        self._instants = grid
+        self._constraints = constraints.struct
+        self._path = constraints.path
         self._block_first = constraints.block_first
-        arrays = {**self._of_instants(grid), **masses, **found, **self._called, **made, **later}
-        self._filled = Filled("Flight", first, rewriting, views, grid, tree, **counts, **numbers, **rows, **arrays)
-        given = self._robot.structure, self._constraints.structure, self._flight
-        self._filled.point_to(room=np.zeros(kernel().flight_room(*given)))
+        # The robot's C is of the masses that are estimated, which the kernel writes: no longer real, for one.
+        real = np.zeros_like(bodies.real)
+        imaginary = np.zeros_like(bodies.real)
+        link_real = np.zeros(bodies.links.shape)
+        link_imaginary = np.zeros(bodies.links.shape)
+        self._robot = robot_struct(bodies, [width] * n)
+        self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
+        self._robot.pointer.is_real = False
+        self._called = _CalledArrays.empty(constraints, len(grid.s), width, motors)
+        self._struct = Struct(
+            "Flight",
+            instants=len(grid.s),
+            width=width,
+            nodes=grid.nodes,
+            blocks=len(blocks),
+            motors=motors,
+            law=Struct.of_numbers(self.gains),
+            goal=views.flight.final_orientation,
+            sigma=sigma,
+            acceleration=acceleration,
+            mass=doubles(tree.mass),
+            inertia=doubles(tree.inertia),
+            turns=np.concatenate((tree.turns, tree.motor_turns), axis=1),
+            link_real=link_real,
+            link_imaginary=link_imaginary,
+            real=real,
+            imaginary=imaginary,
+            motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
+            room=None,  # once it is known how much
+            **dict.fromkeys(FILTER),  # see begin()
+            **_of_masses(tree, bodies),
+            **_of_limits(blocks, constraints.block_first),
+            **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
+            **self._of_instants(grid),
+            **vars(self._called),
+        )
+        room = kernel().flight_room(self._robot.pointer, self._constraints.pointer, self._flight)
+        self._struct.point_to(room=np.zeros(room))
+
+    @property
+    def row_values(self) -> Array:
+        """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
+        return self._called.row_values
 
     @property
     def _flight(self) -> Any:
         """What the kernel reads and writes."""
-        return self._filled.structure
+        return self._struct.pointer
 
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
         inertial, flight = estimate.inertial, self._flight
-        self._filled.point_to(**{name: getattr(inertial, name) for name in FILTER})
+        self._struct.point_to(**{name: getattr(inertial, name) for name in FILTER})
         flight.known, flight.turn_after = 0, 0.0
         self._step(STEPS["adapt_masses"])
         self.estimate = estimate
@@ -197,20 +250,20 @@ class Update:
     def aim_as_planned(self) -> None:
         """Aim no further from limits than the motion predicted last is: it comes to the ground, as feet do."""
         landing, views = int(np.argmax(self._instants.s)), self.views
-        values = [self.row_values[begin:end] for begin, end in pairwise(self._block_first)]
+        values = [self._called.row_values[begin:end] for begin, end in pairwise(self._block_first)]
         views.rows = [rows.as_planned(own, landing) for rows, own in zip(views.rows, values, strict=True)]
-        self._filled.point_to(aim=np.array([rows.aim for rows in self.views.rows]))
+        self._struct.point_to(aim=doubles([rows.aim for rows in self.views.rows]))
 
     def expected(self, measured: Measurement, now: float) -> Expected:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
-        flight, called = self._flight, self._called
+        flight = self._flight
         flight.began, flight.measured, flight.now = self.estimate.time, measured.time, now
-        called["measured_positions"][:] = measured.positions
-        called["measured_velocities"][:] = measured.velocities
+        self._called.measured_positions[:] = measured.positions
+        self._called.measured_velocities[:] = measured.velocities
         self._step(STEPS["expect_state"])
         orientation = self.estimate.inertial.orientation + flight.turn_before
         base = orientation, flight.expected_rate, flight.aside, flight.variance, flight.noise
-        return Expected(called["positions"], called["velocities"], *base)
+        return Expected(self._called.positions, self._called.velocities, *base)
 
     def learn(self, measured: Measurement) -> None:
         """Take in a measurement that is as it was expected."""
@@ -219,9 +272,9 @@ class Update:
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
         """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the h and the masses found."""
-        self._called["asked"][:] = positions, velocities, accelerations
+        self._called.asked[:] = positions, velocities, accelerations
         self._step(STEPS["find_torques"])
-        return self._called["torques"].copy()
+        return self._called.torques.copy()
 
     @property
     def turned(self) -> float:
@@ -234,7 +287,7 @@ class Update:
         self._look_at(now, landing)
         flight.evaluations, flight.is_warm = evaluations, warm_start is not None
         if warm_start is not None:
-            self._called["warm_start"][:] = warm_start
+            self._called.warm_start[:] = warm_start
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
@@ -243,7 +296,7 @@ class Update:
     def predicted(self, motion: RemainingMotion) -> Corrected:
         """Return what comes of a motion as it is; the estimate is that when it begins."""
         self._look_at(motion.begin, motion.end)
-        self._called["coefficients"][:] = motion.coefficients
+        self._called.coefficients[:] = motion.coefficients
         self._step(STEPS["predict_motion"])
         return self._judged(motion)
 
@@ -262,12 +315,12 @@ class Update:
         self._path[:] = (*place, *velocity, self.estimate.gravity)
         instants = self.views.between(now, landing)
         if instants is not self._instants:
-            self._instants, arrays = instants, self._of_instants(instants)
-            self._filled.point_to(**{name: np.ascontiguousarray(part) for name, part in arrays.items()})
+            self._instants = instants
+            self._struct.point_to(**self._of_instants(instants))
 
     def _judged(self, motion: RemainingMotion) -> Corrected:
-        found, called = self._flight.corrected, self._called
-        return Corrected(motion, found.miss, called["worst"].copy(), called["torque_peak"].copy(), found.share)
+        found = self._flight.corrected
+        return Corrected(motion, found.miss, self._called.worst.copy(), self._called.torque_peak.copy(), found.share)
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
@@ -279,36 +332,65 @@ class Update:
         """Take a motion as the present one."""
         self.motions.append(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
-        self._called["coefficients"][:] = motion.coefficients
+        self._called.coefficients[:] = motion.coefficients
         self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._first
-        coefficients = self._called["coefficients"].copy()
+        coefficients = self._called.coefficients.copy()
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
-        found = kernel()
-        given = self._robot.structure, self._constraints.structure, self._filled.structure
-        found.flight(*given, step, found.instructions)
+        compiled = kernel()
+        compiled.flight(self._robot.pointer, self._constraints.pointer, self._flight, step, compiled.instructions)
 
     def _of_instants(self, grid: GaussGrid) -> dict[str, Array]:
         """What a motion, and its changes y, are made of where it is looked at."""
         values = self.views.functions.values(grid.s)
         free = np.stack([part[:, CONDITIONS:] @ self.views.whitening for part in values])
         basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1).swapaxes(1, 2)
-        of_basis = {name: part.T for name, part in zip(("value", "first", "second"), values, strict=True)}
-        return {"s": grid.s, "integrals": grid.integrals[grid.nodes :], "basis": basis, **of_basis}
+        value, first, second = values
+        return {
+            "s": doubles(grid.s),
+            "integrals": doubles(grid.integrals[grid.nodes :]),
+            "basis": doubles(basis),
+            "value": doubles(value.T),
+            "first": doubles(first.T),
+            "second": doubles(second.T),
+        }
 
 
-def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Any]:
+def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int) -> dict[str, Array | IntArray]:
+    """The plan's motion, and what its changes and motions on a shorter time are made of."""
+    first = rewriting.first
+    width = len(views.whitening)
+    gap = gauss_legendre(gap_nodes)
+    motion = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
+    return {
+        "centre": doubles(first.centre),
+        "amplitude": doubles(first.amplitude),
+        "weights": doubles(grid.weights),
+        "columns": integers(width * np.arange(len(first.centre) + 1)),
+        "whitening": doubles(views.whitening),
+        "unwhitening": doubles(views.unwhitening),
+        "plan": np.concatenate(([first.begin, first.end], np.ravel(motion))),
+        "table": doubles(first.table),
+        "points": doubles(rewriting.points),
+        "of_values": doubles(rewriting.of_values),
+        "at_landing": doubles(rewriting.landing),
+        "gap": doubles(gap.nodes),
+        "gap_weights": doubles(gap.weights),
+    }
+
+
+def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array | IntArray]:
+    """The blocks of rows: where each begins, its aim, softness, and the window of its rows, s."""
     windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
     return {
-        "blocks": len(blocks),
-        "block_first": first,
-        "aim": np.array([rows.aim for rows in blocks]),
-        "softness": np.array([rows.softness for rows in blocks]),
-        "row_window": np.repeat(windows, np.diff(first), axis=0),
+        "block_first": integers(first),
+        "aim": doubles([rows.aim for rows in blocks]),
+        "softness": doubles([rows.softness for rows in blocks]),
+        "row_window": doubles(np.repeat(windows, np.diff(first), axis=0)),
     }
 
 
@@ -317,6 +399,12 @@ def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
     by_links = tree.point_weights(np.arange(len(tree.mass)), tree.center)
     own, weights = by_links * bodies.rotations.sum(axis=0), bodies.of_points(by_links)
     back = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
-    parts = {"by_mass": back[:, :, None] * weights[:, None, :], "weights": weights, "nominal": bodies.links}
-    sides = {f"{name}_real": part.real for name, part in parts.items()}
-    return sides | {f"{name}_imaginary": part.imag for name, part in parts.items()}
+    by_mass = back[:, :, None] * weights[:, None, :]
+    return {
+        "by_mass_real": doubles(by_mass.real),
+        "by_mass_imaginary": doubles(by_mass.imag),
+        "weights_real": doubles(weights.real),
+        "weights_imaginary": doubles(weights.imag),
+        "nominal_real": doubles(bodies.links.real),
+        "nominal_imaginary": doubles(bodies.links.imag),
+    }

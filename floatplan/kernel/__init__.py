@@ -1,1 +1,1 @@
-"""The compiled kernel: C++, how it is built and loaded, and what crosses to it. It knows arrays alone."""
+"""The compiled kernel: C++, how it is built and loaded, what crosses to it, and the numbers that it keeps to."""

@@ -1,12 +1,13 @@
 """Compiles the kernel: at installation by ``hatch_build.py``, and by hand with ``python -m floatplan.kernel.build``.
 
-Standard library alone: an installation runs it before there is anything else.
+Standard library alone, but for cffi where that is installed: an installation runs it before there is anything else.
 """
 
 import contextlib
 import fcntl
 import hashlib
 import importlib.util
+import io
 import os
 import platform
 import shlex
@@ -20,7 +21,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-SOURCES = tuple(sorted(path.name for kind in ("*.hpp", "*.cpp") for path in FOLDER.glob(kind)))
+SOURCES = tuple(sorted(path.name for kind in ("*.h", "*.hpp", "*.cpp") for path in FOLDER.glob(kind)))
+HEADER = "kernel.h"
+DECLARATIONS = "_declarations.py"  # the header as cffi has read it
 UNITS = ("avx512.cpp", "avx2.cpp", "baseline.cpp", "dispatch.cpp")  # compiled side by side, the longest first
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
 COMPILERS = ("c++", "g++", "clang++")
@@ -53,6 +56,42 @@ def sources_digest() -> str:
     for name in SOURCES:
         digest.update((FOLDER / name).read_bytes())
     return digest.hexdigest()[:16]
+
+
+def header_digest() -> str:
+    """Digest of the header: declarations that were read from another are not used."""
+    return hashlib.sha256((FOLDER / HEADER).read_bytes()).hexdigest()[:16]
+
+
+def declarations() -> str:
+    """Return the header as cffi has read it: the text of a Python module with an ``ffi`` and the header's digest.
+
+    Raises
+    ------
+    ImportError
+        cffi is not installed.
+    """
+    from cffi import FFI
+
+    lines = (FOLDER / HEADER).read_text(encoding="utf-8").splitlines()
+    declared = FFI()
+    declared.cdef("\n".join(line for line in lines if not line.startswith("#")))
+    declared.set_source(Path(DECLARATIONS).stem, None)
+    module = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()):  # cffi says what it writes
+        declared.emit_python_code(module)
+    return f'{module.getvalue()}HEADER = "{header_digest()}"\n'
+
+
+def keep_declarations(folder: Path = FOLDER) -> None:
+    """Write that module, so that the header, which takes 60 ms, is not read at each start.
+
+    Where cffi is not installed yet, nothing is written.
+    """
+    with contextlib.suppress(ImportError), tempfile.TemporaryDirectory(dir=folder) as scratch:
+        written = Path(scratch, DECLARATIONS)
+        written.write_text(declarations(), encoding="utf-8")
+        written.replace(folder / DECLARATIONS)
 
 
 def compiler() -> list[str] | None:
@@ -232,6 +271,7 @@ def main(arguments: Sequence[str]) -> None:
             build_if_needed()
         else:
             build()
+        keep_declarations()
     except CompilerError as error:
         sys.exit(f"floatplan: {error}")
 

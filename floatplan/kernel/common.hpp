@@ -1,12 +1,15 @@
 // What all sets of instructions share. It is included before any of them is switched on: what the compiler makes of it, and
 // of the standard library's templates, runs on every processor, whichever of the equal copies the linker keeps.
 #pragma once
-#include "kernel.hpp"
+extern "C" {
+#include "kernel.h"
+}
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <initializer_list>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <new>

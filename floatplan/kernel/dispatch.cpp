@@ -2,7 +2,9 @@
 //
 // The sets are compiled one beside the other, from baseline.cpp, avx2.cpp and avx512.cpp.
 // Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
-#include "kernel.hpp"
+extern "C" {
+#include "kernel.h"
+}
 
 namespace baseline {
 #include "entries.hpp"
@@ -26,12 +28,10 @@ namespace avx512 {
 #endif
 #define EXPORT extern "C" __attribute__((visibility("default")))
 
-// Digests of the sources, and of all that made the library of them: build.py writes and reads both.
+// build.py writes and reads both.
 EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 EXPORT const char *floatplan_build() { return FLOATPLAN_BUILD; }
 
-// The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA,
-// 2 AVX-512.
 // Asked of the processor itself: what __builtin_cpu_supports() reads is not in every compiler's library.
 EXPORT Index floatplan_instructions() {
 #ifdef FLOATPLAN_X86
@@ -54,36 +54,30 @@ EXPORT Index floatplan_instructions() {
 #define CHOSEN(call) ((void)instructions, baseline::call)
 #endif
 
-// Plans a batch; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_plan(const Robot *robot, const Grid *grids, const Index *nodes,
                                    const Powers *powers, const Settings *settings, Batch *batch,
                                    Index instructions) {
     return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
 }
 
-// Measures a batch of plans, their distances to obstacles where there are constraints; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, const Constraints *constraints,
                              Peaks *peaks, Index instructions) {
     return CHOSEN(measure_batch(*robot, interpolations, constraints, *peaks));
 }
 
-// How many numbers an update of a flight's corrections works in.
 EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight) {
     return baseline::flight_room(*robot, *constraints, *flight);
 }
 
-// One step of an update of a flight's corrections.
 EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
                              Index instructions) {
     CHOSEN(update_flight(*robot, *constraints, *flight, step));
 }
 
-// Solves a quadratic program; returns 1, or 0 where it does not.
 EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
 
-// Follows starts of so many problems with constraints, one after the other; returns 0, or 1 where there was no memory.
 EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
                                const Nodes *levels, const Settings *settings, const Exchange *rules,
                                const Powers *powers, Attempt *attempts, Draws *draws, Index count,
@@ -91,24 +85,20 @@ EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraint
     return CHOSEN(follow_rows(*robot, constraints, motions, levels, *settings, *rules, powers, attempts, draws, count));
 }
 
-// A program at one x; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
                                 const Nodes *levels, const Settings *settings, const Exchange *rules,
                                 Attempt *attempt, Evaluation *at, Index instructions) {
     return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
 }
 
-// Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));
 }
 
-// How the base of one turns; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
 EXPORT Index floatplan_turn(const Turning *turning, Index asked, Index instructions) {
     return CHOSEN(turn_in_space(*turning, static_cast<Asked>(asked)));
 }
 
-// Lower bounds of a sum of cosines on boxes.
 EXPORT Index floatplan_bound(const Cosines *cosines, Index instructions) {
     return CHOSEN(bound_boxes(*cosines));
 }

@@ -20,19 +20,16 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.kernel.tolerances import EXCHANGE
 
 Detail = TypeVar("Detail")
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
-ELASTIC_ITERATIONS = 80  # of Newton's method
 ENOUGH = 1e-6  # [-] of the slope along a step of that: the whole step is taken where no more is left
-REGULARISATION = 1e-12  # [-] of the elastic system, relative to the slack penalty
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 ACTIVE_PER_VARIABLE = 4  # [-] inequalities of the last QP that the next begins with; at a vertex there is 1
 GENERATIONS = 12  # times that rows are added before the QP counts as infeasible
-QP_CHANGES = 400  # of active rows, by the dual method
-QP_TOLERANCE = 1e-10  # in its own unit, by which a row may be violated by what the dual method finds
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row left out of a QP may be violated by its solution
 
 
@@ -248,10 +245,10 @@ def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> 
     """
     equality, rows = current.equality_jacobian, current.inequality_jacobian
     fixed = hessian + slack_penalty * equality.T @ equality
-    regular = REGULARISATION * slack_penalty * np.eye(len(hessian))
+    regular = EXCHANGE.regularisation * slack_penalty * np.eye(len(hessian))
     direction: Array = np.zeros(len(hessian))
     linearised, gradient = current.inequality, current.gradient + slack_penalty * equality.T @ current.equality
-    for _ in range(ELASTIC_ITERATIONS):
+    for _ in range(EXCHANGE.elastic_iterations):
         violated = linearised < 0
         jacobian = rows[violated]
         slope = gradient + slack_penalty * jacobian.T @ linearised[violated]

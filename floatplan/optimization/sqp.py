@@ -20,6 +20,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.optimization.programs import (
     AnyEvaluation,
     Detail,
@@ -32,32 +33,6 @@ from floatplan.optimization.programs import (
     solve_qp,
     solved,
 )
-
-ARMIJO = 1e-4  # [-] sufficient decrease of the merit function, Nocedal and Wright p. 540
-PENALTY_FACTOR = 1.2  # [-] of the l1 merit function's penalty over the largest multiplier
-PENALTY_KEPT = 0.25  # [-] of a penalty's excess over what is required, in the next iteration
-SHORTEST_STEP = 1e-6  # [-] step length relative to the first; below it the line search has failed
-SHORTENING = (0.1, 0.5)  # [-] least and largest factor from one step length to the next
-LARGEST_MULTIPLIER = 1e12  # [-] relative to the slack penalty; beyond it the constraints' derivatives are rounding
-SLOW_EVALUATIONS = 5  # of one line search: with more than these it is slow
-SLOW_STEPS = 5  # in a row, after which the Hessian approximation is reset, and the second time the solver stops
-DAMPING = 0.2  # [-] of Powell's damped BFGS, Nocedal and Wright (18.14)
-SLACK_PENALTY = 1e3  # [-] of an elastic QP, relative to the Hessian's largest diagonal entry
-LARGEST_CURVATURE = 1e10  # [-] of a BFGS update, relative to the slack penalty; beyond it an approximation is rejected
-POLISHING_STEPS = 2
-POLISHED = 1e-12  # in its own unit, of an equality: hardly more than rounding
-ITERATIONS = 60
-FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
-STALL_ITERATIONS = 6  # within which the squared violation must fall below STALLED
-STALLED = 0.8  # [-] of the squared violation before
-LEAST_GAIN = (
-    0.03  # [-] of the squared violation: where a step damped no more than the first is to gain less, it is stuck
-)
-FAR = 1e-4  # of the squared violation, below which the iteration goes on all the same: what is so near may still hold
-INITIAL_DAMPING = 1e-2  # [-] weight of the squared step
-SMALLEST_DAMPING = 1e-8  # [-]
-LARGEST_DAMPING = 1e8  # [-] beyond it the iteration ends
-PASSES = 4  # of one step, each with the rows that the step before would violate
 
 
 def solve_small(matrix: Array, right: Array) -> Array | None:
@@ -118,7 +93,7 @@ def minimise(
     evaluations, penalty = 1, 0.0
     initial = hessian
     active = np.empty(0, dtype=np.int64)
-    slack_penalty = SLACK_PENALTY * float(hessian.diagonal().max(initial=1.0))
+    slack_penalty = SETTINGS.slack_penalty * float(hessian.diagonal().max(initial=1.0))
     metric_norm = math.sqrt(float(np.vdot(program.metric, program.metric)))
     was_reset, optimal, slow_steps, iteration = True, False, 0, 0
     multipliers = Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
@@ -133,18 +108,18 @@ def minimise(
         optimal = stationary and current.worst_violation <= settings.feasibility
         if optimal:
             break
-        required = PENALTY_FACTOR * step.multipliers.largest
-        penalty = max(required, required + PENALTY_KEPT * (penalty - required))
+        required = SETTINGS.penalty_factor * step.multipliers.largest
+        penalty = max(required, required + SETTINGS.penalty_kept * (penalty - required))
         squared = float(step.direction @ step.direction)
-        if not squared or required > LARGEST_MULTIPLIER * slack_penalty:
+        if not squared or required > SETTINGS.largest_multiplier * slack_penalty:
             break
         step_length = 1.0
         if metric_norm * math.sqrt(squared) > settings.longest_step:  # else it is shorter in the metric
             step_length = min(1.0, settings.longest_step / float(np.linalg.norm(program.metric @ step.direction)))
         accepted, used = _line_search(program, x, current, step, slope, step_length, penalty)
         evaluations += used
-        slow_steps = slow_steps + 1 if used > SLOW_EVALUATIONS else 0
-        if accepted is None or slow_steps == SLOW_STEPS:
+        slow_steps = slow_steps + 1 if used > SETTINGS.slow_evaluations else 0
+        if accepted is None or slow_steps == SETTINGS.slow_steps:
             if was_reset:
                 break
             hessian, was_reset, slow_steps = initial, True, 0
@@ -155,7 +130,7 @@ def minimise(
             break
         if not step.elastic:
             multipliers = multipliers.towards(step.multipliers, accepted.step_length)
-            updated = _damped_bfgs(hessian, accepted, previous, multipliers, LARGEST_CURVATURE * slack_penalty)
+            updated = _damped_bfgs(hessian, accepted, previous, multipliers, SETTINGS.largest_curvature * slack_penalty)
             hessian = initial if updated is None else updated
         was_reset = was_reset and slow_steps > 0
     if settings.polish:
@@ -171,7 +146,7 @@ def _polish(
 ) -> tuple[Array, Evaluation[Detail], int]:
     """Least-norm steps on to the equalities, with the derivatives of a point nearby, while the violation decreases."""
     used = 0
-    while used < POLISHING_STEPS and max(map(abs, current.equality.tolist()), default=0.0) > POLISHED:
+    while used < SETTINGS.polishing_steps and max(map(abs, current.equality.tolist()), default=0.0) > SETTINGS.polished:
         rows = linearised.equality_jacobian
         multipliers = solve_small(rows @ rows.T, current.equality)
         if multipliers is None:
@@ -213,13 +188,13 @@ def _line_search(
     slope = min(slope - penalty * (current.violation - step.violation_left), 0.0)
     rounding = 1e-13 * (1 + abs(start))
     length, used = first, 0
-    while length > SHORTEST_STEP * first:
+    while length > SETTINGS.shortest_step * first:
         change = step.direction if length == 1 else length * step.direction
         point = x + change
         trial = program.evaluate(point)
         used += 1
         rise = merit(trial) - start
-        if rise <= ARMIJO * length * slope + rounding:
+        if rise <= SETTINGS.armijo * length * slope + rounding:
             return _Accepted(point, change, trial, length), used
         if length == first and current.inequality.size and trial.violation > current.violation:
             violated = trial.inequality < 0  # to zero, to first order, by the shortest step
@@ -228,10 +203,10 @@ def _line_search(
             corrected = point - np.linalg.lstsq(rows, lacking, rcond=1e-10)[0]
             evaluation = program.evaluate(corrected)
             used += 1
-            if merit(evaluation) - start <= ARMIJO * length * slope + rounding:
+            if merit(evaluation) - start <= SETTINGS.armijo * length * slope + rounding:
                 return _Accepted(corrected, corrected - x, evaluation, length), used
         lowest = -slope * length / (2 * (rise - slope * length))  # of the parabola, Nocedal and Wright (3.58)
-        length *= min(SHORTENING[1], max(SHORTENING[0], lowest))
+        length *= min(SETTINGS.shortening[1], max(SETTINGS.shortening[0], lowest))
     return None, used
 
 
@@ -256,8 +231,8 @@ def _damped_bfgs(
     if approximated < 1e-20:
         return hessian
     curvature = float(change @ gradient_change)
-    if curvature < DAMPING * approximated:
-        damping = (1 - DAMPING) * approximated / (approximated - curvature)
+    if curvature < SETTINGS.damping * approximated:
+        damping = (1 - SETTINGS.damping) * approximated / (approximated - curvature)
         gradient_change = damping * gradient_change + (1 - damping) * product
         curvature = float(change @ gradient_change)
     if not float(gradient_change @ gradient_change) < largest_curvature * curvature:
@@ -282,27 +257,34 @@ class LeastViolation(Generic[Detail]):
 
 
 def reduce_violations(
-    program: Program[Detail], x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
+    program: Program[Detail], x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = EXCHANGE.iterations
 ) -> LeastViolation[Detail]:
     """Minimise the squared violations from x (m,); steps are damped in the program's metric and in x itself."""
     metric = program.metric.T @ program.metric + np.eye(len(x))
-    damping = INITIAL_DAMPING
+    damping = EXCHANGE.initial_damping
     evaluation = program.evaluate(x)
     squared = _squares(evaluation)
     evaluations, history, stuck = 1, [squared], False
     for _ in range(iterations):
-        stalled = len(history) > STALL_ITERATIONS and history[-1] > STALLED * history[-1 - STALL_ITERATIONS]
-        if squared < FEASIBLE**2 or damping > LARGEST_DAMPING or stalled or stuck or stop():
+        stalled = (
+            len(history) > EXCHANGE.stall_iterations
+            and history[-1] > EXCHANGE.stalled * history[-1 - EXCHANGE.stall_iterations]
+        )
+        if squared < EXCHANGE.feasible**2 or damping > EXCHANGE.largest_damping or stalled or stuck or stop():
             break
-        while damping <= LARGEST_DAMPING:
+        while damping <= EXCHANGE.largest_damping:
             step, left = _damped_step(evaluation, damping * metric)
-            stuck = squared > FAR and damping <= INITIAL_DAMPING and left > (1 - LEAST_GAIN) * squared
+            stuck = (
+                squared > EXCHANGE.far
+                and damping <= EXCHANGE.initial_damping
+                and left > (1 - EXCHANGE.least_gain) * squared
+            )
             if stuck:
                 break
             trial = program.evaluate(x + step)
             evaluations += 1
             if _squares(trial) < squared:
-                x, damping = x + step, max(damping / 5, SMALLEST_DAMPING)
+                x, damping = x + step, max(damping / 5, EXCHANGE.smallest_damping)
                 evaluation, squared = trial, _squares(trial)
                 break
             damping *= 4
@@ -327,7 +309,7 @@ def _damped_step(evaluation: AnyEvaluation, damping: Array) -> tuple[Array, floa
     step: Array = np.zeros(len(gradient))
     taken = np.zeros(len(evaluation.inequality), dtype=bool)
     left = 0.0
-    for number in range(PASSES):
+    for number in range(EXCHANGE.passes):
         after = evaluation.inequality + evaluation.inequality_jacobian @ step
         if number == 1:
             missed = evaluation.equality + evaluation.equality_jacobian @ step

@@ -6,42 +6,34 @@ and the answer is the same for the same seed.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import Any, NamedTuple, TypeAlias
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.attempts import COMPILED_LEVEL, CONSTRAINED_LEVEL
-from floatplan.compiled.batch import STATUS, Answers, Rows, Search, is_planar, solver
+from floatplan.compiled.batch import STATUS, Answers, Rows, Search, solver
 from floatplan.compiled.numbers import Numbers, is_plain
+from floatplan.kernel.tolerances import EXCHANGE, QUADRATURE_ERROR, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
-from floatplan.planning.starts import Start, on_branch, plain_start
-from floatplan.planning.transcription.compiled_attempt import (
-    PROMISING,
-    SAME,
-    CompiledAttempts,
-    Ended,
-    Ready,
-    compiled_attempts,
-)
+from floatplan.planning.starts import Start, plain_start
+from floatplan.planning.transcription.compiled_attempt import CompiledProblem, PreparedStarts, compiled_problem
 from floatplan.planning.transcription.constraints import Constraint, applies, constraints
-from floatplan.planning.transcription.exchange import Worst, local_minima, solve
+from floatplan.planning.transcription.exchange import local_minima, solve
 from floatplan.planning.transcription.program import (
     FlightProgram,
     Objective,
     changes_at_ends,
     instants_beside_nodes,
     objective,
-    objective_value,
     watching,
 )
+from floatplan.planning.transcription.result import AttemptResult, best
 from floatplan.planning.transcription.trajectory import (
-    EVALUATION,
     FlightModel,
     Sampling,
     Trajectory,
@@ -52,8 +44,7 @@ from floatplan.planning.transcription.trajectory import (
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
 from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
-from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
-from floatplan.tables import Objective as ObjectiveName
+from floatplan.tables import ORIENTATION
 
 LOG = logging.getLogger(__name__)
 Stop: TypeAlias = Callable[[], bool]
@@ -76,7 +67,7 @@ class Followed:
     @property
     def work(self) -> float:
         """What it took, instants of one body."""
-        return float(self.answers.evaluations[0] * EVALUATION + self.answers.instants[0] * self.bodies)
+        return float(self.answers.evaluations[0] * EXCHANGE.evaluation + self.answers.instants[0] * self.bodies)
 
     @property
     def counts(self) -> dict[str, Any]:
@@ -111,110 +102,35 @@ def follow_compiled(problem: Problem, start: Start) -> Followed:
     return Followed(rows.momentum, answers, compiled.bodies)
 
 
-class Reached(NamedTuple):
-    """A point x, why it is one to stop at (see :class:`~floatplan.optimization.sqp.Solution`), and what it took."""
-
-    x: Array
-    status: str
-    iterations: int
-    evaluations: int
-
-
-@dataclass(eq=False)
-class Outcome:
-    """Where an attempt ended: of motions as it was ``begun`` with, or of another branch, on which it ``landed``.
-
-    ``level`` is that of the grid that it was judged on. ``violation`` is the largest one of (14), rad, or of a
-    constraint's row; 0 where everything holds. ``objective`` names what is minimised; ``work`` is what the attempt
-    took, the drawing of its start included. ``starts`` were followed together, of which ``solved`` hold.
-    The kernel has told ``coefficients``, b (n, k+1), and an objective's ``integral``; (14) is ``missed`` by (e,) rad.
-    """
-
-    begun: DecisionVariables
-    solution: Reached
-    model: FlightModel
-    level: int
-    violation: float
-    worst: Worst
-    objective: ObjectiveName
-    work: float = 0.0
-    starts: int = 1
-    solved: int = 1
-    coefficients: Array | None = None
-    integral: float | None = None
-    missed: Array = field(default_factory=lambda: np.array([np.nan]))
-    landed: Callable[[], DecisionVariables] | None = None
-
-    @property
-    def holds(self) -> bool:
-        """Whether (14) and every constraint hold."""
-        return self.violation <= 0
-
-    @property
-    def is_optimal(self) -> bool:
-        """Whether it holds, and no motion beside it costs less."""
-        return self.holds and self.solution.status == "optimal"
-
-    @cached_property
-    def variables(self) -> DecisionVariables:
-        """How the solution's x makes its motion."""
-        return self.landed() if self.landed else self.begun
-
-    @cached_property
-    def motion(self) -> Trajectory:
-        """The motion at the nodes of that grid."""
-        nodes = self.model.nodes(self.level, self.variables.polynomials.form)
-        return trajectory(self.model, self.variables, nodes, self.solution.x)
-
-    @cached_property
-    def written(self) -> Array:
-        """Coefficients b (n, k+1) of (12), powers of t in seconds."""
-        if self.coefficients is not None:
-            return self.coefficients
-        variables, x = self.variables, self.solution.x
-        motions = variables.motion_class(variables.angular_momentum(x))
-        return motions.powers_of_seconds(variables.free_coefficients(x))
-
-    @cached_property
-    def objective_value(self) -> float:
-        """The user's objective, which compares motions of any degree and branch."""
-        if OBJECTIVE_TABLE[self.objective].quantity is None and is_planar(self.model.flight):
-            return float(np.linalg.norm(self.written))
-        return self.integral or objective_value(self.objective, self.motion, self.solution.x)
-
-
-def best(outcomes: Sequence[Outcome]) -> Outcome:
-    """Return the outcome of the least violation, of equals the best; others have no objective.
-
-    Of several that ended at the same motion it is one that is known to be optimal, the first of these.
-    """
-    least = min(outcome.violation for outcome in outcomes)
-    nearest = [outcome for outcome in outcomes if outcome.violation == least]
-    if len(nearest) == 1:
-        return nearest[0]
-    lowest = min(nearest, key=lambda outcome: outcome.objective_value)
-    most = lowest.objective_value + SAME * abs(lowest.objective_value)
-    same = (outcome for outcome in nearest if outcome.is_optimal and outcome.objective_value <= most)
-    return lowest if lowest.is_optimal else min(same, key=lambda outcome: outcome.objective_value, default=lowest)
-
-
 class Attempts:
-    """A problem made ready for attempts, as far as they need it; ``momentum`` left out, those of the problem.
+    """A problem prepared for attempts, as far as they need it; ``momentum`` left out, those of the problem.
 
-    One of problems that go together is ``ready`` with them, and its plain motion has been followed.
+    Of a problem whose plain motion has been ``followed`` in a batch, that is the first attempt.
     """
 
     def __init__(
-        self, problem: Problem, seed: int, momentum: MomentumSet | None = None, ready: tuple[Start, Ready] | None = None
+        self,
+        problem: Problem,
+        seed: int,
+        momentum: MomentumSet | None = None,
+        followed: tuple[Start, PreparedStarts] | None = None,
     ) -> None:
-        self.problem, self.seed = problem, seed
+        self.problem = problem
+        self.seed = seed
         self.momentum = momentum or momentum_set(problem)
-        self._ends_hold = self._path_is_clear = False  # as far as is known
-        self._ready, self._first = None, None
-        if ready:
-            self.plain_start, self._ready = ready
-            self._first = self._ready.ended
-            self._learn(self._first)
+        self._ends_hold = False  # as far as is known
+        self._path_is_clear = False
+        self._starts: PreparedStarts | None = None
+        self._is_followed = followed is not None
+        if followed:
+            self.plain_start, self._starts = followed
+            assert self._starts.plain is self.plain_start.x, "they are the starts of that one"
+            self._learn(self._starts)
+
+    def prepare(self) -> None:
+        """Compute what a search will ask for: for many problems, all at this point is quicker than each in its turn."""
+        self.model  # noqa: B018
+        self.impossible  # noqa: B018
 
     @cached_property
     def model(self) -> FlightModel:
@@ -232,17 +148,17 @@ class Attempts:
         return plain_start(self.problem, self.problem.degrees, self.momentum)
 
     @cached_property
-    def compiled(self) -> CompiledAttempts | None:
+    def compiled(self) -> CompiledProblem | None:
         """The same for the kernel; None in space."""
-        return compiled_attempts(self.problem, self.model.flight, self.constraints)
+        return compiled_problem(self.problem, self.model, self.constraints)
 
     @property
     def _level(self) -> int:
-        return CONSTRAINED_LEVEL if self.constraints else 0
+        return EXCHANGE.constrained_level if self.constraints else 0
 
-    def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
-        """Return the motion of an outcome as a start at higher degrees."""
-        lower, x = outcome.variables, outcome.solution.x
+    def raised(self, result: AttemptResult, degrees: tuple[int, ...]) -> Start:
+        """Return the motion of a result as a start at higher degrees."""
+        lower, x = result.variables, result.x
         rise = zip(lower.polynomials.free, degrees, lower.degrees, strict=True)
         polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))
         variables = scaled_variables(self.problem, polynomials, self.momentum, lower.following)
@@ -282,17 +198,17 @@ class Attempts:
                     cause = block.cause.format(end=name)
                     yield f"At {verb} the {name} itself is impossible: {violated} ({cause})."
 
-    def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> Outcome:
+    def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> AttemptResult:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work
         if is_plain(self.problem):
-            outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif ready := self._ready_for(start):
-            outcome = self._follow_compiled(ready, start, -1.0 if stop() else most_work, range(1))
+            result = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
+        elif starts := self._starts_from(start):
+            result = self._follow_compiled(starts, range(1), most_work, expired=stop())
         else:
-            outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
-        outcome.work = self.model.work - before
-        return outcome
+            result = self._follow(start, lambda: self.model.work - before > most_work or stop())
+        result.work = self.model.work - before
+        return result
 
     def attempts(
         self,
@@ -302,11 +218,11 @@ class Attempts:
         stop: Stop,
         most_work: float = np.inf,
         asks: bool = False,
-    ) -> Outcome | None:
+    ) -> AttemptResult | None:
         """Follow starts by number, the given ones first; None where there are not so many.
 
         They are followed until one holds: by the kernel as many as take a moment, else one alone. Where it ``asks``
-        first, and the problem is known to have no solution, the outcome is the plain motion as it is, of no start.
+        first, and the problem is known to have no solution, the result is the plain motion as it is, of no start.
         """
         if numbers.start < len(given):
             return self.attempt(given[numbers.start], stop, most_work)
@@ -318,89 +234,91 @@ class Attempts:
             return None
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
-            outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif ready := self._ready_for(plain):
-            left = -1.0 if stop() else most_work
-            outcome = self._follow_compiled(ready, plain, left, numbers, asks)
-            if not outcome.starts and not self.impossible:
-                outcome = self._follow_compiled(ready, plain, left, numbers)
+            result = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
+        elif starts := self._starts_from(plain):
+            expired = stop()
+            result = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
+            if not result.starts and not self.impossible:
+                result = self._follow_compiled(starts, numbers, most_work, expired=expired)
         else:
             return self.attempt(plain, stop, most_work)
-        outcome.work = self.model.work - before
-        return outcome
+        result.work = self.model.work - before
+        return result
 
-    def outcome_of(self, followed: Followed) -> Outcome:
+    def result_of(self, followed: Followed) -> AttemptResult:
         """Return the best of the starts that the kernel has followed together."""
         before = self.model.work
-        outcome = self._judge_compiled(followed, self.plain_start.variables)
-        outcome.work = self.model.work - before
-        return outcome
+        result = self._judge_compiled(followed, self.plain_start.variables)
+        result.work = self.model.work - before
+        return result
 
-    def _ready_for(self, start: Start) -> Ready | None:
-        """What follows a start in the kernel; None where that knows no such flight."""
-        if not (self._ready and self._ready.plain is start.x):
-            self._ready = self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
-        return self._ready
+    def _starts_from(self, start: Start) -> PreparedStarts | None:
+        """Starts of which this one is number 0, prepared for the kernel; None where that knows no such flight."""
+        if not (self._starts and self._starts.plain is start.x):
+            self._starts = self.compiled.starts(start.variables, start.x, start.at_once) if self.compiled else None
+        return self._starts
 
     def _follow_compiled(
-        self, ready: Ready, start: Start, most_work: float, numbers: range, asks: bool = False
-    ) -> Outcome:
-        """Follow starts in the kernel, of which this one is number 0."""
-        known, self._first = self._first, None
-        ended = known or ready.follow(numbers, most_work, self.seed, asks)
-        self._learn(ended)
-        self.model.work += ended.work
-        reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
-        of_end = ended.level, ended.violation, ended.worst, self.problem.motion.objective
-        outcome = Outcome(start.variables, reached, self.model, *of_end, starts=ended.starts)
-        outcome.coefficients, outcome.integral = ended.coefficients, ended.integral
-        outcome.missed = np.array([ended.missed])
-        if any(ended.branch.tolist()):
-            outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
-        return outcome
+        self, starts: PreparedStarts, numbers: range, most_work: float, *, asks: bool = False, expired: bool = False
+    ) -> AttemptResult:
+        """Follow starts in the kernel, unless the first one has been followed in a batch."""
+        if self._is_followed:
+            self._is_followed = False
+        else:
+            starts.follow(numbers, most_work, self.seed, asks=asks, expired=expired)
+        self._learn(starts)
+        result = starts.result(self.problem, self.model)
+        self.model.work += result.work
+        return result
 
-    def _learn(self, ended: Ended) -> None:
-        """Keep what the kernel answered before it followed starts."""
-        self._ends_hold |= ended.ends_hold
-        self._path_is_clear |= ended.path_is_clear
+    def _learn(self, starts: PreparedStarts) -> None:
+        """Keep what the kernel said before it followed starts."""
+        self._ends_hold |= starts.ends_hold
+        self._path_is_clear |= starts.path_is_clear
 
-    def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
+    def _follow(self, start: Start, stop: Callable[[], bool]) -> AttemptResult:
         """Follow a start in space to the objective, and by way of a feasible motion where that fails."""
         model, variables, blocks = self.model, start.variables, self.constraints
 
         def make_objective(nodes: Sampling) -> Objective:
             return objective(self.problem, model, variables, nodes)
 
-        def follow(x: Array) -> Outcome:
+        def follow(x: Array) -> AttemptResult:
             settings = batch.CAUTIOUS if blocks else batch.FINE
             return judge(solve(model, variables, make_objective, blocks, x, settings, stop, self._level))
 
-        def judge(solution: Solution[Trajectory]) -> Outcome:
-            reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
-            return self.judge(variables, reached, solution.evaluation.detail)
+        def judge(solution: Solution[Trajectory]) -> AttemptResult:
+            return self.judge(
+                variables,
+                solution.x,
+                solution.status,
+                iterations=solution.iterations,
+                evaluations=solution.evaluations,
+                known=solution.evaluation.detail,
+            )
 
         def begins() -> Iterator[Array]:
             """The start, and the best motion without limits."""
             yield start.x
             yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
 
-        outcome = follow(start.x)
-        if outcome.holds or stop() or not blocks:
-            return outcome
+        result = follow(start.x)
+        if result.holds or stop() or not blocks:
+            return result
         nodes = model.nodes(self._level, variables.polynomials.form)
         sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
         program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
         for x in begins():
             nearest = reduce_violations(program, x, stop)
             unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-            promises = nearest.squared_violation < PROMISING and not nearest.stuck
+            promises = nearest.squared_violation < EXCHANGE.promising and not nearest.stuck
             other = follow(nearest.x) if promises else judge(unsolved)
-            outcome = best([outcome, other])
-            if outcome.holds or stop():
+            result = best([result, other])
+            if result.holds or stop():
                 break
-        return outcome
+        return result
 
-    def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> Outcome:
+    def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> AttemptResult:
         """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
 
         Its b counts where that holds: far from a solution, b may be of another x.
@@ -411,40 +329,67 @@ class Attempts:
             branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
             variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
-        nodes = model.nodes(COMPILED_LEVEL, variables.polynomials.form)
-        reached = Reached(x, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self.judge(variables, reached, trajectory(model, variables, nodes, x))
-        outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
-        if outcome.holds:
-            outcome.coefficients = answers.coefficients[0]
-        return outcome
+        nodes = model.nodes(EXCHANGE.compiled_level, variables.polynomials.form)
+        result = self.judge(
+            variables,
+            x,
+            followed.status,
+            iterations=counts["iterations"],
+            evaluations=counts["evaluations"],
+            known=trajectory(model, variables, nodes, x),
+        )
+        result.starts = counts["starts"]
+        result.solved = max(counts["solved"], 1)
+        if result.holds:
+            result.coefficients = answers.coefficients[0]
+        return result
 
-    def judge(self, variables: DecisionVariables, reached: Reached, known: Trajectory | None = None) -> Outcome:
-        """Check (14) and the constraints, between the instants too; the motion is ``known`` at some grid."""
+    def judge(
+        self,
+        variables: DecisionVariables,
+        x: Array,
+        status: str,
+        *,
+        iterations: int = 0,
+        evaluations: int = 0,
+        known: Trajectory | None = None,
+    ) -> AttemptResult:
+        """Check (14) and the constraints of a motion x, between the instants too; it is ``known`` at some grid."""
         counts = self.model.flight.node_counts
 
         def at_level(level: int) -> Trajectory:
             nodes = self.model.nodes(level, variables.polynomials.form)
-            return trajectory(self.model, variables, nodes, reached.x)
+            return trajectory(self.model, variables, nodes, x)
 
-        motion = known or at_level(max(self._level, COMPILED_LEVEL))
-        level = max(motion.flown.level_needed(batch.QUADRATURE_ERROR), self._level)
+        motion = known or at_level(max(self._level, EXCHANGE.compiled_level))
+        level = max(motion.flown.level_needed(QUADRATURE_ERROR), self._level)
         if motion.model is not self.model or counts[level] > motion.sampling.grid.nodes:
             motion = at_level(level)
-        while motion.flown.unresolved > batch.UNRESOLVED and level < len(counts) - 1:
+        while motion.flown.unresolved > SETTINGS.unresolved and level < len(counts) - 1:
             level += 1
             motion = at_level(level)
         missed = motion.flown.missed
-        if motion.flown.unresolved > batch.UNRESOLVED:
+        if motion.flown.unresolved > SETTINGS.unresolved:
             missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, level, reached.x)
+        worst = local_minima(self.model, variables, self.constraints, level, x)
         violation = missed if missed > ORIENTATION else 0.0
         if self.constraints:
             kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
             violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
-        if violation <= 0 and reached.status == "infeasible":
-            reached = reached._replace(status="feasible")  # kept, though not as well inside as the search aims
-        named = self.problem.motion.objective
-        outcome = Outcome(variables, reached, self.model, level, violation, worst, named, missed=motion.residual)
-        outcome.__dict__["motion"] = motion
-        return outcome
+        if violation <= 0 and status == "infeasible":
+            status = "feasible"  # kept, though not as well inside as the search aims
+        result = AttemptResult(
+            problem=self.problem,
+            start_variables=variables,
+            model=self.model,
+            x=x,
+            status=status,
+            iterations=iterations,
+            evaluations=evaluations,
+            level=level,
+            violation=violation,
+            worst=worst,
+            missed=motion.residual,
+        )
+        result.__dict__["motion"] = motion  # as if it had been asked for
+        return result

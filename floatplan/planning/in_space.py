@@ -13,10 +13,11 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.planning.attempt import Attempts, Outcome, Reached
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
 from floatplan.planning.search import ANNOUNCED_EVERY, SearchOptions, SearchResult, expiry, log_attempt
 from floatplan.planning.starts import Start
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
@@ -30,7 +31,7 @@ MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OF_ONE = 0.3  # [-] of the work, that one start may do
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
-LEVEL = 2  # of the grids that an outcome is evaluated on
+LEVEL = 2  # of the grids that an result is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
@@ -52,13 +53,13 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
         other = _tried(freed, replace(options, starts=1), 1 - WITH_GIVEN)
     except (InputError, KeyboardInterrupt):
         return result
-    x = other.best.solution.x
+    x = other.best.x
     return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
 
 
 def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchResult:
     """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
-    outcomes: list[Outcome] = []
+    results: list[AttemptResult] = []
     expired, began = expiry(options.budget and share * options.budget), prepared.model.work
     most_work = share * options.work
     solved, announced, interrupted = 0, time.monotonic(), False
@@ -67,24 +68,24 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
         return expired() or prepared.model.work - began > most_work
 
     try:
-        for outcome in islice(_outcomes(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
-            if outcome:
-                outcomes.append(outcome)
-                solved += outcome.holds
-                log_attempt(prepared, outcomes)
+        for result in islice(_results(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
+            if result:
+                results.append(result)
+                solved += result.holds
+                log_attempt(prepared, results)
             if solved >= options.starts or stop():
                 break
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced = time.monotonic()
-                options.progress(f"{len(outcomes)} starts tried, {solved} solved")
+                options.progress(f"{len(results)} starts tried, {solved} solved")
     except KeyboardInterrupt:
         interrupted = True
-        if not outcomes:
+        if not results:
             raise
-    if not outcomes:
+    if not results:
         reason = "turns the robot too fast: no motion can be integrated"
         raise InputError(reason, element="flight.angular_momentum", advice="give a smaller one, or fewer turns")
-    return SearchResult(outcomes, ran_out_of_time=stop(), interrupted=interrupted)
+    return SearchResult(prepared, results, ran_out_of_time=stop(), interrupted=interrupted)
 
 
 def _is_followed(prepared: Attempts) -> bool:
@@ -104,7 +105,9 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
     return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
 
 
-def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool], most_work: float) -> Iterator[Outcome | None]:
+def _results(
+    prepared: Attempts, seed: int, stop: Callable[[], bool], most_work: float
+) -> Iterator[AttemptResult | None]:
     """Where the starts end, in their order: those of the first degree, then those of the others, in turns.
 
     Each may do so much work. None where that cannot be integrated.
@@ -127,7 +130,9 @@ def _outcomes(prepared: Attempts, seed: int, stop: Callable[[], bool], most_work
                 yield _followed(prepared, start, stop, most_work) if start else None
 
 
-def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool], most_work: float) -> Outcome | None:
+def _followed(
+    prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool], most_work: float
+) -> AttemptResult | None:
     """Where one start ends: closed, then made smaller, or followed with limits and another objective.
 
     None where that cannot be integrated.
@@ -137,37 +142,37 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool],
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and _is_followed(prepared):
         try:
-            outcome = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
+            result = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
         except IntegrationError:
-            outcome = _outcome(prepared, motion, "infeasible")
+            result = _judged(prepared, motion, "infeasible")
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
-        outcome = _outcome(prepared, final or motion, status)
-    outcome.work = model.work - before
-    return outcome if np.isfinite(outcome.motion.residual).all() else None
+        result = _judged(prepared, final or motion, status)
+    result.work = model.work - before
+    return result if np.isfinite(result.motion.residual).all() else None
 
 
-def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> Outcome:
+def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> AttemptResult:
     """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
     lifted = motion.lifted
     variables, free = lifted.variables, lifted.coefficients
-    outcome = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
-    chosen = outcome.solution.x[free:]
-    if not outcome.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
-        return outcome
+    result = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
+    chosen = result.x[free:]
+    if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
+        return result
     h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
     given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
     fixed = LiftedFlight(lifted.model, lifted.flight, given)
     nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
     usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
     if not usable:
-        return _outcome(prepared, nearest, "infeasible")
+        return _judged(prepared, nearest, "infeasible")
     return prepared.attempt(Start(given, nearest.x, at_once=True), stop)
 
 
-def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
+def _judged(prepared: Attempts, motion: LiftedMotion, status: str) -> AttemptResult:
     variables, model = motion.lifted.variables, prepared.model
     nodes = model.nodes(LEVEL, variables.polynomials.form)
     known = trajectory(model, variables, nodes, motion.x)
-    return prepared.judge(variables, Reached(motion.x, status, 0, 0), known)
+    return prepared.judge(variables, motion.x, status, known=known)

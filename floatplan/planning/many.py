@@ -13,14 +13,15 @@ import numpy as np
 from floatplan.arguments import flag, many
 from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import INFEASIBLE, MOST_STARTS, STATUS, Answers, Search, solver
+from floatplan.compiled.batch import INFEASIBLE, STATUS, Answers, Search, solver
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import Searched, SearchedPlan, found_for, planned, searched
+from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.search import Allowance, SearchOptions
-from floatplan.planning.together import followed_together
+from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
+from floatplan.planning.together import follow_batch
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
@@ -176,7 +177,7 @@ def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[N
 def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions) -> list[int]:
     """Plan plain problems in chunks; those with doubtful numbers, which a Problem checks, are returned."""
     like, problems = _like(plans.problems, int(indices[0])), plans.problems
-    compiled, most = solver(like, like.degrees), MOST_STARTS + options.starts - 1
+    compiled, most = solver(like, like.degrees), SETTINGS.most_starts + options.starts - 1
     search = Search(starts=options.starts, most_starts=most, seed=options.seed)
 
     def answered(chunk: IntArray) -> tuple[BoolArray, Numbers, Answers | None]:
@@ -275,7 +276,7 @@ def _made_together(
 ) -> list[Answer]:
     """Answer problems that go together: by their plain motions where those are enough, else each by a search."""
     numbers, good = _numbers(problems, np.array(indices))
-    found = followed_together(like, numbers, Allowance.of(options).left) if good.any() else None
+    found = follow_batch(like, numbers, Allowance.of(options).left) if good.any() else None
     enough = set(found.solved.tolist()) if found and options.starts == 1 else set()
     places = iter(range(len(indices)))
 
@@ -283,10 +284,10 @@ def _made_together(
         if not (is_good and found):
             return _made_alone(problems, index, replace(options, seed=seed))
         place = next(places)
-        return found.answer(place) if place in enough else found.at(place, problems[index], seed)
+        return found.answer(place) if place in enough else found.prepared(place, problems[index], seed)
 
-    def go_on(prepared: Attempts) -> Searched:
-        return searched(prepared, replace(options, seed=prepared.seed))
+    def go_on(prepared: Attempts) -> SearchResult:
+        return search(prepared, replace(options, seed=prepared.seed))
 
     made: list[Any] = [_made(begin, *each) for each in zip(indices, seeds, good.tolist(), strict=True)]
     for step in (go_on, _told):  # each for all, which is quicker than one after the other
@@ -294,9 +295,11 @@ def _made_together(
     return made
 
 
-def _told(found: Searched | SearchedPlan) -> Answer:
-    answer = found.answer
-    if not found.gave_up or answer.status != "not_found":
+def _told(found: SearchResult | SearchedPlan) -> Answer:
+    if isinstance(found, SearchedPlan):
+        return found.answer
+    answer = searched_answer(found)
+    if not found.ran_out_of_patience or answer.status != "not_found":
         return answer
     return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
 

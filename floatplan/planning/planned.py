@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import MOST_STARTS, Search
+from floatplan.compiled.batch import Search
 from floatplan.compiled.numbers import is_plain
 from floatplan.errors import refuse
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, follow_together
 from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
@@ -37,15 +39,20 @@ NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 @dataclass(frozen=True, eq=False)
 class SearchedPlan:
-    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on.
+    """A plan, and the attempt that it was made of.
 
-    ``gave_up`` says that the search's patience ended: a longer one may find another plan. ``work`` is what the search
-    did, instants of one body.
+    Attributes
+    ----------
+    plan : Plan
+    result : AttemptResult, or of a plain problem what the kernel answered
+    others : further solutions, from the second best on
+    gave_up : whether the search's patience ended: a longer one may find another plan
+    work : instants of one body, of the whole search
     """
 
     plan: Plan
-    ended: Outcome | Followed
-    others: tuple[Outcome, ...] = ()
+    result: AttemptResult | Followed
+    others: tuple[AttemptResult, ...] = ()
     gave_up: bool = False
     work: float = 0.0
 
@@ -55,62 +62,49 @@ class SearchedPlan:
         return Answer.of_plan(self.plan, self.plan.status)
 
     @cached_property
-    def best(self) -> Outcome:
-        """The outcome that the plan was made of."""
-        if isinstance(self.ended, Outcome):
-            return self.ended
-        return Attempts(self.plan.problem, self.plan.solver["seed"]).outcome_of(self.ended)
+    def best(self) -> AttemptResult:
+        """The attempt that the plan was made of."""
+        if isinstance(self.result, AttemptResult):
+            return self.result
+        return Attempts(self.plan.problem, self.plan.solver["seed"]).result_of(self.result)
 
 
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """What a search ended with, begun when the clock was at ``began``, s."""
+def searched_answer(result: SearchResult) -> Answer:
+    """Return what a search ended with, in numbers."""
+    best = result.best
+    counts: dict[str, Any] = result.counts
+    unsolved = "impossible" if result.impossible else "not_found"
+    return Answer(
+        status=best.status if best.holds else unsolved,
+        objective=best.objective_value if best.holds else np.nan,
+        angular_momentum=float(best.start_variables.angular_momentum(best.x)[0]),
+        residual=abs(best.missed.item()) if best.missed.size == 1 else best.motion.flown.missed,
+        coefficients=best.written,
+        **counts,
+        message=explain(result),
+    )
 
-    prepared: Attempts
-    result: SearchResult
-    began: float
 
-    @property
-    def reasons(self) -> list[str]:
-        """Why no motion whatever can be a plan, where none was found."""
-        return [] if self.result.best.holds else self.prepared.impossible
-
-    @property
-    def gave_up(self) -> bool:
-        """Whether the search's patience ended."""
-        return self.result.ran_out_of_patience
-
-    @property
-    def answer(self) -> Answer:
-        """In numbers."""
-        best = self.result.best
-        counts: dict[str, Any] = self.result.counts
-        nothing = "impossible" if self.reasons else "not_found"
-        return Answer(
-            status=best.solution.status if best.holds else nothing,
-            objective=best.objective_value if best.holds else np.nan,
-            angular_momentum=float(best.begun.angular_momentum(best.solution.x)[0]),
-            residual=abs(best.missed.item()) if best.missed.size == 1 else best.motion.flown.missed,
-            coefficients=best.written,
-            **counts,
-            message=explain(self.prepared, self.result, self.reasons),
-        )
-
-    @property
-    def plan(self) -> SearchedPlan:
-        """As a plan."""
-        prepared, result, best = self.prepared, self.result, self.result.best
-        unsolved = "interrupted" if result.interrupted and not self.reasons else "infeasible"
-        plan = Plan.of_motion(
-            prepared.problem,
-            *motion_of(best),
-            status=best.solution.status if best.holds else unsolved,
-            ok=best.holds,
-            explanation=explain(prepared, result, self.reasons),
-            solver={**result.counts, "seconds": time.perf_counter() - self.began, "seed": prepared.seed},
-        )
-        work = sum(outcome.work for outcome in result.outcomes)
-        return SearchedPlan(plan, best, result.holding[1:], result.ran_out_of_patience, work)
+def searched_plan(result: SearchResult) -> SearchedPlan:
+    """Return what a search ended with, as a plan."""
+    best = result.best
+    prepared = result.prepared
+    unsolved = "interrupted" if result.interrupted and not result.impossible else "infeasible"
+    plan = Plan.of_motion(
+        prepared.problem,
+        *motion_of(best),
+        status=best.status if best.holds else unsolved,
+        ok=best.holds,
+        explanation=explain(result),
+        solver={**result.counts, "seconds": result.seconds, "seed": prepared.seed},
+    )
+    return SearchedPlan(
+        plan=plan,
+        result=best,
+        others=result.holding[1:],
+        gave_up=result.ran_out_of_patience,
+        work=result.work,
+    )
 
 
 def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan:
@@ -126,19 +120,13 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
         What stands on the ground moves down at takeoff, or up at landing.
     """
     found = found_for(problem, options, near)
-    return found if isinstance(found, SearchedPlan) else found.plan
+    return found if isinstance(found, SearchedPlan) else searched_plan(found)
 
 
-def searched(prepared: Attempts, options: SearchOptions) -> Searched:
-    """Search for a plan of a problem that is ready for attempts; errors as above."""
-    began = time.perf_counter()
-    return Searched(prepared, search(prepared, options), began)
-
-
-def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | Searched:
+def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | SearchResult:
     """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
     began = time.perf_counter()
-    most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
+    most = min(SETTINGS.most_starts + options.starts - 1, ATTEMPTS)
     together = is_plain(problem) and not problem.raises_degree
     followed = (
         follow_together(problem, problem.degrees, Search(options.starts, most, options.seed)) if together else None
@@ -147,13 +135,14 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
         LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
         return SearchedPlan(plan, followed, work=followed.work)
-    return _searched(problem, options, near, followed, began)
+    result = _searched(problem, options, near, followed, began)
+    return replace(result, seconds=time.perf_counter() - began)
 
 
 @one_thread
 def _searched(
     problem: Problem, options: SearchOptions, near: Plan | None, followed: Followed | None, began: float
-) -> Searched:
+) -> SearchResult:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
@@ -161,14 +150,14 @@ def _searched(
     if problem.robot.in_plane is None:
         from floatplan.planning.in_space import search_in_space  # here, since most problems do without
 
-        return Searched(prepared, search_in_space(prepared, options), began)
+        return search_in_space(prepared, options)
     result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
-    if result is None:
-        if near and options.budget is not None:
-            left = options.budget - (time.perf_counter() - began)
-            options = replace(options, budget=max(left, SHARE * options.budget))
-        result = search(prepared, options, followed=followed)
-    return Searched(prepared, result, began)
+    if result is not None:
+        return result
+    if near and options.budget is not None:
+        left = options.budget - (time.perf_counter() - began)
+        options = replace(options, budget=max(left, SHARE * options.budget))
+    return search(prepared, options, followed=followed)
 
 
 def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> SearchResult | None:
@@ -188,28 +177,27 @@ def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> Sear
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
     start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
-    outcome = prepared.attempt(start, expiry(None if budget is None else SHARE * budget))
-    return SearchResult([outcome]) if outcome.holds else None
+    result = prepared.attempt(start, expiry(None if budget is None else SHARE * budget))
+    return SearchResult(prepared, [result]) if result.holds else None
 
 
-def motion_of(outcome: Outcome) -> tuple[SinePolynomials, Array, Array, Array | None]:
+def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Array | None]:
     """Where an attempt ended: its polynomials, their free coefficients z (n, width), h (e,), kg m^2/s, and b."""
-    variables, x = outcome.variables, outcome.solution.x
+    variables, x = result.variables, result.x
     h = variables.angular_momentum(x)
-    return variables.motion_class(h), variables.free_coefficients(x), h, outcome.coefficients
+    return variables.motion_class(h), variables.free_coefficients(x), h, result.coefficients
 
 
-def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
-    """Say, in sentences for a person, what the search found and why it is no plan where it is none.
-
-    ``reasons`` are why no motion whatever can be one, as far as is known.
-    """
+def explain(found: SearchResult) -> str:
+    """Say, in sentences for a person, what the search found and why it is no plan where it is none."""
+    prepared = found.prepared
     if found.best.holds:
         return ALL_HOLDS if prepared.constraints else GOAL_MET
     problem = prepared.problem
+    reasons = found.impossible
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
-    sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]
-    momentum = found.best.begun.angular_momentum(found.best.solution.x)
+    sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(found)]
+    momentum = found.best.start_variables.angular_momentum(found.best.x)
     sentences += [
         f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)
     ]
@@ -220,12 +208,12 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     if found.momentum_found is not None:
         h = _numbers(found.momentum_found, ".6g")
         sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
-    elif not reasons and found.best.begun.coefficients:
-        sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
+    elif not reasons and found.best.start_variables.coefficients:
+        sentences += _hardly_missed(found) or _more_freedom(problem)
     return " ".join(sentences)
 
 
-def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
+def _hardly_missed(found: SearchResult) -> list[str]:
     """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that.
 
     All of it is said: of each limit that the motion exceeds, by how much, so that with these it is a plan.
@@ -234,7 +222,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
     if not best.violation < NEARLY:
         return []
     wishes = [f"the goal's orientation {_numbers(missed, '+.6g')} rad further"] if missed.any() else []
-    for number, block in enumerate(prepared.constraints):
+    for number, block in enumerate(found.prepared.constraints):
         violated = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
         amounts: dict[str, float] = {}  # in the block's unit; a limit has a row for either sign
         for at in violated.tolist():
@@ -272,8 +260,9 @@ def _more_freedom(problem: Problem) -> list[str]:
     return [f"More freedom may help: {' or '.join(freedom)}."] if freedom else []
 
 
-def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
+def _nearest(found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
+    prepared = found.prepared
     best, missed, sentences = found.best, _missed_turn(found), []
     tried = found.counts["starts"]
     if not tried:
@@ -291,7 +280,7 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         amount = f"{-value * block.scale[row]:.4g} {block.unit}"
         violated = f"{block.labels[row]} is violated by {amount}"
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
-    if not best.begun.coefficients:
+    if not best.start_variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
     counted = "1 start was" if tried == 1 else f"{tried} starts were"
-    return [*sentences, f"{counted} tried, up to degree {max(best.begun.degrees)}."]
+    return [*sentences, f"{counted} tried, up to degree {max(best.start_variables.degrees)}."]

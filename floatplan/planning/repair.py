@@ -14,11 +14,12 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.kernel.tolerances import EXCHANGE
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, motion_of
 from floatplan.planning.search import SearchOptions, search
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import SAME
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
 from floatplan.pool import one_thread
@@ -86,19 +87,19 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
 
 def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
-    for outcome in found.others or _not_kept(found):
-        moved = found.plan.moving_as(*motion_of(outcome))
-        yield SearchedPlan(replace(moved, status=outcome.solution.status), outcome)
+    for result in found.others or _not_kept(found):
+        moved = found.plan.moving_as(*motion_of(result))
+        yield SearchedPlan(replace(moved, status=result.status), result)
 
 
-def _not_kept(found: SearchedPlan) -> tuple[Outcome, ...]:
+def _not_kept(found: SearchedPlan) -> tuple[AttemptResult, ...]:
     """Solutions worse than the best, of starts that the kernel has followed together: now one by one."""
     solver, best = found.plan.solver, found.best
-    if best.starts == 1 or solver["solved"] < 2:
+    if not best.is_exhaustive or solver["solved"] < 2:
         return ()
     options = SearchOptions(solver["seed"], solver["solved"])
     again = search(Attempts(found.plan.problem, solver["seed"]), options, solver["starts"])
-    return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + SAME))
+    return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + EXCHANGE.same))
 
 
 def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
@@ -108,11 +109,11 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     """
     plan, best = found.plan, found.best
     prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
-    outcome = prepared.attempt(Start(best.variables, best.solution.x, at_once=True))
-    if not outcome.holds:
+    result = prepared.attempt(Start(best.variables, best.x, at_once=True))
+    if not result.holds:
         return None
-    more = {name: plan.solver[name] + getattr(outcome.solution, name) for name in ("iterations", "evaluations")}
-    return SearchedPlan(replace(plan.moving_as(*motion_of(outcome)), solver={**plan.solver, **more}), outcome)
+    more = {name: plan.solver[name] + getattr(result, name) for name in ("iterations", "evaluations")}
+    return SearchedPlan(replace(plan.moving_as(*motion_of(result)), solver={**plan.solver, **more}), result)
 
 
 def judged(plan: Plan, certificate: Certificate) -> Plan:

@@ -19,11 +19,12 @@ import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.arrays import Array
-from floatplan.compiled.batch import EASY_ITERATIONS, WANTED_AFTER_FAILURE
+from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS, SAME
+from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
+from floatplan.planning.transcription.result import AttemptResult, best
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
@@ -51,37 +52,59 @@ STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solv
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Where the attempts of a search ended, in their order, and why there are no more of them.
+    """What came of a search: its attempts, and why there were no more of them.
 
-    Where the given h led to no plan, ``momentum_found`` (e,), kg m^2/s, is one that did.
+    Attributes
+    ----------
+    prepared : Attempts
+        The problem.
+    results : sequence of AttemptResult
+        In the order of the attempts.
+    ran_out_of_time, ran_out_of_patience, interrupted : bool
+        Why there are no more.
+    momentum_found : (e,) kg m^2/s, optional
+        An h with which there is a plan, where the given one led to none.
+    seconds : float
+        What the search took.
     """
 
-    outcomes: Sequence[Outcome]
+    prepared: Attempts
+    results: Sequence[AttemptResult]
     ran_out_of_time: bool = False
     ran_out_of_patience: bool = False
     interrupted: bool = False
     momentum_found: Array | None = None
+    seconds: float = 0.0
 
     @cached_property
-    def best(self) -> Outcome:
-        """The best outcome, the first of equals."""
-        return best(self.outcomes)
+    def best(self) -> AttemptResult:
+        """The best of them, the first of equals."""
+        return best(self.results)
 
     @cached_property
-    def holding(self) -> tuple[Outcome, ...]:
+    def holding(self) -> tuple[AttemptResult, ...]:
         """All that hold, in the order of their objectives, which a single one need not have evaluated."""
-        holding = [outcome for outcome in self.outcomes if outcome.holds]
-        return tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding)
+        holding = [result for result in self.results if result.holds]
+        return tuple(sorted(holding, key=lambda result: result.objective_value) if len(holding) > 1 else holding)
+
+    @property
+    def impossible(self) -> list[str]:
+        """Sentences about why no motion whatever can be a plan, where none was found."""
+        return [] if self.best.holds else self.prepared.impossible
+
+    @property
+    def work(self) -> float:
+        """What all attempts took, instants of one body."""
+        return sum(result.work for result in self.results)
 
     @property
     def counts(self) -> dict[str, int]:
         """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
-        solutions = [outcome.solution for outcome in self.outcomes]
         return {
-            "iterations": sum(solution.iterations for solution in solutions),
-            "evaluations": sum(solution.evaluations for solution in solutions),
-            "starts": _starts(self.outcomes),
-            "solved": sum(outcome.solved for outcome in self.outcomes if outcome.holds),
+            "iterations": sum(result.iterations for result in self.results),
+            "evaluations": sum(result.evaluations for result in self.results),
+            "starts": _starts(self.results),
+            "solved": sum(result.solved for result in self.results if result.holds),
         }
 
 
@@ -145,61 +168,67 @@ def search(
     """
     expired = expiry(options.budget)
     allowance = Allowance.of(options)
-    outcomes: list[Outcome] = []
+    results: list[AttemptResult] = []
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in _outcomes(prepared, options, expired, allowance, followed, most):
-            outcomes.append(outcome)
-            log_attempt(prepared, outcomes)
+        for result in _results(prepared, options, expired, allowance, followed, most):
+            results.append(result)
+            log_attempt(prepared, results)
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
-                announced, counts = time.monotonic(), SearchResult(outcomes).counts
+                announced, counts = time.monotonic(), SearchResult(prepared, results).counts
                 tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
-                options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")
-            if _are_enough(outcomes, options.starts, prepared) or expired():
+                options.progress(f"{tried}, degree {max(result.variables.degrees)}")
+            if _are_enough(results, options.starts, prepared) or expired():
                 break
-            tried_enough = not options.near_miss or len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
-            if tried_enough and not outcomes[0].holds and prepared.impossible:
+            tried_enough = not options.near_miss or len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
+            if tried_enough and not results[0].holds and prepared.impossible:
                 if not options.near_miss:
-                    return SearchResult([_untried(prepared) if outcomes[0].starts else outcomes[0]])
+                    return SearchResult(prepared, [_untried(prepared) if results[0].starts else results[0]])
                 break
     except KeyboardInterrupt:
         interrupted = True
-    if not outcomes:
-        outcomes.append(_untried(prepared))
-        outcomes[0].starts = int(interrupted)
+    if not results:
+        results.append(_untried(prepared))
+        results[0].starts = int(interrupted)
     out_of_patience = allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0)
-    return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
+    return SearchResult(
+        prepared=prepared,
+        results=results,
+        ran_out_of_time=allowance.is_used_up or expired(),
+        ran_out_of_patience=out_of_patience,
+        interrupted=interrupted,
+    )
 
 
-def _untried(prepared: Attempts) -> Outcome:
+def _untried(prepared: Attempts) -> AttemptResult:
     """Return the plain motion as it is."""
-    outcome = prepared.attempt(prepared.plain_start, lambda: True)
-    outcome.starts = 0
-    return outcome
+    result = prepared.attempt(prepared.plain_start, lambda: True)
+    result.starts = 0
+    return result
 
 
-def log_attempt(prepared: Attempts, outcomes: Sequence[Outcome]) -> None:
+def log_attempt(prepared: Attempts, results: Sequence[AttemptResult]) -> None:
     """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
     if LOG.isEnabledFor(logging.INFO):
-        LOG.info("%s", _said(prepared, outcomes))
+        LOG.info("%s", _said(prepared, results))
 
 
-def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
-    outcome = outcomes[-1]
-    degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
-    start = _starts(outcomes)
-    steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
-    least = f"best violation {min(each.violation for each in outcomes):.3g}"
-    if outcome.holds:
-        return f"{steps}; {outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
-    if outcome.violation == np.inf:
+def _said(prepared: Attempts, results: Sequence[AttemptResult]) -> str:
+    result = results[-1]
+    degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
+    start = _starts(results)
+    steps = f"start {start}, degree {degrees}, {result.iterations} steps"
+    least = f"best violation {min(each.violation for each in results):.3g}"
+    if result.holds:
+        return f"{steps}; {result.status}, {result.objective} {result.objective_value:.6g}; {least}"
+    if result.violation == np.inf:
         return f"{steps}; no motion to the goal"
     of = " rad of the goal's orientation"
-    if -outcome.worst.least >= outcome.violation:
-        block, row, _, s = outcome.worst.lowest
+    if -result.worst.least >= result.violation:
+        block, row, _, s = result.worst.lowest
         of = f" of {prepared.constraints[block].labels[row]} at {s * prepared.problem.flight.duration:.3g} s"
-    return f"{steps}; violation {outcome.violation:.3g}{of}; {least}"
+    return f"{steps}; violation {result.violation:.3g}{of}; {least}"
 
 
 @dataclass
@@ -220,33 +249,33 @@ class Allowance:
         work, patience = options.work, np.inf if options.patience is None else options.patience
         return cls(min(work, patience), held_back=work - patience if patience < work else 0.0)
 
-    def grants(self, outcome: Outcome, is_first: bool) -> bool:
+    def grants(self, result: AttemptResult, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
-        self.left -= outcome.work
+        self.left -= result.work
         self.is_used_up = self.left < 0
-        if outcome.holds and not self.is_used_up:
+        if result.holds and not self.is_used_up:
             self.left, self.held_back = self.left + self.held_back, 0.0
         return is_first or not self.is_used_up
 
 
-def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> bool:
+def _are_enough(results: list[AttemptResult], wanted: int, prepared: Attempts) -> bool:
     """Whether ``wanted`` starts are solved and more of them promise little."""
-    solved = [index for index, outcome in enumerate(outcomes) if outcome.holds]
-    if solved and outcomes[0].starts > 1:  # the kernel has followed as many as promise anything
+    solved = [index for index, result in enumerate(results) if result.holds]
+    if solved and results[0].is_exhaustive:
         return True
     if len(solved) < max(wanted, 1):
         return False
     constrained = prepared.problem.has_inequalities
-    easy = [outcome.is_optimal and outcome.solution.iterations <= EASY_ITERATIONS for outcome in outcomes]
+    easy = [result.is_optimal and result.iterations <= SETTINGS.easy_iterations for result in results]
     if constrained and prepared.momentum.free:
-        values = np.sort([outcomes[index].objective_value for index in solved])
+        values = np.sort([results[index].objective_value for index in solved])
         agreeing = int((values - values[0] <= AGREEMENT * values).sum())
         enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST
-        return _starts(outcomes) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
-    if easy[0] or len(solved) >= WANTED_AFTER_FAILURE:
+        return _starts(results) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
+    if easy[0] or len(solved) >= SETTINGS.wanted_after_failure:
         return True
     return constrained and (
-        any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST
+        any(result.is_optimal for result in results) or len(results) - solved[0] > STARTS_AFTER_THE_FIRST
     )
 
 
@@ -260,31 +289,31 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
     yield (HIGHEST_AUTOMATIC_DEGREE,) * len(problem.degrees), ATTEMPTS
 
 
-def _outcomes(
+def _results(
     prepared: Attempts,
     options: SearchOptions,
     expired: Callable[[], bool],
     allowance: Allowance,
     followed: Followed | None,
     most: int,
-) -> Iterator[Outcome]:
-    """Outcomes of the attempts, in their order, from this process or from several; of so many starts at most.
+) -> Iterator[AttemptResult]:
+    """Results of the attempts, in their order, from this process or from several; of so many starts at most.
 
     The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
     none: how far it came would depend on what ran beside it.
     """
-    tried: list[Outcome] = []
-    together = prepared.outcome_of(followed) if followed else None
+    tried: list[AttemptResult] = []
+    together = prepared.result_of(followed) if followed else None
     is_first = together is None
     if together:
         allowance.grants(together, True)
         most -= together.starts
         yield together
 
-    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
+    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
         return prepared.attempts(degrees, given, numbers, expired, allowance.left, not options.near_miss)
 
-    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome | None]:
+    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[AttemptResult | None]:
         """One after the other as long as it matters where each ends, then together."""
         number = numbers.start
         while number < numbers.stop:
@@ -292,9 +321,9 @@ def _outcomes(
             matters = len(tried) < alone or any(each.holds for each in tried)
             most = min(options.attempts, FEW if _starts(tried) < FEW else ATTEMPTS) if options.attempts else ATTEMPTS
             count = 1 if matters or prepared.problem.raises_degree else most - _starts(tried)
-            outcome = here(degrees, given, range(number, min(number + count, numbers.stop)))
-            yield outcome
-            number += outcome.starts if outcome else 1
+            result = here(degrees, given, range(number, min(number + count, numbers.stop)))
+            yield result
+            number += result.starts if result else 1
 
     ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
     several = options.jobs > 1
@@ -306,38 +335,38 @@ def _outcomes(
             numbers = range(first, min(attempts, first + most))
             tried = []
             alone = ((degrees, raised, range(number, number + 1)) for number in numbers)
-            for outcome in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):
-                if outcome is None:  # there are not so many starts
+            for result in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):
+                if result is None:  # there are not so many starts
                     break
-                if not allowance.grants(outcome, is_first):
+                if not allowance.grants(result, is_first):
                     return
                 is_first = False
-                most -= outcome.starts
-                yield outcome
-                tried.append(outcome)
+                most -= result.starts
+                yield result
+                tried.append(result)
                 allowance.gave_up = options.attempts is not None and _are_hopeless(tried, options.attempts)
                 if allowance.gave_up:
                     break
 
 
-def _are_hopeless(tried: list[Outcome], most: int) -> bool:
+def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
     """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
     nearest, starts = min(each.violation for each in tried), _starts(tried)
     return nearest > 0 and (starts == most or (starts >= FEW and nearest > FAR))
 
 
-def _starts(outcomes: Sequence[Outcome]) -> int:
+def _starts(results: Sequence[AttemptResult]) -> int:
     """How many were followed."""
-    return sum(outcome.starts for outcome in outcomes)
+    return sum(result.starts for result in results)
 
 
-def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
-    """The outcomes of least violation, each at another motion."""
-    distinct: list[Outcome] = []
-    for outcome in sorted(outcomes, key=lambda outcome: (outcome.violation, outcome.objective_value)):
-        value = outcome.objective_value
-        if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
-            distinct.append(outcome)
+def _nearest(results: list[AttemptResult]) -> list[AttemptResult]:
+    """The results of least violation, each at another motion."""
+    distinct: list[AttemptResult] = []
+    for result in sorted(results, key=lambda result: (result.violation, result.objective_value)):
+        value = result.objective_value
+        if all(abs(value - other.objective_value) > EXCHANGE.same * abs(value) for other in distinct):
+            distinct.append(result)
     return distinct[:RAISED]
 
 
@@ -352,13 +381,13 @@ def expiry(budget: float | None) -> Callable[[], bool]:
 @one_thread
 def _attempting(
     problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float
-) -> Callable[..., Outcome | None]:
+) -> Callable[..., AttemptResult | None]:
     """Return what follows starts in a process of its own, by degrees, given starts and number."""
     prepared, expired = Attempts(problem, seed, momentum), expiry(budget)
 
     @one_thread
-    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Outcome | None:
-        outcome = prepared.attempts(degrees, given, numbers, expired, most_work)
-        return outcome and replace(outcome, begun=outcome.variables, landed=None)  # without what it caches
+    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
+        result = prepared.attempts(degrees, given, numbers, expired, most_work)
+        return result and replace(result, start_variables=result.variables, branch=None)  # without what it caches
 
     return attempt

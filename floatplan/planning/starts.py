@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.problem import Problem
@@ -22,12 +22,6 @@ class Start:
     variables: DecisionVariables
     x: Array
     at_once: bool = False
-
-
-def on_branch(problem: Problem, variables: DecisionVariables, at_landing: IntArray) -> DecisionVariables:
-    """Return variables of motions that land on branches (n,) of the arcsine; those given are of the plain ones."""
-    branches = np.stack((0 * at_landing, at_landing))
-    return decision_variables(problem, variables.degrees, branches, variables.momentum)
 
 
 @lru_cache(maxsize=8)

@@ -5,19 +5,24 @@ more starts.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.batch import OPTIMAL, Rows, powers_of_basis
 from floatplan.compiled.numbers import Numbers
-from floatplan.kernel.layout import FilledRows
+from floatplan.kernel.structs import Struct, StructRows, doubles
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import CompiledAttempts, Ready, draws_of
+from floatplan.planning.transcription.compiled_attempt import (
+    CompiledProblem,
+    Inputs,
+    MinimaArrays,
+    PreparedStarts,
+    draws_struct,
+)
 from floatplan.planning.transcription.constraints import Limit
 from floatplan.planning.transcription.variables import DecisionVariables, whitened
 from floatplan.plans.plans import ALL_HOLDS, Answer
@@ -25,22 +30,65 @@ from floatplan.problem.problem import Problem, shares_of_limits
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
-    """Where N problems' plain motions led, b (N, n, k+1) of (12), and what further starts of each are followed with.
+class BatchedStarts:
+    """N problems whose plain motions the kernel has followed, prepared for further starts of each.
 
-    ``like`` is what they differ from, by ``rows`` and their ``whitened`` variables. ``given`` is what the kernel takes
-    of all, or of each its own; ``found`` where they ended, from ``plain`` (N, m): x (N, m), branch and minima.
+    Attributes
+    ----------
+    like : Attempts
+        One problem, from which they differ in numbers alone.
+    rows : Rows
+    offset, scaling, offset_map : (N, ..)
+        Of each problem's variables.
+    inputs : Inputs
+        Of the problem ``like``: its robot, levels, settings and rules are those of all.
+    powers : Struct
+    attempts, draws, motions, constraints : StructRows
+    plain, x : (N, size)
+        Where each began, and ended.
+    branch : (N, n)
+    minima : MinimaArrays
+    coefficients : (N, n, k+1)
+        b of (12).
     """
 
     like: Attempts
     rows: Rows
-    whitened: tuple[Array, Array, Array]
-    given: tuple[Any, ...]
-    attempts: FilledRows
-    draws: FilledRows
+    offset: Array
+    scaling: Array
+    offset_map: Array
+    inputs: Inputs
+    powers: Struct
+    attempts: StructRows
+    draws: StructRows
+    motions: StructRows
+    constraints: StructRows
     plain: Array
-    found: tuple[Array | IntArray, ...]
+    x: Array
+    branch: IntArray
+    minima: MinimaArrays
     coefficients: Array
+
+    def follow(self) -> None:
+        """Follow the plain motion of each problem."""
+        compiled = self.like.compiled
+        assert compiled, "flights in space go alone"
+        kernel = compiled.watch.kernel
+        no_memory = kernel.attempt(
+            self.inputs.robot,
+            self.constraints.pointer,
+            self.motions.pointer,
+            self.inputs.levels,
+            self.inputs.settings,
+            self.inputs.rules,
+            self.powers.pointer,
+            self.attempts.pointer,
+            self.draws.pointer,
+            len(self.plain),
+            kernel.instructions,
+        )
+        if no_memory:
+            raise MemoryError("no memory to follow starts")
 
     @property
     def solved(self) -> IntArray:
@@ -50,64 +98,121 @@ class Together:
 
     def answer(self, row: int) -> Answer:
         """Where the plain motion of one that is solved led."""
-        b, it, h = self.coefficients[row], self.attempts.structures[row], float(self.rows.momentum[row])
-        of_end = float(np.linalg.norm(b)), h, abs(it.missed), b, it.evaluations, it.iterations
-        return Answer("optimal", *of_end, starts=1, solved=1, message=ALL_HOLDS)
+        b = self.coefficients[row]
+        attempt = self.attempts.row(row)
+        return Answer(
+            status="optimal",
+            objective=float(np.linalg.norm(b)),
+            angular_momentum=float(self.rows.momentum[row]),
+            residual=abs(attempt.missed),
+            coefficients=b,
+            evaluations=attempt.evaluations,
+            iterations=attempt.iterations,
+            starts=1,
+            solved=1,
+            message=ALL_HOLDS,
+        )
 
-    def at(self, row: int, problem: Problem, seed: int) -> Attempts:
-        """One of the problems, ready for attempts: the first, from the plain motion, is done."""
-        given = tuple(each.structures[row] if isinstance(each, FilledRows) else each for each in self.given)
-        found, compiled = tuple(each[row] for each in self.found), self.like.compiled
+    def prepared(self, row: int, problem: Problem, seed: int) -> Attempts:
+        """One of the problems, prepared for attempts: the first, from the plain motion, is done."""
+        compiled = self.like.compiled
         assert compiled, "flights in space go alone"
-        of_starts = self.attempts.structures[row], self.draws.structures[row]
-        plain = self.plain[row]
-        ready = Ready(compiled, plain, given, *of_starts, found, self.coefficients[row], self)
         momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
-        polynomials, numbers = self.like.plain_start.variables.polynomials, self.rows
-        own = replace(polynomials, duration=float(numbers.duration[row]), boundary=numbers.boundary[row])
-        offset, scaling, offset_map = (each[row] for each in self.whitened)
-        variables = DecisionVariables(own, offset, scaling, momentum, offset_map=offset_map)
-        prepared = Attempts(problem, seed, momentum, (Start(variables, plain, at_once=True), ready))
-        if not self.attempts.structures[row].violation <= 0:
-            _ = prepared.model, prepared.impossible  # the search asks for them: for all is quicker than one by one
+        polynomials = replace(
+            self.like.plain_start.variables.polynomials,
+            duration=float(self.rows.duration[row]),
+            boundary=self.rows.boundary[row],
+        )
+        variables = DecisionVariables(
+            polynomials, self.offset[row], self.scaling[row], momentum, offset_map=self.offset_map[row]
+        )
+        start = Start(variables, self.plain[row], at_once=True)
+        inputs = replace(self.inputs, constraints=self.constraints.row(row), motions=self.motions.row(row))
+        starts = PreparedStarts(
+            compiled=compiled,
+            variables=variables,
+            plain=start.x,
+            inputs=inputs,
+            powers=self.powers.pointer,
+            attempt=self.attempts.row(row),
+            draws=self.draws.row(row),
+            x=self.x[row],
+            branch=self.branch[row],
+            minima=self.minima[row],
+            coefficients=self.coefficients[row],
+            kept=self,
+        )
+        prepared = Attempts(problem, seed, momentum, (start, starts))
+        if not starts.attempt.violation <= 0:
+            prepared.prepare()
         return prepared
 
 
-def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Together:
+def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedStarts:
     """Follow the plain motions of problems; each as if it were alone."""
     compiled, variables = like.compiled, like.plain_start.variables
     assert compiled, "flights in space go alone"
-    rows, polynomials, given = numbers.rows(), variables.polynomials, numbers.values["orientation"][:, 0]
+    rows, polynomials = numbers.rows(), variables.polynomials
     count, n = rows.boundary.shape[:2]
     durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
-    offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, durations, rows.boundary)
-    plain = np.asarray(np.linalg.solve(scaling, -offset[..., None])[..., 0], np.float64)
-    x, branch = plain.copy(), np.zeros((count, n), np.int64)
+    offset, scaling, offset_map = map(doubles, whitened(polynomials.form, polynomials.free, durations, rows.boundary))
+    plain = doubles(np.linalg.solve(scaling, -offset[..., None])[..., 0])
+    x = plain.copy()
+    branch = np.zeros((count, n), np.int64)
     coefficients = np.empty((count, n, CONDITIONS + polynomials.width))
-    thickness = [min((each.thickness for each in own), default=np.inf) for own in numbers.obstacles or [()] * count]
-    paths = numbers.paths()
-    start, attempt, motions = compiled.prepared(variables, x[0], True)
-    minima, found = compiled.room(count)
-    own_minima = FilledRows(minima, count, **dict(zip(("row", "s", "least"), found, strict=True)))
-    ends = {"minima": own_minima, "x": x, "coefficients": coefficients, "first": 0, "count": 1}
-    ends |= {"most_work": most_work, "reach": compiled.reach}  # it is asked first whether there is a chance
-    of_motions = {"boundary": rows.boundary, "offset": offset, "scaling": scaling, "orientation": given}
-    of_flights = {name: getattr(rows, name) for name in ("duration", "momentum", "change")}
-    every_attempt = FilledRows(attempt, count, **ends, plain=plain, thickness=np.array(thickness))
-    every_motion = FilledRows(motions, count, **of_motions, **of_flights)
-    draws = FilledRows(draws_of(variables, True, branch[0]), count, branch=branch, offset_map=offset_map)
-    constraints = FilledRows(compiled.watch.filled, count, path=paths, **_of_constraints(compiled, numbers, count))
-    robot, _, _, *others = start
-    together = (robot, constraints, every_motion, *others, powers_of_basis(polynomials.width).structure)
-    of = [each.structures if isinstance(each, FilledRows) else each for each in (*together, every_attempt, draws)]
-    kernel = compiled.watch.kernel
-    if kernel.attempt(*of, count, kernel.instructions):
-        raise MemoryError("no memory to follow starts")
-    ended = plain, (x, branch, *found), coefficients
-    return Together(like, rows, (offset, scaling, offset_map), together, every_attempt, draws, *ended)
+    minima = MinimaArrays.empty(count, compiled.most_minima)
+
+    attempts = StructRows(compiled.attempt_struct(variables, x[0], True), count)
+    attempts.set_numbers(first=0, count=1, most_work=most_work, thickness=_thickness(numbers, count))
+    attempts.set_numbers(reach=compiled.reach)  # it is asked first whether there is a chance
+    attempts.set_structs(minima=_minima_rows(compiled, minima, count))
+    attempts.point_to(plain=plain, x=x, coefficients=coefficients)
+    inputs, motions_like = compiled.inputs(variables)
+    motions = StructRows(motions_like, count)
+    motions.set_numbers(duration=rows.duration, momentum=rows.momentum, change=rows.change)
+    motions.set_numbers(orientation=numbers.values["orientation"][:, 0])
+    motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
+    draws = StructRows(draws_struct(variables, True, branch[0]), count)
+    draws.point_to(branch=branch, offset_map=offset_map)
+    constraints = StructRows(compiled.watch.struct, count)
+    constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
+
+    batch = BatchedStarts(
+        like=like,
+        rows=rows,
+        offset=offset,
+        scaling=scaling,
+        offset_map=offset_map,
+        inputs=inputs,
+        powers=powers_of_basis(polynomials.width),
+        attempts=attempts,
+        draws=draws,
+        motions=motions,
+        constraints=constraints,
+        plain=plain,
+        x=x,
+        branch=branch,
+        minima=minima,
+        coefficients=coefficients,
+    )
+    batch.follow()
+    return batch
 
 
-def _of_constraints(compiled: CompiledAttempts, numbers: Numbers, count: int) -> dict[str, Array]:
+def _minima_rows(compiled: CompiledProblem, arrays: MinimaArrays, count: int) -> StructRows:
+    """Where the kernel writes the minima of each problem."""
+    rows = StructRows(compiled.minima, count)
+    rows.point_to(row=arrays.row, s=arrays.s, least=arrays.least)
+    return rows
+
+
+def _thickness(numbers: Numbers, count: int) -> Array:
+    """The least thickness (count,) of an obstacle of each problem, m; infinite where there is none."""
+    obstacles = numbers.obstacles or [()] * count
+    return np.array([min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles])
+
+
+def _of_constraints(compiled: CompiledProblem, numbers: Numbers, count: int) -> dict[str, Array]:
     """What of the rows each problem has for itself: obstacles, the margins to them, limits."""
     watch, found = compiled.watch, {}
     if numbers.obstacles:
@@ -115,10 +220,10 @@ def _of_constraints(compiled: CompiledAttempts, numbers: Numbers, count: int) ->
         least = np.tile(watch.least, (count, 1))
         of_obstacles = np.diff(watch.block_first)[: margins.shape[1]]
         least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
-        found = {"obstacles": numbers.obstacle_numbers(), "least": least}
+        found = {"obstacles": doubles(numbers.obstacle_numbers()), "least": least}
     if numbers.limits and numbers.limits is not numbers.like:
         blocks = [Limit.of(shares).compiled(watch.flight) for shares in shares_of_limits(numbers.limits)]
         shape = (len(block.constant) for block in blocks)
         sums = [np.broadcast_to(watch.sums(b), (count, k, watch.terms)) for b, k in zip(blocks, shape, strict=True)]
-        found["sums"] = np.concatenate((np.empty((count, 0, watch.terms)), *sums), axis=1)
+        found["sums"] = doubles(np.concatenate((np.empty((count, 0, watch.terms)), *sums), axis=1))
     return found

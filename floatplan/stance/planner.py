@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, made, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
-from floatplan.kernel.layout import kernel
+from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
 from floatplan.files import plain, read_regular, runs_folder
-from floatplan.kernel.layout import description
+from floatplan.kernel.library import description
 from floatplan.keys import read_tables
 from floatplan.plans.reading import robot_record
 from floatplan.problem.family import Family

@@ -30,7 +30,7 @@ LOST = "the planner ended unexpectedly; change something to try again"
 ROBOT = "robot"
 LOG = logging.getLogger(__name__)
 LOADED = (  # before a process begins
-    *("floatplan.certificate.certificate", "floatplan.kernel.layout", "floatplan.planning.many"),
+    *("floatplan.certificate.certificate", "floatplan.kernel.library", "floatplan.planning.many"),
     *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
 )
 

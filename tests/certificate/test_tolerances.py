@@ -67,7 +67,7 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
     found = answer(name)
     problem = moved(found.plan, lacking)
     prepared = Attempts(problem, 0)
-    judged = prepared.judge(found.best.variables, found.best.solution)
+    judged = prepared.judge(found.best.variables, found.best.x, found.best.status)
     certificate = certify(replace(found.plan, problem=problem))
     assert judged.holds == (lacking < 1)
     failed = {finding.verdict for finding in certificate.findings if finding.kind != "recorded"}
@@ -78,10 +78,10 @@ def test_a_plan_that_is_kept_but_not_as_well_inside_as_the_search_aims_is_feasib
     found = answer("obstacle")
     problem = obstacle(found.plan, 0.5)
     prepared = Attempts(problem, 0)
-    start = Start(found.best.variables, found.best.solution.x, at_once=True)
+    start = Start(found.best.variables, found.best.x, at_once=True)
     judged = prepared.attempt(start, lambda: True)
     assert judged.holds
-    assert judged.solution.status == "feasible"
+    assert judged.status == "feasible"
 
 
 EDGES = {"q1": (-0.7311, 2.5), "q2": (-2.0, 2.0)}  # rad

@@ -19,7 +19,7 @@ from warm_process import WarmProcess
 
 import floatplan as fp
 from floatplan.cli import common, progress
-from floatplan.kernel.layout import description
+from floatplan.kernel.library import description
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"

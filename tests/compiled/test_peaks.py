@@ -13,7 +13,7 @@ import floatplan as fp
 from floatplan.compiled import peaks
 from floatplan.compiled.bodies import Bodies
 from floatplan.compiled.peaks import many_peaks
-from floatplan.kernel.layout import kernel
+from floatplan.kernel.library import kernel
 from floatplan.plans.plans import Answer
 
 DENSE = 4001  # instants

@@ -55,13 +55,13 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     aside = inertia[1:] @ (joints[0] - here) / inertia[0]
     angle = np.eye(len(state))[0]
     for h, value, variance in (
-        (angle, orientation + aside, estimate.ANGLE_NOISE**2 * noise / inertia[0] ** 2),
-        (row, momenta(joints[0], joints[1], rate)[0], estimate.RATE_NOISE**2 * noise),
+        (angle, orientation + aside, replanner._update.gains.angle_noise**2 * noise / inertia[0] ** 2),
+        (row, momenta(joints[0], joints[1], rate)[0], replanner._update.gains.rate_noise**2 * noise),
     ):
         gain = covariance @ h / (h @ covariance @ h + variance)
         state += gain * (value - h @ state)
         covariance = covariance - np.outer(gain, h @ covariance)
-    state[2:] = np.clip(state[2:], -estimate.LARGEST_ERROR, estimate.LARGEST_ERROR)
+    state[2:] = np.clip(state[2:], -replanner._update.gains.largest_error, replanner._update.gains.largest_error)
     return state, covariance
 
 
@@ -86,11 +86,11 @@ def step(replanner: fp.Replanner, begun: Reference, sigma: float, acceleration: 
         return np.array([(value(ahead) - value(back)) / (2 * difference) for ahead, back in ends]).T
 
     now = looked_at(np.zeros(size))
-    tolerance = max(sigma, abs(now.miss) / update.WEIGHED) if views.rows else sigma
+    tolerance = max(sigma, abs(now.miss) / replanner._update.gains.weighed) if views.rows else sigma
     jacobian, residual = [slopes(lambda each: np.array([each.miss]))], [np.array([now.miss])]
     scale = [np.array([tolerance])]
     for index, (block, values) in enumerate(zip(views.rows, now.values, strict=True)):
-        worst = np.argsort(values, axis=None)[: min(update.MOST_ROWS, int((values < block.aim).sum()))]
+        worst = np.argsort(values, axis=None)[: min(replanner._update.gains.most_rows, int((values < block.aim).sum()))]
         residual.append(values.ravel()[worst] - block.aim)
         jacobian.append(slopes(partial(_chosen, index, worst)))
         scale.append(np.full(len(worst), block.softness))

@@ -15,7 +15,7 @@ from long_cases import cases
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.inflight.update import MEMORY
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -142,7 +142,7 @@ def test_nothing_is_imported_or_gathered(plan: fp.Plan, replanner: fp.Replanner)
         replanner.update(*robot.state(replanner))
         replanner.reference(following)
     assert set(sys.modules) == modules
-    assert len(replanner._update.motions) <= MEMORY
+    assert len(replanner._update.motions) <= CORRECTION_GAINS.memory
 
 
 def test_calls_between_corrections_only_measure(plan: fp.Plan) -> None:

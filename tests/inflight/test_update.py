@@ -17,6 +17,7 @@ from update_reference import Present, Reference, filtered, step
 import floatplan as fp
 from floatplan.inflight import prediction, update
 from floatplan.inflight.replanner import REACHED, Correction
+from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.robot.urdf.tree import robots_folder
 
@@ -47,9 +48,9 @@ def assert_foreseen(replanner: fp.Replanner, correction: Correction, rest: Refer
     np.testing.assert_allclose(there.worst, anew.worst, rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(correction.torque_peak, anew.torque_peak, rtol=1e-8, atol=1e-8)
     assert (there.share == 0) == (correction.status == "refused")
-    kept = anew.worst >= -update.KEPT * (1 + 1e-6)
+    kept = anew.worst >= -CORRECTION_GAINS.kept * (1 + 1e-6)
     assert (correction.status == "applied") == (kept.all() and there.share == 1 and abs(there.miss) <= REACHED)
-    assert (kept | (rest.worst < -update.KEPT * (1 - 1e-6))).all()
+    assert (kept | (rest.worst < -CORRECTION_GAINS.kept * (1 - 1e-6))).all()
     if there.share == 0:
         np.testing.assert_allclose(there.motion.coefficients, rest.motion.coefficients, rtol=1e-9, atol=1e-10)
     elif there.share < 1:
@@ -194,9 +195,8 @@ STEPPED = [
 @pytest.mark.parametrize("name", STEPPED)
 def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """From a motion that is beyond its aims of every kind; as if it landed at the goal where that is far."""
-    monkeypatch.setattr(update, "EVALUATIONS_FAR", 1)
-    monkeypatch.setattr(update, "FAR", 0.0 if landed else math.inf)
-    monkeypatch.setattr(update, "WEIGHED", 1e3)
+    gains = replace(CORRECTION_GAINS, evaluations_far=1, far=0.0 if landed else math.inf, weighed=1e3)
+    monkeypatch.setattr(update, "CORRECTION_GAINS", gains)
     monkeypatch.setattr(prediction, "SHARE_AIM", 0.8)
     problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(1))
     apart = tuple(replace(pair, margin=pair.margin + 0.25) for pair in problem.self_clearances)
@@ -224,8 +224,8 @@ def test_what_is_not_needed_any_more_is_taken_back(monkeypatch: pytest.MonkeyPat
     """Of corrections for a momentum that was an error, after as many more; the landing stays where it is."""
     plan = forward_plan(fp.load_problem(PROBLEMS / "somersault.toml"), size=0.3)
     left = []
-    for taken_back in (0.0, update.TAKEN_BACK):
-        monkeypatch.setattr(update, "TAKEN_BACK", taken_back)
+    for taken_back in (0.0, CORRECTION_GAINS.taken_back):
+        monkeypatch.setattr(update, "CORRECTION_GAINS", replace(CORRECTION_GAINS, taken_back=taken_back))
         replanner = fp.Replanner(plan)
         replanner.reset()
         now, momentum = replanner._update, plan.angular_momentum

@@ -17,7 +17,7 @@ from types import ModuleType
 import pytest
 from elsewhere import hear_ctrl_c
 
-from floatplan.kernel import build, layout
+from floatplan.kernel import build, library
 
 CURRENT = Path(build.__file__).parent
 PATIENCE = 60  # [s] until what never happens counts as that
@@ -209,7 +209,7 @@ def test_a_compiler_that_makes_nothing_is_an_error(checkout: Checkout) -> None:
 
 def test_only_what_is_of_a_set_of_instructions_uses_it() -> None:
     """What the sets share, and what chooses among them, runs on every processor: no instruction of AVX is in it."""
-    if layout.kernel().instructions == 0 or sys.platform != "linux":
+    if library.kernel().instructions == 0 or sys.platform != "linux":
         pytest.skip("there is one set")
     if not shutil.which("objdump"):
         pytest.skip("there is no disassembler")

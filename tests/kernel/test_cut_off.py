@@ -12,15 +12,15 @@ ROOT = Path(__file__).resolve().parents[2]
 SHARES = (0.0, 1e-4, 0.01, 0.3, 0.9, 0.9999)
 LOADING = """
 import pathlib, sys
-from floatplan.kernel import layout
-whole = pathlib.Path(layout.FOLDER, layout.LIBRARY).read_bytes()
+from floatplan.kernel import library
+whole = pathlib.Path(library.FOLDER, library.LIBRARY).read_bytes()
 for number, share in enumerate(sys.argv[1:]):
-    layout.FOLDER = pathlib.Path(str(number))
-    layout.FOLDER.mkdir()
-    (layout.FOLDER / layout.LIBRARY).write_bytes(whole[: int(float(share) * len(whole))])
+    library.FOLDER = pathlib.Path(str(number))
+    library.FOLDER.mkdir()
+    (library.FOLDER / library.LIBRARY).write_bytes(whole[: int(float(share) * len(whole))])
     try:
-        print(type(layout.kernel.__wrapped__()).__name__)
-    except layout.InputError:
+        print(type(library.kernel.__wrapped__()).__name__)
+    except library.InputError:
         print(None)
 """
 

@@ -19,7 +19,7 @@ import floatplan as fp
 from floatplan.compiled.batch import Search, solver
 from floatplan.compiled.bodies import Bodies
 from floatplan.compiled.numbers import Numbers
-from floatplan.kernel import build, layout
+from floatplan.kernel import build, library
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def kernel():
-    return layout.kernel()
+    return library.kernel()
 
 
 def planned_by(problem, **search):

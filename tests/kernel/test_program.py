@@ -15,13 +15,13 @@ from general_path import take_general_path
 from kernel_program import KernelProgram
 
 import floatplan as fp
-from floatplan.kernel import layout
+from floatplan.kernel import library
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.dynamics import Partials
-from floatplan.optimization.programs import REGULARISATION
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import Limit, applies
 from floatplan.planning.transcription.exchange import local_minima
-from floatplan.planning.transcription.program import BACK_OFF, objective
+from floatplan.planning.transcription.program import objective
 from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
 from floatplan.robot.planar.model import BASE_COORDINATES
 
@@ -38,7 +38,7 @@ AROUND = (
 
 @pytest.fixture
 def kernel():
-    return layout.kernel()
+    return library.kernel()
 
 
 @pytest.fixture(params=[*PROBLEMS, "everything", "free", "following"])
@@ -59,7 +59,7 @@ AIMS = ("coefficients", "torque", "acceleration")
 
 
 def program_and_point(problem, seed, size=0.3):
-    program = KernelProgram(problem, LEVEL, EXTRA, back_off=BACK_OFF)
+    program = KernelProgram(problem, LEVEL, EXTRA, back_off=EXCHANGE.back_off)
     start = Attempts(problem, 0).plain_start
     return program, start.x + size * np.random.default_rng(seed).normal(size=start.variables.size)
 
@@ -81,7 +81,7 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     model, variables = FlightModel(general_flight(problem)), program.of
     nodes = model.nodes(LEVEL, variables.polynomials.form)
     motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
-    values = np.concatenate([block.values(motion) for block in ready.constraints], axis=1).T - BACK_OFF
+    values = np.concatenate([block.values(motion) for block in ready.constraints], axis=1).T - EXCHANGE.back_off
     known = np.isfinite(here["values"])
     when = np.array([applies(block, motion.sampling.grid.s) for block in ready.constraints for _ in block.labels])
     assert (known <= when).all()
@@ -173,7 +173,7 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
         if not np.isfinite(here["values"][:, k]).all():
             continue
         weights = block.weights["motor_torques"]
-        assert here["values"][:, k] == pytest.approx(1 - BACK_OFF - weights @ torques, abs=1e-9)
+        assert here["values"][:, k] == pytest.approx(1 - EXCHANGE.back_off - weights @ torques, abs=1e-9)
         assert here["slopes"][:, k] == pytest.approx(-weights @ by_x, abs=1e-9 * (1 + np.abs(by_x).max()))
         count += 1
     assert count >= 20
@@ -194,7 +194,8 @@ def test_elastic_steps_are_the_least_of_their_program(problem, penalty):
         normals = np.vstack((rows, it["row"]))
         unbalanced = it["gradient"] + it["hessian"] @ step + normals.T @ pulls
         size = 1 + (np.abs(normals.T) @ np.abs(pulls)).max()
-        regular = REGULARISATION * penalty * (1 + np.linalg.norm(step))  # times the last change, which may be larger
+        # Times the last change, which may be larger.
+        regular = EXCHANGE.regularisation * penalty * (1 + np.linalg.norm(step))
         assert np.abs(unbalanced).max() < 1e-6 * size + 10 * regular
     assert kinks
 
@@ -209,7 +210,9 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
     _, x = program_and_point(problem, seed)
     ready = Attempts(problem, 0)
     variables = ready.plain_start.variables
-    ended = ready.compiled.ready(variables, x, True).follow(range(1), -1.0, 0, asks=False)
+    starts = ready.compiled.starts(variables, x, True)
+    starts.follow(range(1), np.inf, 0, expired=True)
+    ended = starts.result(problem, ready.model)
     here = ended.worst
     take_general_path(monkeypatch)
     model = Attempts(problem, 0).model

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from floatplan.kernel.layout import kernel as loaded
+from floatplan.kernel.library import kernel as loaded
 from floatplan.motion.spatial.dynamics import ANGULAR, BASE, SpatialDynamics
 
 JOINTS = (  # as many kinds as there are, the rest drawn

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from floatplan.compiled.quadratic import dual_step
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.optimization import programs
-from floatplan.optimization.programs import REGULARISATION, Derivatives, Evaluation, Step, elastic_qp, solve_qp, solved
+from floatplan.optimization.programs import Derivatives, Evaluation, Step, elastic_qp, solve_qp, solved
 
 SIZE, EQUALITIES, INEQUALITIES = 7, 2, 60
 NO_ROWS = np.empty(0, dtype=np.int64)
@@ -117,7 +118,7 @@ def test_elastic_steps_are_the_least_of_their_program(size, penalty):
         pulls = penalty * np.minimum(left, 0), penalty * (1 + equality_rows @ step.direction)
         unbalanced = gradient + hessian @ step.direction + rows.T @ pulls[0] + equality_rows.T @ pulls[1]
         size_of_parts = np.abs(gradient).max() + (np.abs(rows.T) @ -pulls[0]).max()
-        regular = REGULARISATION * penalty * (1 + np.abs(step.direction).max())
+        regular = EXCHANGE.regularisation * penalty * (1 + np.abs(step.direction).max())
         assert np.abs(unbalanced).max() < 1e-6 * size_of_parts + 10 * regular
         assert step.multipliers.inequality == pytest.approx(-pulls[0])
         assert step.violation_left == pytest.approx((abs(pulls[1][0]) - pulls[0].sum()) / penalty)

@@ -18,10 +18,10 @@ from floatplan.compiled.quadratic import dual_step
 from floatplan.optimization import programs
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning import repair, search
-from floatplan.planning.attempt import best
 from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.repair import alternatives
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions
+from floatplan.planning.transcription.result import best
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"

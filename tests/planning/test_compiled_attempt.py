@@ -9,12 +9,14 @@ import pytest
 from general_path import take_general_path
 
 import floatplan as fp
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.flight import impossibilities
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription import compiled_attempt
 from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS
 from floatplan.planning.transcription.constraints import applies
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
@@ -37,12 +39,12 @@ def test_a_start_ends_where_the_general_path_ends(ready, monkeypatch):
     general = Attempts(ready.problem, 0)
     assert general.compiled is None
     general = general.attempt(general.plain_start)
-    assert (compiled.holds, compiled.solution.status) == (general.holds, general.solution.status)
+    assert (compiled.holds, compiled.status) == (general.holds, general.status)
     assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-6)
-    assert ready.judge(compiled.variables, compiled.solution).violation == compiled.violation == 0
+    assert ready.judge(compiled.variables, compiled.x, compiled.status).violation == compiled.violation == 0
 
 
-def begun(ready: Attempts, number: int) -> Outcome:
+def begun(ready: Attempts, number: int) -> AttemptResult:
     """Where a start begins: no work may be done."""
     return ready.attempts(ready.problem.degrees, [], range(number, number + 1), lambda: True)
 
@@ -52,8 +54,7 @@ def test_where_a_start_ends_hangs_little_on_which_rows_are_differentiated(reach,
     """A G1 whose rows contradict one another at first; it leads elsewhere where such steps are not solved exactly."""
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
-    monkeypatch.setattr(compiled_attempt, "REACH", reach)
-    monkeypatch.setattr(compiled_attempt, "LOOKED_AHEAD", reach / 2)
+    monkeypatch.setattr(compiled_attempt, "EXCHANGE", replace(EXCHANGE, reach=reach, looked_ahead=reach / 2))
     compiled_attempt._rules.cache_clear()
     g1 = Attempts(fp.load_problem(root / "problems" / "gallery" / "g1.toml"), 0)
     ended = g1.attempt(g1.plain_start)
@@ -65,7 +66,7 @@ def test_where_a_start_ends_hangs_little_on_which_rows_are_differentiated(reach,
 def test_of_what_does_not_hold_both_judges_say_the_same(ready):
     """The plain motion as it is: no work may be done."""
     ended = ready.attempt(ready.plain_start, most_work=0)
-    judged = ready.judge(ended.variables, ended.solution)
+    judged = ready.judge(ended.variables, ended.x, ended.status)
     assert judged.violation == pytest.approx(ended.violation, abs=1e-9)
     assert len(judged.worst.s) == len(ended.worst.s)
     assert np.sort(judged.worst.value) == pytest.approx(np.sort(ended.worst.value), abs=1e-7)
@@ -79,7 +80,7 @@ def test_of_more_motions_a_start_violates_less(ready, number, monkeypatch):
         monkeypatch.setattr(compiled_attempt, "MOTIONS_PER_VARIABLE", motions)
         start = begun(Attempts(ready.problem, 0), number)
         nodes = model.nodes(LEVEL_OF_DRAWS, start.variables.polynomials.form)
-        at = trajectory(model, start.variables, nodes, start.solution.x)
+        at = trajectory(model, start.variables, nodes, start.x)
         squares = [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept]
         violated.append(at.residual.item() ** 2 + sum(squares))
     assert violated == sorted(violated, reverse=True)
@@ -89,8 +90,8 @@ def test_of_more_motions_a_start_violates_less(ready, number, monkeypatch):
 def test_starts_are_drawn_on_all_branches_and_not_twice(ready):
     found = [begun(ready, number) for number in range(DRAWN_ALONE)]
     again = begun(ready, DRAWN_ALONE - 1)
-    assert np.array_equal(found[-1].solution.x, again.solution.x)
-    assert len({start.solution.x.tobytes() for start in found}) == DRAWN_ALONE
+    assert np.array_equal(found[-1].x, again.x)
+    assert len({start.x.tobytes() for start in found}) == DRAWN_ALONE
     branches = {tuple(np.round(start.variables.polynomials.boundary[:, 3], 9)) for start in found}
     assert len(branches) > 2
 
@@ -98,19 +99,19 @@ def test_starts_are_drawn_on_all_branches_and_not_twice(ready):
 @pytest.mark.parametrize("number", [2, 4])
 def test_where_a_start_on_other_branches_ends_both_judges_say_the_same(ready, number):
     ended = ready.attempts(ready.problem.degrees, [], range(number, number + 1), lambda: False)
-    judged = ready.judge(ended.variables, ended.solution)
+    judged = ready.judge(ended.variables, ended.x, ended.status)
     assert judged.violation == pytest.approx(ended.violation, rel=1e-3)  # far from a plan, minima are not all found
     assert judged.objective_value == pytest.approx(ended.objective_value, rel=1e-9)
     start = begun(ready, number)
-    alone = ready.attempt(Start(start.variables, start.solution.x))
-    assert (alone.holds, alone.solution.status) == (ended.holds, ended.solution.status)
+    alone = ready.attempt(Start(start.variables, start.x))
+    assert (alone.holds, alone.status) == (ended.holds, ended.status)
 
 
 def test_the_plain_start_ends_where_it_did_before_others(ready):
     numbers, degrees = (range(each, each + 1) for each in (0, 2, 0)), ready.problem.degrees
     first, _, again = (ready.attempts(degrees, [], each, lambda: False) for each in numbers)
-    assert np.array_equal(first.solution.x, again.solution.x)
-    assert again.solution.evaluations == first.solution.evaluations
+    assert np.array_equal(first.x, again.x)
+    assert again.evaluations == first.evaluations
 
 
 def test_starts_that_are_followed_together_end_as_alone(root):
@@ -123,9 +124,9 @@ def test_starts_that_are_followed_together_end_as_alone(root):
     assert [each.starts for each in (together, *alone)] == [6, *6 * [1]]
     nearest = min(alone, key=lambda each: each.violation)
     assert together.violation == nearest.violation > 0
-    assert np.array_equal(together.solution.x, nearest.solution.x)
+    assert np.array_equal(together.x, nearest.x)
     assert together.work == pytest.approx(sum(each.work for each in alone))
-    assert together.solution.evaluations == sum(each.solution.evaluations for each in alone)
+    assert together.evaluations == sum(each.evaluations for each in alone)
     least = alone[0].work + alone[1].work
     cut = ready.attempts(blocked.degrees, none, range(6), lambda: False, least + 1)
     assert (cut.starts, cut.work) == (2, pytest.approx(least))
@@ -144,8 +145,8 @@ def test_it_is_asked_first_whether_any_motion_may_hold(root, center, radius, is_
     asked = ready.attempts(blocked.degrees, (), range(1), lambda: False, asks=True)
     assert alone.starts == 1
     assert asked.starts == is_followed == (not ready.impossible)
-    nearest = alone.solution.x if is_followed else ready.plain_start.x
-    assert np.array_equal(asked.solution.x, nearest)
+    nearest = alone.x if is_followed else ready.plain_start.x
+    assert np.array_equal(asked.x, nearest)
     assert asked.violation > 0
 
 

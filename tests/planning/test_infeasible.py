@@ -18,11 +18,11 @@ from independent import Look, violations_seen
 from long_cases import cases
 
 import floatplan as fp
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.planar import bounds
 from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
 from floatplan.motion.planar.closed_form import Dynamics, ballistics
 from floatplan.planning.search import DEFAULT_WORK
-from floatplan.planning.transcription.trajectory import EVALUATION
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
 
@@ -215,7 +215,7 @@ def test_ends_soon_with_a_true_explanation(name: str) -> None:
     case = CASES[name]
     problem = case.make()
     plan = fp.plan(problem)
-    assert plan.solver["evaluations"] < WORK / EVALUATION
+    assert plan.solver["evaluations"] < WORK / EXCHANGE.evaluation
     assert not plan.ok
     assert plan.status == "infeasible"
     assert re.search(case.says, plan.explanation), plan.explanation

@@ -455,7 +455,7 @@ def test_b_is_that_of_the_motion_that_was_judged(seed, joints, degree, duration)
     flight = replace(problem.flight, duration=duration * problem.flight.duration)
     problem = replace(problem, flight=flight, motion=replace(problem.motion, degree=degree))
     found = planned(problem, SearchOptions())
-    variables, x = found.best.variables, found.best.solution.x
+    variables, x = found.best.variables, found.best.x
     h = variables.angular_momentum(x)
     expected = variables.motion_class(h).powers_of_seconds(variables.free_coefficients(x))
     powers = problem.flight.duration ** np.arange(degree + 1)

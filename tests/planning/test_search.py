@@ -52,7 +52,7 @@ def test_the_best_of_those_wanted_comes_first(problem):
     values = [outcome.objective_value for outcome in found.holding]
     assert values == sorted(values)
     assert found.best is found.holding[0]
-    assert found.counts["iterations"] >= sum(outcome.solution.iterations for outcome in found.holding)
+    assert found.counts["iterations"] >= sum(outcome.iterations for outcome in found.holding)
 
 
 def test_the_starts_can_be_bounded(hopeless):
@@ -65,7 +65,7 @@ def test_the_starts_can_be_bounded(hopeless):
 def test_where_none_may_be_tried_the_plain_motion_is_the_nearest(hopeless):
     found = run(hopeless, most=0)
     assert (found.counts["starts"], found.counts["solved"]) == (0, 0)
-    np.testing.assert_array_equal(found.best.solution.x, Attempts(hopeless, 0).plain_start.x)
+    np.testing.assert_array_equal(found.best.x, Attempts(hopeless, 0).plain_start.x)
 
 
 def test_it_ends_after_unsolved_attempts(hopeless):
@@ -100,7 +100,7 @@ def test_it_goes_on_after_an_attempt_that_is_solved(problem):
 
 def test_unsolved_attempts_are_counted_at_each_degree(hopeless):
     rising = replace(hopeless, motion=fp.Motion("auto"))
-    assert [max(outcome.variables.degrees) for outcome in run(rising, attempts=1).outcomes] == [7, 9, 11, 13]
+    assert [max(outcome.variables.degrees) for outcome in run(rising, attempts=1).results] == [7, 9, 11, 13]
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
@@ -111,14 +111,14 @@ def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
     assert found.counts["solved"] == 0
     assert found.counts["evaluations"] * 1000 < 3e6 + found.best.work
     assert found.counts["starts"] == again.counts["starts"]
-    assert found.best.solution.x.tobytes() == again.best.solution.x.tobytes()
+    assert found.best.x.tobytes() == again.best.x.tobytes()
 
 
 def test_a_budget_that_is_used_up_leaves_the_first_attempt(hopeless):
     found = run(hopeless, budget=1e-9)
     assert found.counts["starts"] == 1
     assert found.ran_out_of_time
-    assert np.isfinite(found.best.solution.x).all()
+    assert np.isfinite(found.best.x).all()
 
 
 @pytest.mark.parametrize("after", [0, 2])
@@ -141,7 +141,7 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
 def test_processes_find_what_one_finds(problem):
     alone, shared = (run(problem, starts=3, jobs=jobs) for jobs in (1, 2))
     assert shared.counts["starts"] == alone.counts["starts"]
-    assert shared.best.solution.x.tobytes() == alone.best.solution.x.tobytes()
+    assert shared.best.x.tobytes() == alone.best.x.tobytes()
 
 
 class TestAllowance:
@@ -179,4 +179,4 @@ def test_killed_processes_lose_no_answer(hopeless, monkeypatch):
     monkeypatch.setattr(executor, "WorkerPool", Killed)
     shared = run(hopeless, most=3, starts=3, jobs=2)
     assert shared.counts["starts"] == alone.counts["starts"] == 3
-    assert np.array_equal(shared.best.solution.x, alone.best.solution.x)
+    assert np.array_equal(shared.best.x, alone.best.x)

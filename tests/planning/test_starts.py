@@ -12,26 +12,27 @@ import pytest
 import floatplan as fp
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS, MOTIONS_PER_VARIABLE
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
 
 NODES = 96
 NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
 
 
-def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Outcome]:
+def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[AttemptResult]:
     """Where starts begin: no work may be done."""
     prepared = Attempts(problem, seed)
     numbers = (range(number, number + 1) for number in count())
     return takewhile(bool, (prepared.attempts(problem.degrees, [], each, lambda: True) for each in numbers))
 
 
-def missed(problem: fp.Problem, start: Outcome) -> float:
+def missed(problem: fp.Problem, start: AttemptResult) -> float:
     """By how much a start misses the goal's orientation, rad."""
     model = flight_model(problem)
     nodes = sample_nodes(gauss_grid(NODES), start.variables.polynomials.form)
-    return abs(trajectory(model, start.variables, nodes, start.solution.x).residual.item())
+    return abs(trajectory(model, start.variables, nodes, start.x).residual.item())
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def obstructed(root) -> fp.Problem:
 
 def test_the_first_is_the_plain_motion(obstructed):
     first = next(starts_of(obstructed))
-    assert first.solution.x == pytest.approx(first.variables.plain_motion)
+    assert first.x == pytest.approx(first.variables.plain_motion)
 
 
 def test_random_ones_turn_just_enough(problem):
@@ -60,26 +61,24 @@ def test_random_ones_turn_just_enough(problem):
 
 def test_a_seed_settles_them(obstructed):
     first, same, other = (list(islice(starts_of(obstructed, seed), 1, 5)) for seed in (3, 3, 4))
-    assert [start.solution.x.tobytes() for start in first] == [start.solution.x.tobytes() for start in same]
-    assert [start.solution.x.tobytes() for start in first] != [start.solution.x.tobytes() for start in other]
+    assert [start.x.tobytes() for start in first] == [start.x.tobytes() for start in same]
+    assert [start.x.tobytes() for start in first] != [start.x.tobytes() for start in other]
 
 
 def test_drawing_counts_as_work(obstructed):
     _, drawn, *_ = islice(starts_of(obstructed), 3)
     measured = MOTIONS_PER_VARIABLE * drawn.variables.size * NODE_COUNTS[LEVEL_OF_DRAWS]
     assert drawn.work > measured * drawn.model.flight.bodies > 0
-    assert drawn.solution.evaluations < 10
+    assert drawn.evaluations < 10
 
 
 def test_with_a_free_momentum_plain_motions_take_turns(obstructed):
     free = replace(obstructed, flight=replace(obstructed.flight, angular_momentum="free"))
     some = list(islice(starts_of(free), 9))
     coefficients = some[0].variables.coefficients
-    plain = [
-        start for start in some if np.array_equal(start.solution.x[:coefficients], some[0].solution.x[:coefficients])
-    ]
+    plain = [start for start in some if np.array_equal(start.x[:coefficients], some[0].x[:coefficients])]
     assert plain == some[:1] + some[1::2]
-    momenta = [start.variables.angular_momentum(start.solution.x).item() for start in plain]
+    momenta = [start.variables.angular_momentum(start.x).item() for start in plain]
     assert len({round(h, 9) for h in momenta}) == len(momenta)
     allowed = some[0].variables.momentum
     assert all(abs(h - allowed.centre.item()) <= allowed.axes.item() * (1 + 1e-12) for h in momenta)

@@ -17,7 +17,8 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.kernel.layout import Filled, kernel
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles
 from floatplan.motion.planar.clearance import point_distances
 from floatplan.motion.planar.closed_form import TurningBodies, ballistics
 from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rates_at
@@ -50,16 +51,28 @@ class TrigonometricPolynomial:
         return TrigonometricPolynomial(-self.constant, self.amplitude, self.frequency, self.phase + np.pi)
 
     @cached_property
-    def _compiled(self) -> tuple[Filled, Array, Array, Array]:
+    def _compiled(self) -> tuple[Struct, Array, Array, Array]:
         """As the kernel takes it, eight terms at once, those beyond the last one zeros; boxes, their parts, values."""
         terms, n = self.frequency.shape
         padded = np.zeros((n + 3, -(-terms // 8) * 8))
         padded[:2, :terms], padded[2:-1, :terms] = (self.amplitude, self.phase), self.frequency.T
         boxes, parts = np.empty((BOXES_AT_ONCE, 2 * n + 1)), np.empty((2 * BOXES_AT_ONCE, 2 * n + 1))
         value = np.empty(len(parts))
-        arrays = {"amplitude": padded[0], "phase": padded[1], "frequency": padded[2:-1], "pulls": padded[-1]}
-        arrays |= {"influence": self.amplitude @ np.abs(self.frequency), "boxes": boxes, "parts": parts, "value": value}
-        return Filled("Cosines", joints=n, terms=padded.shape[1], constant=self.constant, **arrays), boxes, parts, value
+        cosines = Struct(
+            "Cosines",
+            joints=n,
+            terms=padded.shape[1],
+            constant=self.constant,
+            amplitude=padded[0],
+            phase=padded[1],
+            frequency=padded[2:-1],
+            influence=doubles(self.amplitude @ np.abs(self.frequency)),
+            boxes=boxes,
+            parts=parts,
+            value=value,
+            pulls=padded[-1],
+        )
+        return cosines, boxes, parts, value
 
     def bounded(self, boxes: Array, cuts: bool = False) -> tuple[Array, Array]:
         """Boxes with lower bounds, and values (N,) at their centres; or of both halves of each, the lower ones first.
@@ -73,10 +86,13 @@ class TrigonometricPolynomial:
         boxes : (N, 2 n + 1) centres and half-widths, rad, and a lower bound that is known, or -inf
             At most ``BOXES_AT_ONCE``.
         """
-        (cosines, room, parts, value), compiled, count = self._compiled, kernel(), len(boxes)
+        cosines, room, parts, value = self._compiled
+        count = len(boxes)
         room[:count] = boxes
-        cosines.structure.count, cosines.structure.cuts = count, cuts
-        compiled.bound(cosines.structure, compiled.instructions)
+        cosines.pointer.count = count
+        cosines.pointer.cuts = cuts
+        compiled = kernel()
+        compiled.bound(cosines.pointer, compiled.instructions)
         return parts[: count << cuts], value[: count << cuts]
 
     def minimum(self, ranges: Array) -> float:

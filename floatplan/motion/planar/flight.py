@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
+from floatplan.kernel.tolerances import SETTINGS
 from floatplan.motion.dynamics import FlightGrid, MomentumSet
 from floatplan.motion.planar import clearance
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes, momentum_asked
@@ -27,8 +28,6 @@ from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule, Robot
 
 TINY = 1e-300  # keeps a quotient of zeros from being none
-SMALLEST_TAIL = 1e-16  # relative: rounding
-LARGEST_TAIL = 0.9  # relative: no decay can be read from more
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +166,7 @@ class PlanarBaseMotion:
 
         N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
         """
-        decay = math.log(min(max(self.unresolved, SMALLEST_TAIL), LARGEST_TAIL)) / self.grid.nodes
+        decay = math.log(min(max(self.unresolved, SETTINGS.smallest_tail), SETTINGS.largest_tail)) / self.grid.nodes
         count = math.log(error / max(self.fastest * self.flight.duration, error)) / (2 * decay)
         finest = len(NODE_COUNTS) - 1
         return finest if math.isnan(count) else min(bisect_left(NODE_COUNTS, count), finest)

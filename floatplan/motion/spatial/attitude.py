@@ -24,7 +24,8 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, kernel
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles, enumeration, integers, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import exponential, of_quaternions
 
@@ -34,7 +35,7 @@ TOLERANCES: dict[str, float] = {
     "largest": 1e6,  # [-] of |h|: beyond it the motion cannot be integrated in these cells
 }
 OUT_OF_MEMORY = 2
-NOTHING: dict[str, Any] = dict.fromkeys(STRUCTURES["Turning"].arrays)
+NOTHING: dict[str, Any] = dict.fromkeys(pointers("Turning"))
 
 
 class IntegrationError(FloatplanError, ArithmeticError):
@@ -140,12 +141,23 @@ class Turning:
     def transport(self, drifts: Array, cell: IntArray, integrals: Array) -> Array:
         """Small turns (L, 3, c) in cells, after integrals (L, S), that c drifts (K, 3, c) at the stages make."""
         turns = np.empty((len(cell), *drifts.shape[1:]))
-        where = {"cell": cell, "reached": integrals, "instants": len(cell), "columns": drifts.shape[2]}
-        self._asked("turns", drifts=drifts, turns=turns, **where)
+        self._asked(
+            "turns",
+            drifts=doubles(drifts),
+            turns=turns,
+            cell=integers(cell),
+            reached=doubles(integrals),
+            instants=len(cell),
+            columns=drifts.shape[2],
+        )
         return turns
 
     def _asked(self, what: str, **given: Any) -> None:
-        known = {"momentum": self.angular_momentum, "inverse": self.inverse_inertia, "attitudes": self.attitudes}
+        known = {
+            "momentum": doubles(self.angular_momentum),
+            "inverse": self.inverse_inertia,
+            "attitudes": self.attitudes,
+        }
         _ask(what, self.cells, self.duration, **known, **given)
 
 
@@ -153,9 +165,9 @@ def _ask(what: str, cells: Cells, duration: float, **given: Any) -> None:
     """Have the kernel write what is asked; IntegrationError where it cannot."""
     compiled = kernel()
     counts = {"cells": cells.count, "stages": cells.stages, "duration": duration, **TOLERANCES}
-    rules = {"integrals": cells.integrals, "weights": cells.gauss.weights}
-    filled = Filled("Turning", **(NOTHING | counts | rules | given))
-    failed = compiled.turn(filled.structure, ENUMERATIONS["Asked"][what], compiled.instructions)
+    rules = {"integrals": doubles(cells.integrals), "weights": doubles(cells.gauss.weights)}
+    struct = Struct("Turning", **(NOTHING | counts | rules | given))
+    failed = compiled.turn(struct.pointer, enumeration("Asked")[what], compiled.instructions)
     if failed == OUT_OF_MEMORY:
         raise MemoryError
     if failed:
@@ -192,9 +204,9 @@ def turn(
         cells,
         duration,
         is_chained=borders.ndim == 2,
-        momentum=angular_momentum,
-        inertia=inertia,
-        relative=relative,
+        momentum=doubles(angular_momentum),
+        inertia=doubles(inertia),
+        relative=doubles(relative),
         borders=begins,
         ends=ends,
         inverse=inverse,

@@ -14,12 +14,13 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.kernel.layout import STRUCTURES, Filled, kernel
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles, integers, pointers
 from floatplan.motion.planar.full_model import Workspace
 
 BASE = 6  # velocities of the free flyer; its configuration has one number more
 ANGULAR = slice(3, 6)  # velocities of the free flyer that turn
-NOTHING: dict[str, Array | None] = dict.fromkeys(STRUCTURES["SpatialMotion"].arrays)
+NOTHING: dict[str, Array | None] = dict.fromkeys(pointers("SpatialMotion"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class SpatialDynamics:
         return SpatialDynamics, (self.model, self.reference, self.selection)
 
     @cached_property
-    def _tree(self) -> Filled:
+    def _tree(self) -> Struct:
         """The bodies as the kernel sees them."""
         model, data = self.model, self.model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -56,18 +57,19 @@ class SpatialDynamics:
         slides = [bool(motion[:3].any()) for motion in motions]
         bodies = [model.inertias[joint] for joint in range(1, model.njoints)]
         placed = [model.jointPlacements[joint] for joint in moved]
-        return Filled(
+        axes = [motion[:3] if slide else motion[3:] for slide, motion in zip(slides, motions, strict=True)]
+        return Struct(
             "SpatialTree",
             joints=len(slides),
-            parent=[model.parents[joint] - 1 for joint in moved],
-            slides=slides,
-            axis=[motion[:3] if slide else motion[3:] for slide, motion in zip(slides, motions, strict=True)],
-            turned=[each.rotation for each in placed],
-            placed=[each.translation for each in placed],
-            mass=[body.mass for body in bodies],
-            first=[body.mass * body.lever for body in bodies],
-            second=[_second_moment(body) for body in bodies],
-            armature=model.armature[BASE:],
+            parent=integers([model.parents[joint] - 1 for joint in moved]),
+            slides=integers(slides),
+            axis=doubles(axes),
+            turned=doubles([each.rotation for each in placed]),
+            placed=doubles([each.translation for each in placed]),
+            mass=doubles([body.mass for body in bodies]),
+            first=doubles([body.mass * body.lever for body in bodies]),
+            second=doubles([_second_moment(body) for body in bodies]),
+            armature=doubles(model.armature[BASE:]),
         )
 
     def configurations(self, positions: Array) -> Array:
@@ -94,8 +96,10 @@ class SpatialDynamics:
         motions = dict(zip(names, (each @ self.selection.T for each in state[:3]), strict=False))
         motions["positions"] = motions["positions"] + self.reference
         given = {**motions, "rates": state[3]} if len(state) > 3 else motions
-        moved, compiled = Filled("SpatialMotion", instants=count, **(NOTHING | given | found)), kernel()
-        if compiled.space(self._tree.structure, moved.structure, compiled.instructions):
+        arrays = {name: doubles(values) for name, values in given.items()}
+        moved = Struct("SpatialMotion", instants=count, **(NOTHING | arrays | found))
+        compiled = kernel()
+        if compiled.space(self._tree.pointer, moved.pointer, compiled.instructions):
             raise MemoryError
         return found
 

@@ -5,173 +5,275 @@ What crosses: the nodes of all levels, the class of motions of the start's varia
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled import attempts
 from floatplan.compiled.attempts import knots, nodes_of_levels
-from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar, powers_of_basis
+from floatplan.compiled.batch import STATUS, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
-from floatplan.kernel.layout import Filled, Structure, constants
-from floatplan.motion.dynamics import FlightDynamics
+from floatplan.kernel.structs import Pointer, Struct, doubles, integers
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import PlanarFlight, central_reach
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
-from floatplan.optimization import programs, sqp
-from floatplan.planning.transcription import exchange, program, trajectory
 from floatplan.planning.transcription.constraints import Constraint, window_ends
 from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
 from floatplan.planning.transcription.program import changes_at_ends
+from floatplan.planning.transcription.result import AttemptResult
+from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
-REACH = 1.1  # of a row's scale: rows above have no derivatives, unless a step reaches them
-LOOKED_AHEAD = 0.2  # the same, of a quadratic program's step: a look along it tells which others it reaches
-VALUE_KEPT = 0.5  # of a row's value: where a whole step leaves so much, it does not reach the row
-MOST_INSTANTS = 256  # beside the nodes
-PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
-NEARLY_PROMISING = 0.1  # the same, below which a motion is watched more closely while it is made feasible
-ELASTIC_STALLED = 0.95  # of the violation STALL_ITERATIONS elastic steps before: a hopeless search ends above it
-CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
-NEAR_MISS = 1e-3  # of violations, below which a motion that is not optimal is followed once more from its end
-SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
-ENOUGH_WORK = 1e6  # [instants of one body] of starts that are followed together: about 0.02 s
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
-MOTIONS_PER_VARIABLE = 10  # random ones, of which a start violates least; fewer find worse plans of many joints
+MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
-
-
-class Ended(NamedTuple):
-    """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
-
-    Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
-    one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much, with its sign. ``starts``
-    were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
-    ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free. An
-    objective that is an ``integral`` has that value, others None. Asked first, the kernel says that rows hold at both
-    ends which x does not change there, and that obstacles leave the path of the centre of mass clear.
-    """
-
-    x: Array
-    branch: IntArray
-    status: str
-    violation: float
-    missed: float
-    worst: Worst
-    level: int
-    iterations: int
-    evaluations: int
-    starts: int
-    work: float
-    coefficients: Array | None
-    integral: float | None
-    ends_hold: bool
-    path_is_clear: bool
+SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
+EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
 
 
 @dataclass(frozen=True, eq=False)
-class Ready:
-    """Starts of a problem, by number, ready to be followed: number 0 is ``plain``, others are drawn.
+class MinimaArrays:
+    """Where the kernel writes the local minima of rows: number of the row, s, and value, (most,) or (count, most)."""
 
-    ``given`` is what the kernel takes before it is told of the starts, the structures ``attempt`` and ``draws``. Those
-    point to ``found``: x, the branch and the minima's row, s and least value; and to ``coefficients``, where b is
-    wanted. ``kept`` is what else they point to.
+    row: IntArray
+    s: Array
+    least: Array
+
+    @classmethod
+    def empty(cls, *shape: int) -> MinimaArrays:
+        """Return room for so many."""
+        return cls(row=np.empty(shape, np.int64), s=np.empty(shape), least=np.empty(shape))
+
+    def __getitem__(self, problem: int) -> MinimaArrays:
+        """Those of one of the problems."""
+        return MinimaArrays(row=self.row[problem], s=self.s[problem], least=self.least[problem])
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What the kernel reads of a problem, as pointers to structs."""
+
+    robot: Pointer
+    constraints: Pointer
+    motions: Pointer
+    levels: Pointer
+    settings: Pointer
+    rules: Pointer
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedStarts:
+    """Starts of a problem, by number, as the kernel follows them: number 0 is ``plain``, others are drawn.
+
+    Attributes
+    ----------
+    compiled : CompiledProblem
+    variables : DecisionVariables
+    plain : (size,)
+        The x of start number 0.
+    inputs : Inputs
+    powers, attempt, draws : pointers to structs
+    x, branch, minima, coefficients : arrays
+        Where the kernel writes the best motion; no coefficients where accelerations at an end are free.
+    kept : whatever else must live as long
     """
 
-    compiled: CompiledAttempts
+    compiled: CompiledProblem
+    variables: DecisionVariables
     plain: Array
-    given: tuple[Any, ...]
-    attempt: Any
-    draws: Any
-    found: tuple[Any, ...]
+    inputs: Inputs
+    powers: Pointer
+    attempt: Pointer
+    draws: Pointer
+    x: Array
+    branch: IntArray
+    minima: MinimaArrays
     coefficients: Array | None
     kept: Any
 
-    def follow(self, numbers: range, most_work: float, seed: int, asks: bool) -> Ended:
+    def follow(self, numbers: range, most_work: float, seed: int, *, asks: bool = False, expired: bool = False) -> None:
         """Follow starts by number to their ends, one after the other, until one holds or has done much work.
 
-        The first ends when it has done the most work, of others those are left out that would do more. Where it
-        ``asks`` first whether start and goal, or the path of the centre of mass, leave a chance, and they do not, none
-        is followed.
+        Parameters
+        ----------
+        numbers : of the starts
+        most_work : instants of one body
+            The first start ends when it has done it, of others those are left out that would do more.
+        seed : of the starts that are drawn
+        asks : whether to look first if start and goal, and the path of the centre of mass, leave a chance
+            Where they do not, none is followed.
+        expired : whether there is no time left: the first start is judged as it is
         """
-        attempt, kernel = self.attempt, self.compiled.watch.kernel
-        self.found[0][:] = self.plain
-        attempt.first, attempt.count, attempt.most_work = numbers.start, len(numbers), most_work
+        attempt, inputs = self.attempt, self.inputs
+        self.x[:] = self.plain
+        attempt.first = numbers.start
+        attempt.count = len(numbers)
+        attempt.most_work = EXPIRED if expired else most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
-        if kernel.attempt(*self.given, attempt, self.draws, 1, kernel.instructions):
+        kernel = self.compiled.watch.kernel
+        no_memory = kernel.attempt(
+            inputs.robot,
+            inputs.constraints,
+            inputs.motions,
+            inputs.levels,
+            inputs.settings,
+            inputs.rules,
+            self.powers,
+            attempt,
+            self.draws,
+            1,
+            kernel.instructions,
+        )
+        if no_memory:
             raise MemoryError("no memory to follow a start")
-        return self.ended
 
     @property
-    def ended(self) -> Ended:
-        """Where the starts ended that were followed last."""
-        attempt, rows = self.attempt, self.compiled.rows
-        x, branch, *minima = self.found
-        row, s, least = (each[: attempt.minima.found].copy() for each in minima)
-        worst = Worst(rows[0][row], rows[1][row], s, least)
-        of_end = STATUS[attempt.status], attempt.violation, attempt.missed, worst, attempt.judged_level
-        counts = attempt.iterations, attempt.evaluations, attempt.started, attempt.work
-        b = None if self.coefficients is None else self.coefficients.copy()
-        integral = attempt.objective if attempt.objective_sums else None
-        chance = bool(attempt.ends_hold), bool(attempt.path_is_clear)
-        return Ended(x.copy(), branch.copy(), *of_end, *counts, b, integral, *chance)
+    def ends_hold(self) -> bool:
+        """Whether the kernel was asked, and rows that x does not change at the ends hold there."""
+        return bool(self.attempt.ends_hold)
+
+    @property
+    def path_is_clear(self) -> bool:
+        """Whether the kernel was asked, and obstacles leave the path of the centre of mass clear."""
+        return bool(self.attempt.path_is_clear)
+
+    def result(self, problem: Problem, model: FlightModel) -> AttemptResult:
+        """Return the best of the starts that were followed last."""
+        attempt, minima = self.attempt, self.minima
+        blocks, rows, _ = self.compiled.rows
+        found = attempt.minima.found
+        row = minima.row[:found]
+        worst = Worst(block=blocks[row], row=rows[row], s=minima.s[:found].copy(), value=minima.least[:found].copy())
+        return AttemptResult(
+            problem=problem,
+            start_variables=self.variables,
+            model=model,
+            x=self.x.copy(),
+            status=STATUS[attempt.status],
+            iterations=attempt.iterations,
+            evaluations=attempt.evaluations,
+            level=attempt.judged_level,
+            violation=attempt.violation,
+            worst=worst,
+            missed=np.array([attempt.missed]),
+            work=attempt.work,
+            starts=attempt.started,
+            coefficients=None if self.coefficients is None else self.coefficients.copy(),
+            integral=attempt.objective if attempt.objective_sums else None,
+            branch=self.branch.copy() if any(self.branch.tolist()) else None,
+        )
 
 
-class CompiledAttempts:
-    """A problem with constraints made ready for the kernel."""
+class CompiledProblem:
+    """A problem with constraints as the kernel takes it, whatever the class of motions."""
 
     def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints) -> None:
-        self._problem, self._constraints, self.watch = problem, constraints, watch
-        self.rows, self._window_ends = where_to_look(constraints), window_ends(constraints)
-        self._thickness = min((each.thickness for each in problem.obstacles), default=np.inf)
-        self._look = self.rows[2]
-        self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
-        self.minima, self._found = self.room(1)
+        self._problem = problem
+        self._constraints = constraints
+        self.watch = watch
+        self.rows = where_to_look(constraints)
+        self._window_ends = window_ends(constraints)
+        self._thickness = min((obstacle.thickness for obstacle in problem.obstacles), default=np.inf)
+        blocks, _, look = self.rows
+        self._look = look
+        self._low = doubles(look.low)
+        self._high = doubles(look.high)
+        self._tolerance = doubles(np.array([block.tolerance for block in constraints])[blocks])
+        self.most_minima = len(look.grid) * watch.rows
+        self._arrays = MinimaArrays.empty(self.most_minima)
+        self.minima = self.minima_struct(self._arrays)
 
-    def room(self, count: int) -> tuple[Filled, list[Any]]:
-        """Return room for the minima of so many problems, the first one's filled in: their row, s and least value."""
-        look, most = self._look, len(self._look.grid) * self.watch.rows
-        found = [np.empty((count, most), kind) for kind in (np.int64, np.float64, np.float64)]
-        arrays = dict(zip(("row", "s", "least"), found, strict=True))
-        return Filled("Minima", look, instants=len(look.grid), near=look.near, span=look.span, **arrays), found
+    def minima_struct(self, arrays: MinimaArrays) -> Struct:
+        """Return where the kernel looks for minima of rows, and writes those of one problem."""
+        look = self._look
+        return Struct(
+            "Minima",
+            instants=len(look.grid),
+            near=look.near,
+            span=look.span,
+            grid=doubles(look.grid),
+            low=self._low,
+            high=self._high,
+            row=arrays.row,
+            s=arrays.s,
+            least=arrays.least,
+        )
 
-    def ready(self, variables: DecisionVariables, x: Array, at_once: bool) -> Ready:
-        """Make starts ready, of which x is number 0, followed ``at_once`` straight to the objective or not."""
-        ended_at, branch = x.copy(), np.zeros(len(variables.polynomials.free), np.int64)
-        given, attempt, motions = self.prepared(variables, ended_at, at_once)
+    def starts(self, variables: DecisionVariables, x: Array, at_once: bool) -> PreparedStarts:
+        """Prepare starts of which x is number 0, followed ``at_once`` straight to the objective or not."""
+        best = x.copy()
+        branch = np.zeros(len(variables.polynomials.free), np.int64)
+        attempt = self.attempt_struct(variables, best, at_once)
+        inputs, motions = self.inputs(variables)
         powers = powers_of_basis(variables.polynomials.form.bubbles)
-        draws, coefficients = draws_of(variables, bool(self._constraints), branch), None
+        draws = draws_struct(variables, bool(self._constraints), branch)
+        coefficients = None
         if not variables.polynomials.free_ends:
             coefficients = np.empty((len(branch), CONDITIONS + variables.polynomials.width))
             attempt.point_to(coefficients=coefficients)
-        found = ended_at, branch, *(each[0] for each in self._found)
-        given, kept = (*given, powers.structure), (attempt, motions, powers, draws)
-        return Ready(self, x, given, attempt.structure, draws.structure, found, coefficients, kept)
+        return PreparedStarts(
+            compiled=self,
+            variables=variables,
+            plain=x,
+            inputs=inputs,
+            powers=powers.pointer,
+            attempt=attempt.pointer,
+            draws=draws.pointer,
+            x=best,
+            branch=branch,
+            minima=self._arrays,
+            coefficients=coefficients,
+            kept=(attempt, motions, powers, draws),
+        )
 
-    def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
-        """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
+    def attempt_struct(self, variables: DecisionVariables, x: Array, at_once: bool) -> Struct:
+        """Return a start as the kernel takes it: it begins at x (size,), and writes the best end there."""
         watch = self.watch
         changes = [changes_at_ends(variables, block) for block in self._constraints]
         instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
-        counts = {"bodies": watch.flight.bodies, "rows": watch.rows, "at_once": at_once}
-        counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
-        if watch.also is not None:
-            counts |= {"objective_sum": watch.first_also, "objective_sums": len(watch.also)}
-        arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "tolerance": self._tolerance}
-        arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None}
-        attempt = Filled("Attempt", self._look, minima=self.minima, thickness=self._thickness, **counts, **arrays)
+        blocks, _, _ = self.rows
+        return Struct(
+            "Attempt",
+            rows=watch.rows,
+            at_once=at_once,
+            objective_sum=0 if watch.also is None else watch.first_also,
+            objective_sums=0 if watch.also is None else len(watch.also),
+            bodies=watch.flight.bodies,
+            entries=sum(watch.differentiated),
+            thickness=self._thickness,
+            plain=doubles(variables.plain_motion),
+            low=self._low,
+            high=self._high,
+            tolerance=self._tolerance,
+            at_ends=integers(np.array(changes)[blocks]),
+            instants=doubles(instants),
+            fixed=len(instants),
+            minima=self.minima,
+            x=x,
+            coefficients=None,
+        )
+
+    def inputs(self, variables: DecisionVariables) -> tuple[Inputs, Struct]:
+        """Return what the kernel reads of a class of motions, and that class, which must live as long."""
+        watch = self.watch
         motions = _motions(watch.flight, variables, watch.also is None)
-        grids = nodes_of_levels(variables.polynomials.form)
-        settings = constrained_settings(), _rules(watch.flight.bodies)
-        return (*watch.references, motions.structure, grids, *settings), attempt, motions
+        inputs = Inputs(
+            robot=watch.robot.pointer,
+            constraints=watch.struct.pointer,
+            motions=motions.pointer,
+            levels=nodes_of_levels(variables.polynomials.form).pointer,
+            settings=constrained_settings().pointer,
+            rules=_rules(watch.flight.bodies).pointer,
+        )
+        return inputs, motions
 
     @cached_property
     def reach(self) -> float:
@@ -179,47 +281,53 @@ class CompiledAttempts:
         return central_reach(self._problem.robot)
 
 
-def compiled_attempts(
-    problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...]
-) -> CompiledAttempts | None:
-    """Make a problem ready; None in space."""
-    if not is_planar(flight):
+def compiled_problem(
+    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...]
+) -> CompiledProblem | None:
+    """Return a problem as the kernel takes it; None in space."""
+    if not is_planar(model.flight):
         return None
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    watch = CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], quantity)
-    return CompiledAttempts(problem, constraints, watch)
+    blocks = [constraint.compiled(model.flight) for constraint in constraints]
+    return CompiledProblem(problem, constraints, CompiledConstraints(model.flight, blocks, quantity))
 
 
-def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
+def draws_struct(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Struct:
     """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
-    numbers = {"level": LEVEL_OF_DRAWS, "random": MOTIONS_PER_VARIABLE * variables.size, "spreads": SPREADS}
     fraction = MOMENTUM_FRACTIONS if constrained else ()
-    return Filled("Draws", variables, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
+    offset_map = variables.offset_map
+    return Struct(
+        "Draws",
+        level=LEVEL_OF_DRAWS,
+        random=MOTIONS_PER_VARIABLE * variables.size,
+        spreads=SPREADS,
+        fractions=len(fraction),
+        fraction=doubles(fraction),
+        offset_map=None if offset_map is None else doubles(offset_map),
+        branch=branch,
+    )
 
 
 @lru_cache(maxsize=8)
-def _rules(bodies: int) -> Structure:
-    """Every number of the search with constraints: the constant of its name."""
-    modules = attempts, sqp, programs, trajectory, program, exchange
-    others = {"cheap_level": cheap_level(NODE_COUNTS, bodies), "longest_free_step": FINE.longest_step}
-    return constants("Exchange", *map(vars, modules), globals(), **others)
+def _rules(bodies: int) -> Struct:
+    """Return every number of the search with constraints."""
+    return Struct.of_numbers(replace(EXCHANGE, cheap_level=cheap_level(NODE_COUNTS, bodies)))
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Struct:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
-    form, series = polynomials.form, basis(polynomials.form).series
+    form = polynomials.form
+    series = basis(form).series
     given = form.given
-    condition = [given.index(each) if each in given else -1 for each in range(CONDITIONS)]
-    map_ = None
+    columns = [given.index(condition) if condition in given else -1 for condition in range(CONDITIONS)]
+    coefficient_map = None
     if of_coefficients and following is not None:
-        map_ = powers_map(form, polynomials.duration) / whitening(form, (polynomials.duration,))[3]
-    ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
-    return Filled(
+        unit = whitening(form, (polynomials.duration,))[3]
+        coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
+    return Struct(
         "Motions",
-        variables,
-        polynomials,
         size=variables.size,
         axes=momentum.free,
         columns=series.shape[2],
@@ -229,29 +337,39 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
         orientation=flight.initial_orientation,
         change=flight.change,
         momentum=float(momentum.centre[0]),
-        axis=momentum.axes.ravel(),
-        first=list(accumulate(polynomials.free, initial=0)),
-        condition=condition,
-        boundary=polynomials.given_boundary,
-        series=series,
-        map=map_,
-        start=ends[0],
-        goal=ends[1],
+        axis=doubles(momentum.axes.ravel()),
+        centre=doubles(polynomials.centre),
+        amplitude=doubles(polynomials.amplitude),
+        first=integers(list(accumulate(polynomials.free, initial=0))),
+        condition=integers(columns),
+        boundary=doubles(polynomials.given_boundary),
+        offset=doubles(variables.offset),
+        scaling=doubles(variables.scaling),
+        series=doubles(series),
+        map=coefficient_map,
+        start=_end(following, 0, momentum.centre),
+        goal=_end(following, 1, momentum.centre),
     )
 
 
-_GIVEN = Filled("End", knots=0, momenta=None, rates=None, curvature=None, bend=None)
-
-
-def _end(following: Boundary, end: int, middle: Array) -> Filled:
-    """How the conditions (13) at one end follow h."""
+def _end(following: Boundary | None, end: int, middle: Array) -> Struct | None:
+    """How the conditions (13) at one end follow h; None where they do not."""
+    if following is None:
+        return None
     momenta = knots(following.rates, end)
     if not len(momenta):
-        return _GIVEN
+        return None
     p, _, curvature = following(middle)[:, 3 * end : 3 * end + 3].T
     rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in momenta.tolist()])
     at_middle = following(middle)[:, 3 * end + 1]
     movable = (np.abs(np.cos(p)) > EDGE) & ~following.free[end]
     bend = np.where(movable, np.tan(p), 0.0)
     curvature = curvature - bend * at_middle**2
-    return Filled("End", knots=len(rates), momenta=momenta, rates=rates, curvature=curvature, bend=bend)
+    return Struct(
+        "End",
+        knots=len(rates),
+        momenta=doubles(momenta),
+        rates=doubles(rates),
+        curvature=doubles(curvature),
+        bend=doubles(bend),
+    )

@@ -13,12 +13,12 @@ from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
+from floatplan.kernel.tolerances import EXCHANGE, NEARLY_RESOLVED, QUADRATURE_ERROR, SETTINGS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.programs import AnyEvaluation, Evaluation, Settings, SolveQp, Step, solve_qp
 from floatplan.optimization.sqp import Solution, minimise, reduce_violations
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.program import (
-    BACK_OFF,
     FlightProgram,
     Objective,
     instants_beside_nodes,
@@ -33,11 +33,6 @@ from floatplan.tables import ORIENTATION
 FIRST_LOOK = 129  # instants of the first look between the nodes
 FIRST_GRID = read_only(np.linspace(0, 1, FIRST_LOOK))
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
-INSIDE_ENOUGH = 0.5  # of what the search aims inside: nothing is nearer to its limit between the nodes
-TIGHT = 10 * BACK_OFF  # of violation: below it there may be no room to be inside
-WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
-SAME_INSTANT = 1e-6  # of the duration
-BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
 CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
 
 
@@ -138,23 +133,23 @@ def solve(
         sampling = watching(nodes, constraints, beside)
         return scaled(FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off), x)
 
-    back_off, extra = BACK_OFF, np.empty(0)
+    back_off, extra = EXCHANGE.back_off, np.empty(0)
     always = instants_beside_nodes(variables, constraints)
     counts = model.flight.node_counts
     for level in range(max(first_level, cheap_level(counts, model.flight.bodies)), len(counts)):
         program = program_at(level, extra, x)
         start = program.evaluate(x)
-        if start.detail.flown.unresolved < batch.COARSELY_RESOLVED:
+        if start.detail.flown.unresolved < SETTINGS.coarsely_resolved:
             break
     guess = program.hessian(start)
     stages = _stages(settings, start, level, bool(constraints))
     stage, error = next(stages)
     iterations = evaluations = 0
-    for _ in range(batch.MOST_ROUNDS):
+    for _ in range(SETTINGS.most_rounds):
         solution = minimise(program, x, guess, stage, stop, start, _counting(model))
         iterations += solution.iterations
         evaluations += solution.evaluations
-        if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < batch.HOPELESS:
+        if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < SETTINGS.hopeless:
             solution = _made_feasible(program, solution, stop)
         x, start = solution.x, solution.evaluation
         guess = guess if solution.hessian is None else solution.hessian
@@ -162,19 +157,19 @@ def solve(
         was_last, (stage, error) = stage == settings, next(stages, (stage, error))
         needed = max(level, motion.flown.level_needed(error))
         finished = was_last and needed == level
-        if iterations > batch.MOST_ITERATIONS:
+        if iterations > SETTINGS.most_iterations:
             break
-        if solution.status == "infeasible" and (was_last or start.worst_violation > batch.HOPELESS):
-            if not (constraints and back_off and start.worst_violation < TIGHT):
+        if solution.status == "infeasible" and (was_last or start.worst_violation > SETTINGS.hopeless):
+            if not (constraints and back_off and start.worst_violation < EXCHANGE.tight):
                 break
             back_off, finished = 0.0, False
         if constraints:
             worst = local_minima(model, variables, constraints, needed, x)
             inside = steerable(worst.s)
-            kept = np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
+            kept = np.array([EXCHANGE.inside_enough * (back_off or -block.tolerance) for block in constraints])
             if finished and not (inside & (worst.value < kept[worst.block])).any():
                 break
-            extra = _still_near(np.unique(worst.s[inside & (worst.value < WATCHED)]), extra)
+            extra = _still_near(np.unique(worst.s[inside & (worst.value < EXCHANGE.watched)]), extra)
         elif finished:
             break
         if needed > level or constraints:
@@ -203,12 +198,12 @@ def _stages(
     """
     flown = start.detail.flown
     if constrained:
-        yield replace(batch.COARSE, longest_step=settings.longest_step), batch.QUADRATURE_ERROR
-    elif flown.level_needed(batch.NEARLY_RESOLVED) > level:
-        yield replace(batch.ROUGH, longest_step=settings.longest_step), batch.NEARLY_RESOLVED
-    if not constrained and flown.level_needed(batch.QUADRATURE_ERROR) > level:
-        yield batch.nearly_resolved(settings), batch.NEARLY_RESOLVED
-    yield settings, batch.QUADRATURE_ERROR
+        yield replace(batch.COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR
+    elif flown.level_needed(NEARLY_RESOLVED) > level:
+        yield replace(batch.ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED
+    if not constrained and flown.level_needed(QUADRATURE_ERROR) > level:
+        yield batch.nearly_resolved(settings), NEARLY_RESOLVED
+    yield settings, QUADRATURE_ERROR
 
 
 def _made_feasible(
@@ -232,8 +227,8 @@ def _made_feasible(
 def _still_near(new: Array, extra: Array) -> Array:
     """Instants to watch next: new ones, rising, and of the old ones those beside one of them."""
     if extra.size and new.size:
-        new = np.unique(np.concatenate((extra[np.abs(extra[:, None] - new).min(axis=1) < BESIDE], new)))
-    return new[np.diff(new, prepend=-np.inf) > SAME_INSTANT]  # rows at one instant twice say nothing more
+        new = np.unique(np.concatenate((extra[np.abs(extra[:, None] - new).min(axis=1) < EXCHANGE.beside], new)))
+    return new[np.diff(new, prepend=-np.inf) > EXCHANGE.same_instant]  # rows at one instant twice say nothing more
 
 
 @lru_cache(maxsize=32)

@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.trajectory import (
@@ -26,13 +27,9 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
-LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
 EXACT_LEVEL = -1  # of the grids: the finest, for the number that the user sees
-BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 RANK = 1e-7  # singular values below this, relative to the largest, are rounding
-LEAST_SCALE = 1e-6  # [-] of an objective
 MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
-GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,9 @@ class IntegralOfSquares:
         rows = (weights[:, None, None] * by_quantity).reshape(-1, by_quantity.shape[2])
         hessian: Array = rows.T @ rows
         diagonal = hessian.diagonal()
-        return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
+        return hessian + EXCHANGE.least_curvature * max(
+            float(diagonal.max(initial=0)), EXCHANGE.least_curvature
+        ) * np.eye(len(hessian))
 
 
 Objective: TypeAlias = CoefficientNorm | IntegralOfSquares  # a term to minimise
@@ -128,12 +127,12 @@ def objective(problem: Problem, model: FlightModel, variables: DecisionVariables
         return objective_term(name, variables)
     x = variables.plain_motion
     value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
-    return objective_term(name, variables, max(value, LEAST_SCALE))
+    return objective_term(name, variables, max(value, EXCHANGE.least_scale))
 
 
 def steerable(s: Array) -> BoolArray:
     """Which instants (K,) of [0, 1] are far enough from the ends of the flight for anything to be changed."""
-    return np.asarray((s > GIVEN) & (s < 1 - GIVEN))
+    return np.asarray((s > EXCHANGE.given) & (s < 1 - EXCHANGE.given))
 
 
 def watching(nodes: Sampling, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
@@ -154,7 +153,7 @@ class FlightProgram:
     sampling: Sampling
     objective: Objective
     constraints: tuple[Constraint, ...] = ()
-    back_off: float = BACK_OFF
+    back_off: float = EXCHANGE.back_off
     combinations: Array | None = None
 
     @property

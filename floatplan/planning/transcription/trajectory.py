@@ -15,15 +15,13 @@ from typing import cast
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
 
-EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
-DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
-ENTRY = 0.5  # [instants of one body] of a Jacobian
 CUBED = 0.012  # [instants of one body] of a quadratic program, times the cube of the number of its variables
 CHANGE = (0.045, 0.0027)  # [instants of one body] of a row's change, times variables squared; times variables and rows
 ITERATED = 0.12  # [instants of one body] of an iteration of ProxQP, times the square of variables and rows together
@@ -70,11 +68,11 @@ class FlightModel:
 
     def evaluated(self, instants: int) -> None:
         """Count the evaluation of a motion at so many instants."""
-        self.work += EVALUATION + instants * self.flight.bodies
+        self.work += EXCHANGE.evaluation + instants * self.flight.bodies
 
     def differentiated(self, entries: int) -> None:
         """Count a Jacobian."""
-        self.work += DIFFERENTIATION + ENTRY * entries
+        self.work += EXCHANGE.differentiation + EXCHANGE.entry * entries
 
     def solved(self, variables: int, rows: int, changes: int) -> None:
         """Count a quadratic program by the changes of its active rows."""

@@ -1,14 +1,17 @@
-// What the kernel is given and gives back; layout.py reads it from here.
+// The kernel's interface, in plain C: what it is given and returns. C++ includes it, structs.py gives it to cffi.
+//
+// Arrays are contiguous, C order; their shapes stand behind them. An array that is not there is null.
 #pragma once
-#include <cstdint>
+#include <stdint.h>
 
-using Index = std::int64_t;
+typedef int64_t Index;
 
-// Counts that must be multiples of 8: several instants are computed at once, none of them alone.
-using Eights = Index;
+// Counts that must be multiples of 8: several instants are computed at once, none of them alone. A type of its own, as wide
+// as Index, so that whoever reads this header sees which counts these are.
+typedef long long Eights;
 
 // A planar tree, see bodies.py. Bodies that turn alike are one; body 0 is the base and turns by nothing.
-struct Robot {
+typedef struct {
     Index joints, bodies, width;  // width: free polynomials of the joint that has most
     const Index *free;            // (joints)
     const double *real, *imaginary;      // C (bodies, bodies), kg m^2, moments of inertia on its diagonal
@@ -22,10 +25,10 @@ struct Robot {
     const double *link_real, *link_imaginary;  // (links, bodies): rows of C, moments of inertia with the own body
     Index has_rotors;
     const double *rotors;  // (links, joints), or null: moments that turn the motors' rotors, by accelerations
-};
+} Robot;
 
 // A motion at some instants: arrays (.., stride), stride a multiple of 8 so that several instants are computed at once.
-struct Motion {
+typedef struct {
     Index instants, stride;
     double per_second;
     double *position, *sine, *cosine, *p_rate, *p_curvature, *speed, *acceleration;  // (joints), see swing_joints()
@@ -38,28 +41,28 @@ struct Motion {
     double *by_joint, *by_joint_rate;                           // (joints, 8)
     double *weights, *by;                                       // (terms, 8), (3 joints + 1, 8)
     double *gathered, *value;                                   // (links), ()
-};
+} Motion;
 
 // Gauss-Legendre nodes on [0, 1]; a grid that there is not has no nodes.
-struct Grid {
+typedef struct {
     Eights nodes;
     const double *weights;        // (nodes)
     const double *value, *slope;  // (6 + width, nodes): basis of p, and its derivative by s
     const double *tail;           // (3, nodes): the last Legendre coefficients
-};
+} Grid;
 
 // Columns of the basis in powers of s, and by which powers a rounding is made up for; each as a sum of two doubles.
-struct Powers {
+typedef struct {
     const double *columns, *columns_low;  // (6 + width, 6 + width)
     const double *lost, *lost_low;        // the same shape
-};
+} Powers;
 
-struct Stage {
+typedef struct {
     double feasibility, optimality, quadrature_error;
     Index iterations;
-};
+} Stage;
 
-struct Settings {
+typedef struct {
     Stage stages[3];  // rough, nearly resolved, fine
     double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
     double armijo, penalty_factor, penalty_kept, shortest_step, shortening[2], largest_multiplier;
@@ -69,34 +72,34 @@ struct Settings {
     Index first_level, levels, finer;  // finer: levels to twice the nodes
     Index level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
     Index starts, first_start, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
-    std::uint64_t seed;
+    uint64_t seed;
     double spreads_of_starts[6];
-};
+} Settings;
 
 // One row for each problem; coefficients (joints, 6 + width), z (joints, width), boundary (joints, 6).
-struct Batch {
+typedef struct {
     Index count;
     const double *duration, *momentum, *change, *boundary;
     const double *start;  // z to begin from; null: the plain motion
     Index *status, *iterations, *evaluations, *instants, *starts, *solved;
     Index *branch;  // (joints), at landing, against the boundary given
     double *objective, *residual, *z, *coefficients;
-};
+} Batch;
 
 // Chebyshev nodes s on [0, 1].
-struct Interpolation {
+typedef struct {
     Eights nodes;
     const double *s, *map;                    // (nodes), (nodes, nodes): Chebyshev coefficients from values there
     const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
-};
+} Interpolation;
 
-enum RowKind : Index {
+typedef enum {
     sum_row, share_row, circle_row, bar_row, half_plane_start_row, half_plane_end_row, pair_row
-};
+} RowKind;
 
 // Rows of constraints of a robot's flights: distances of its capsules, sums of moments and rates, and what two sums'
 // magnitudes leave of 1. Units m, kg, s, rad.
-struct Constraints {
+typedef struct {
     Index capsules, rows, needs_moments, needs_accelerations, needs_places;
     double turn;                                     // 1, or -1 where the robot's bodies are mirrored
     const double *ends_real, *ends_imaginary;        // (capsules, 2, bodies): weights of start and end
@@ -107,39 +110,39 @@ struct Constraints {
     const Index *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
     const double *least, *per_scale;                 // (rows) of distances
     const double *sums;  // (sums, 2 + 2 joints + links): constant, of theta0', velocities, accelerations, moments
-};
+} Constraints;
 
 // How joints and h depend on so many variables x.
-struct Variables {
+typedef struct {
     Index size;
     Eights stride;
     const double *basis;      // (3, size, stride): by x, of p and its derivatives at instants
     const Index *columns;     // (joints + 1): where each joint's x begin; then h
     const double *axes;       // of h, by the rest of x
     const double *of_axes;    // (3, joints, axes, stride): p by these too, or null
-};
+} Variables;
 
 // A whole motion, as sums of Chebyshev polynomials in 2 s - 1; of the orientation too.
-struct Series {
+typedef struct {
     Index terms, turned_terms;
     double duration, momentum;
     const double *p, *p_rate, *p_curvature;  // (terms, joints)
     const double *turned;                    // (turned_terms)
     const double *centre, *amplitude;        // (joints)
-};
+} Series;
 
 // Local minima of rows: those of each row between low and high, from a look at a grid of instants.
-struct Minima {
+typedef struct {
     Index instants;
     double near, span;
     const double *grid, *low, *high;  // (instants), (rows), (rows)
     Index found, looked;  // looked: at so many instants beside the grid
     Index *row;  // (found), of instants times rows
     double *s, *least;  // (found), the same
-};
+} Minima;
 
 // One row for each plan; coefficients (joints, columns) in powers of seconds; centre and amplitude (joints), rad.
-struct Peaks {
+typedef struct {
     Index count, levels, columns, motors, orders;  // orders: how many derivatives of the joints are measured too
     double resolved;
     const double *turns;  // (links, motors)
@@ -150,11 +153,11 @@ struct Peaks {
     const double *orientation, *path, *obstacles, *low, *high;  // (), (5), (numbers), (rows), (rows)
     Minima minima;
     double *clearance;
-};
+} Peaks;
 
 // minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, with at most so many changes of the active rows. C is
 // given as packs (size, 8) of 8 rows each.
-struct Quadratic {
+typedef struct {
     Index size, equalities;
     Eights rows;
     Index changes;     // of active rows: how many there may be, and afterwards, how many there were
@@ -164,26 +167,26 @@ struct Quadratic {
     Index *active;     // (size)
     double *solution;  // (2 size + equalities): x, multipliers y of equalities and z >= 0 of active rows:
                        // H x + g + A^T y - C^T z = 0
-};
+} Quadratic;
 
 // Gauss-Legendre nodes of one level, and what motions of a form are made of there.
-struct Nodes {
+typedef struct {
     Eights nodes;
     const double *s, *weights, *tail;        // (nodes), (nodes), (3, nodes): the last Legendre coefficients
     const double *value, *first, *second;    // (columns, nodes): basis of p, and its derivatives by s
     const double *integrals;                 // (nodes, nodes): of what is 1 at one alone, over [0, s]
     const double *antiderivative;            // (nodes + 1, nodes): in Chebyshev polynomials of 2 s - 1
-};
+} Nodes;
 
 // The conditions (13) at one end where they follow h: rates p' by s, straight between some h, and p'' of these.
-struct End {
+typedef struct {
     Index knots;                             // 0: they are given
     const double *momenta, *rates;           // (knots), (knots, joints)
     const double *curvature, *bend;          // (joints): p'' = curvature + bend p'^2
-};
+} End;
 
 // A class of motions, and how the x of a search make one: z = offset + scaling x, h = momentum + axis x.
-struct Motions {
+typedef struct {
     Index size, axes, columns, given, terms;  // axes: whether h is free; given: of the columns
     double duration, orientation, change, momentum;
     const double *axis;                       // (axes)
@@ -195,10 +198,10 @@ struct Motions {
     const double *series;                     // (3, terms, columns): the basis and its derivatives by Chebyshev's
     const double *map;                        // (terms, columns): to b over the unit; null where x are whitened
     End start, goal;
-};
+} Motions;
 
-// What a search for a motion with constraints keeps to; see the Python constants of these names.
-struct Exchange {
+// What a search for a motion with constraints keeps to; units and reasons stand in tolerances.py, as of Settings.
+typedef struct {
     double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
     double nearly_promising, elastic_stalled;
     double longest_free_step;
@@ -210,10 +213,10 @@ struct Exchange {
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
     Index compiled_level, constrained_level, closer, watched_at_most;
     double looked_ahead, value_kept;
-};
+} Exchange;
 
 // Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
-struct Attempt {
+typedef struct {
     Index first, count, started;              // numbers: the first, how many at most, and how many were followed
     Index rows, at_once, objective_sum, objective_sums;
     double most_work, bodies, entries;
@@ -233,48 +236,48 @@ struct Attempt {
     double objective;                         // of that, at the finest nodes, where it is one of sums
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
-};
+} Attempt;
 
 // A program at one x, at the nodes of a level and at other instants, all rows differentiated; and its elastic step, for a
 // penalty and with the Hessian that is guessed.
-struct Evaluation {
+typedef struct {
     Index level, extra;
     const double *others, *x;                 // (extra), rising; (size)
     double back_off, penalty, objective, equality;
     double *gradient, *row, *hessian, *step;  // (size), of (14) (size), (size, size), (size)
     double *values, *slopes;                  // (rows, instants ..), (rows, instants .., size)
-};
+} Evaluation;
 
 // How starts are drawn, each by the seed and its number alone.
-struct Draws {
+typedef struct {
     Index level, random;                      // of grids; how many motions the start is one of
     double spreads[6];                        // how wild these are
-    std::uint64_t seed;
+    uint64_t seed;
     Index fractions;                          // 0: none
     const double *fraction;                   // (fractions) of the reach of h: the x given, there, in turns with others
     const double *offset_map;                 // (m, given): by which the offset follows the boundary, or null
     Index *branch;                            // (joints), at landing, against the boundary given
-};
+} Draws;
 
 // What a correction leads to.
-struct Corrected {
+typedef struct {
     double miss, share;
     Index evaluated;
-};
+} Corrected;
 
 // Constants of corrections and of the filter.
-struct Law {
+typedef struct {
     Index gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
     double far, weighed, settled, shorter, kept, taken_back, scales[2];
     double angle_noise, rate_noise, largest_error, surprising;
-};
+} CorrectionGains;
 
 // A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
 // n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p.
-struct Flight {
+typedef struct {
     Eights instants;
     Index width, nodes, blocks, motors;
-    Law law;
+    CorrectionGains law;
     double goal, sigma, acceleration;
     const double *centre, *amplitude;                // (n)
     const double *weights;                           // (nodes)
@@ -314,28 +317,28 @@ struct Flight {
     double *row_values, *torque_peak;                // (rows, K), (motors)
     Corrected corrected;
     double *room;                                    // what floatplan_flight_room() says
-};
+} Flight;
 
 // A tree of bodies in space; body 0 is a free base, body j + 1 is moved by joint j, which turns about an axis or slides.
-struct SpatialTree {
+typedef struct {
     Index joints;
     const Index *parent, *slides;             // (joints): the body before it, at most j; whether it slides
     const double *axis, *turned, *placed;     // (joints, 3), (.., 3, 3), (.., 3): the joint's frame in its parent's
     const double *mass, *first, *second;      // (joints + 1), (.., 3), (.., 3, 3): sums of m, m x, m x x^T in own axes
     const double *armature;                   // (joints)
-};
+} SpatialTree;
 
 // A motion of it at some instants; null: not given, or not asked. See space.hpp.
-struct SpatialMotion {
+typedef struct {
     Index instants;
     const double *positions, *velocities, *accelerations, *rates;  // (instants, joints), the last one (instants, 3)
     double *inertia, *joint_map, *slopes;  // (instants, 3, 3), twice (.., 3, joints)
     double *torques, *base_acceleration;   // (instants, joints), (instants, 6)
     double *torque_slopes;                 // (instants, joints, 3 joints + 3)
-};
+} SpatialMotion;
 
 // How its base turns in cells with as many stages each, K stages in all. See turning.hpp.
-struct Turning {
+typedef struct {
     Index cells, stages, is_chained, sweeps;
     double duration, settled, largest;
     const double *integrals, *weights;      // (stages, stages), (stages)
@@ -348,10 +351,10 @@ struct Turning {
     const Index *cell;                      // (instants)
     const double *drifts, *reached;         // (K, 3, columns), (instants, stages)
     double *turns;                          // (instants, 3, columns)
-};
+} Turning;
 
 // constant + sum_l amplitude_l cos(frequency_l . q + phase_l), and boxes of q, rad, to bound it on, cut in two or not.
-struct Cosines {
+typedef struct {
     Index joints;
     Eights terms;  // beyond the last one zeros
     double constant;
@@ -360,13 +363,63 @@ struct Cosines {
     const double *boxes;    // (count, 2 joints + 1): centres, half-widths, a lower bound that is known
     double *parts, *value;  // the same of what is bounded, lower halves before upper ones; at its centres
     double *pulls;          // (terms), to work in
-};
+} Cosines;
 
-enum class Asked : Index { attitudes, transitions, turns };
+// What is wanted of Turning: its attitudes, how small turns go on in each cell, or where they lead.
+typedef enum { attitudes, transitions, turns } Asked;
 
-enum Step : Index {
+// Steps of an update of corrections, see flight.hpp.
+typedef enum {
     remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, find_torques, predict_motion,
     correct_motion
-};
+} Step;
 
-enum Status : Index { infeasible, feasible, optimal, needs_grid };
+// Of a motion; one that needs a grid asks for more nodes than were given.
+typedef enum { infeasible, feasible, optimal, needs_grid } Status;
+
+// The functions of the library. Each takes which set of instructions it runs with, at most floatplan_instructions().
+
+// Digests of the sources, and of all that made the library of them.
+const char *floatplan_sources(void);
+const char *floatplan_build(void);
+
+// The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
+Index floatplan_instructions(void);
+
+// Plans a batch; returns 0, or 1 where there was no memory for it.
+Index floatplan_plan(const Robot *robot, const Grid *grids, const Index *nodes, const Powers *powers,
+                     const Settings *settings, Batch *batch, Index instructions);
+
+// Measures a batch of plans, their distances to obstacles where there are constraints; returns 0, or 1 where there was no
+// memory for it.
+Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, const Constraints *constraints,
+                      Peaks *peaks, Index instructions);
+
+// How many numbers an update of a flight's corrections works in.
+Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight);
+
+// One step of an update of a flight's corrections.
+void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
+                      Index instructions);
+
+// Solves a quadratic program; returns 1, or 0 where it does not.
+Index floatplan_quadratic(Quadratic *qp, Index instructions);
+
+// Follows starts of so many problems with constraints, one after the other; returns 0, or 1 where there was no memory.
+Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
+                        const Nodes *levels, const Settings *settings, const Exchange *rules, const Powers *powers,
+                        Attempt *attempts, Draws *draws, Index count, Index instructions);
+
+// A program at one x; returns 0, or 1 where there was no memory for it.
+Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
+                         const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
+                         Evaluation *at, Index instructions);
+
+// Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
+Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions);
+
+// How the base of one turns; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
+Index floatplan_turn(const Turning *turning, Index asked, Index instructions);
+
+// Lower bounds of a sum of cosines on boxes; returns 0.
+Index floatplan_bound(const Cosines *cosines, Index instructions);
