@@ -17,7 +17,7 @@ from floatplan.stance.motion import flight_state
 
 STEP = math.radians(0.1)  # of a pitch error, which is written in degrees
 USUAL = JumpRequest().pitch_error  # rad
-LOW_RISE = 0.01  # [m] of feet: a hop that is hardly one
+LOW_RISE = 0.005  # [m] of feet: a hop that is hardly one
 INSTANTS = 101  # [-] of a flight, at which feet are looked at
 
 

@@ -14,12 +14,13 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
 from floatplan.stance.contacts import Contact, ground_below, is_ground
 from floatplan.stance.limits import scaled_limits
-from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.program import LIFT, JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
 PATIENCE = 1.6e7  # [instants of one body] with each of them at first, about a second
 BEYOND_NODES = (1.0, 1.04, 1.12)  # [-] of the least largest share, in a flight whose joints are polynomials
+HIGH, KEPT = 0.8, 0.6  # [-] of what a hop lifts its feet by at most: where it does so, and what it keeps there
 LIFTED = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
 
 
@@ -91,6 +92,10 @@ def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground:
         first, last = lifted[[0, -1]]
         level = ground + min(0.0, heights[first : last + 1].min() - POINT_FEET)
         found.append(HalfPlane(point=(0.0, round(level, 4)), window=(time * shares[first], time * shares[last])))
+    if program.lift < LIFT:  # of so little, a good part is kept
+        first, last = np.flatnonzero(heights >= HIGH * heights.max())[[0, -1]]
+        window = time * shares[first], time * shares[last]
+        found.append(HalfPlane(point=(0.0, round(ground + KEPT * heights.max(), 4)), window=window))
     return found
 
 

@@ -133,7 +133,8 @@ class JumpProgram:
         self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations, self._lift, self._warm = limits, iterations, lift, False
+        self._limits, self._iterations, self._warm = limits, iterations, False
+        self.lift = lift
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -342,7 +343,7 @@ class JumpProgram:
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
         times = duration * ca.DM(phase.shares).T
         heights = z0 + vz0 * times - gravity * times**2 / 2
-        lifts = self._lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
+        lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node.flight()
         values, cost = rows.calls(function, y, v, a)
         feet = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])

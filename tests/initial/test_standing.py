@@ -18,6 +18,7 @@ from floatplan.initial.flight import jump_problem
 from floatplan.initial.legs import Leg
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.robot.standing import heights_over_com, undersides
+from floatplan.robot.urdf.tree import PREFIX, robots_folder
 from floatplan.stance.contacts import BENT, contact_at
 from floatplan.stance.setup import jump_setup
 
@@ -123,6 +124,14 @@ def test_what_is_asked_of_the_posture_is_kept_and_the_rest_is_found(chosen: Load
 def test_a_posture_that_cannot_be_is_refused(chosen: Load, posture: dict[str, float], reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         chosen(quadruped(), posture=posture)
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+def test_a_foot_on_which_nothing_stands_is_a_reason_and_no_error() -> None:
+    """The end of a finger's link is lower than the frame that carries its shape."""
+    finger = chosen_robot(f"{PREFIX}finger_edu_description/robots/finger_edu.urdf")
+    assert finger.stance is not None
+    assert "is a point 169 mm above the lowest of its link" in finger.stance.sought
 
 
 def test_a_locked_joint_is_refused_with_its_option(chosen: Load) -> None:
