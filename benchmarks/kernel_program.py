@@ -39,18 +39,25 @@ class KernelProgram:
     def whole(self, x: np.ndarray, penalty: float = 0.0) -> dict[str, np.ndarray]:
         """Everything at x, by the kernel's names; values (rows, instants), slopes (rows, instants, size)."""
         compiled, size = self._ready.compiled, len(x)
-        assert compiled, "the flight is in a plane"
+        equalities = compiled.tangent
         x = np.ascontiguousarray(x)
         given, attempt, kept = compiled.prepared(self.of, x.copy(), True)
         count = self._ready.model.flight.node_counts[self.level] + len(self.others)
         rows, stride = attempt.structure.rows, -(-count // 8) * 8
-        shapes = {"equality": (1,), "gradient": (size,), "row": (1, size), "hessian": (size, size), "step": (size,)}
+        shapes = {
+            "equality": (equalities,),
+            "gradient": (size,),
+            "row": (equalities, size),
+            "hessian": (size, size),
+            "step": (size,),
+        }
         shapes |= {"values": (rows, stride), "slopes": (rows, stride, size)}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         numbers = {"level": self.level, "extra": len(self.others), "back_off": self.back_off, "penalty": penalty}
         at = Filled("Evaluation", **numbers, **arrays, others=np.array(self.others), x=x)
         kernel = compiled.watch.kernel
-        assert not kernel.evaluate(*given, attempt.structure, at.structure, kernel.instructions), "there is memory"
+        evaluate = kernel.evaluate if compiled.in_plane else kernel.evaluate_in_space
+        assert not evaluate(*given, attempt.structure, at.structure, kernel.instructions), "there is memory"
         assert kept, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
         return arrays | {"objective": np.array(at.structure.objective)}

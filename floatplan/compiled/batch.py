@@ -216,15 +216,15 @@ def _settings(search: Search) -> Structure:
 
 
 @cache
-def constrained_settings() -> Structure:
-    """Return those of a search with constraints, whose first and last stages are these."""
+def constrained_settings(levels: int = len(NODE_COUNTS)) -> Structure:
+    """Return those of a search with constraints on so many levels of grids; first and last stages are these."""
     coarse, fine = (COARSE, QUADRATURE_ERROR), (CAUTIOUS, QUADRATURE_ERROR)
-    return _numbers(Search(longest_step=CAUTIOUS.longest_step), (coarse, fine, fine))
+    return _numbers(Search(longest_step=CAUTIOUS.longest_step), (coarse, fine, fine), levels)
 
 
-def _numbers(search: Search, steps: Steps) -> Structure:
+def _numbers(search: Search, steps: Steps, levels: int = len(NODE_COUNTS)) -> Structure:
     stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
-    others = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages}
+    others = {**vars(search), "tolerance": ORIENTATION, "levels": levels, "stages": stages}
     return constants("Settings", vars(sqp), vars(flight), globals(), **others)
 
 

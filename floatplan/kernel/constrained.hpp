@@ -56,7 +56,7 @@ template <typename Flight> class Constrained {
         Progress of_elastic;
         pull_count = 0;
         for (double &pull : equality_pulls) pull = 0;
-        while (size && iteration < stage.iterations && !is_exhausted()) {
+        while (size && iteration < stage.iterations && !is_exhausted() && program.is_known(*now)) {
             ++iteration, ++iterations;
             program.differentiate(*now);
             const bool was_elastic = elastic && iteration > 1;
@@ -129,6 +129,7 @@ template <typename Flight> class Constrained {
         for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
             const bool stalled = progress.stalls(squared, rules.stall_iterations, rules.stalled);
             if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
+            if (!program.is_known(*now)) break;
             if (damping > rules.largest_damping) break;
             program.differentiate(*now);
             program.differentiate_rows(*now, rules.reach);

@@ -41,3 +41,9 @@ Index evaluate_program(const Robot &robot, const Constraints &constraints, const
                        const Settings &settings, const Exchange &rules, Attempt &attempt, Evaluation &at) {
     return evaluate<PlanarFlight>(robot, constraints, motions, levels, settings, rules, attempt, at);
 }
+
+Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Constraints &constraints, const Motions &motions,
+                        const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
+                        Evaluation &at) {
+    return evaluate<SpatialFlight>({body, cells, body.joints}, constraints, motions, levels, settings, rules, attempt, at);
+}

@@ -68,6 +68,20 @@ template <typename Flight> class Follower {
         return chance.ends_hold && chance.path_holds;
     }
 
+    // Judges x as it is.
+    void weigh(const double *x) {
+        copy(best, x, program.size);
+        program.watches = has_rows;
+        attempt.violation = HUGE_VAL;
+        status = infeasible;
+        looked_level = -1;
+        begin(attempt.level, x);
+        judge();
+        copy(attempt.x, best, program.size);
+        attempt.evaluations = program.evaluations;
+        attempt.work = program.work;
+    }
+
     // Judges again where a start ended, with nodes of that level.
     void finish(const double *x, Index level, Index ended_as) {
         copy(attempt.x, x, program.size);
@@ -144,6 +158,11 @@ template <typename Flight> class Follower {
         if (level < rules.cheap_level) level = rules.cheap_level;
         for (begin(level, x); !(program.unresolved(*search.now) < set.coarsely_resolved) && level + 1 < set.levels;)
             begin(++level, search.now->x);
+        if (!program.is_known(*search.now)) {
+            status = infeasible;
+            return;
+        }
+        program.scale_equalities(*search.now);
         program.guess_hessian(*search.now, search.hessian);
         const Index before = search.iterations;
         bool is_last = false;
@@ -166,6 +185,7 @@ template <typename Flight> class Follower {
             if (program.watches && look_between() && finished) break;
             if (program.watches) begin(level, search.now->x);
             else if (finished) break;
+            program.scale_equalities(*search.now);
         }
     }
 
@@ -255,7 +275,8 @@ template <typename Flight> class Follower {
                   (violation == attempt.violation && (dearer < 0 || (status == optimal && dearer <= same)));
         if (!is_best) return;
         copy(best, now.x, program.size);
-        attempt.violation = violation, attempt.missed = now.lacking[0];
+        attempt.violation = violation;
+        copy(attempt.missed, now.lacking, Flight::most_equalities);
         attempt.judged_level = level;
         objective = now.objective;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;

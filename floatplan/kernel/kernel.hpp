@@ -214,7 +214,7 @@ struct Exchange {
 
 // Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
 struct Attempt {
-    Index first, count, started;              // numbers: the first, how many at most, and how many were followed
+    Index first, count, started;              // numbers: the first, how many at most (0: x is judged as it is); followed
     Index rows, at_once, objective_sum, objective_sums;
     double most_work, bodies, entries;
     double thickness;                         // m, the least one of an obstacle; infinite where there is none
@@ -223,13 +223,15 @@ struct Attempt {
     double objective_scale;
     double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is asked first
     Index ends_hold, path_is_clear;           // what was answered; 0 where nothing was asked
+    double *end_values;                       // (rows, 2): then also values of rows at takeoff and at landing
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
     const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing
     const double *instants;                   // (fixed): beside the nodes, always
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): start number 0, then the best end
-    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; (14) with its sign
+    double violation, work;                   // the largest one of (14) or of a row, 0 where all hold
+    double missed[3];                         // what the attitude at landing lacks, with its signs: (14), or in space
     double objective;                         // of that, at the finest nodes, where it is one of sums
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
@@ -349,6 +351,31 @@ struct Turning {
     const Index *cell;                      // (instants)
     const double *drifts, *reached;         // (K, 3, columns), (instants, stages)
     double *turns;                          // (instants, 3, columns)
+};
+
+// What flies in space, see spatial_flight.hpp. Joint j of the tree is at reference[j] + sum of ratio[e] q[planned[e]], e from
+// first[j] to first[j + 1].
+struct SpatialBody {
+    SpatialTree tree;
+    Index joints;                           // that are planned
+    const Index *first, *planned;           // (tree joints + 1), ()
+    const double *ratio, *reference;        // (), (tree joints)
+    const double *start, *goal;             // (3, 3): attitudes at takeoff, and required at landing
+    const Index *angles;                    // (3): the axes about which the goal's angles are, or null
+    const double *change;                   // (3): by how much these change in flight, rad
+    double wrong_turn, most_tilt, slowest;  // rad: another change, a tilt too near to 90 degrees; a turn not resolved
+    const double *momentum, *axes;          // (3), (3, H): h = momentum + axes y
+    Index needs_rates;                      // whether rows or sums depend on the base's rates
+    Index sweeps;                           // this and the next as of Turning
+    double settled, largest;
+};
+
+// Cells of one level in which the base's turning is integrated.
+struct Cells {
+    Index cells, stages;
+    const double *integrals, *weights;      // (stages, stages), (stages)
+    const double *tail;                     // (2, stages): the last Legendre coefficients
+    const double *antiderivative;           // (stages + 1, stages): in Chebyshev polynomials of 2 s - 1
 };
 
 // constant + sum_l amplitude_l cos(frequency_l . q + phase_l), and boxes of q, rad, to bound it on, cut in two or not.

@@ -46,7 +46,7 @@ class PlanarFlight {
         : joints(robot.joints), robot(robot), constraints(constraints), motions(motions), levels(levels),
           settings(settings), free(motions.first[robot.joints]) {}
 
-    Index terms() const { return 2 + 2 * joints + robot.links; }  // of a sum
+    Index terms() const { return terms_of(robot).count(); }  // of a sum
 
     void lay_out(Arena &arena, Index most_nodes, Index most) {
         arena.take(own_integrals, most_nodes * most);
@@ -134,7 +134,7 @@ class PlanarFlight {
 
     // Values of a sum at the nodes.
     void write_sum(const Motion &motion, const State &, Index sum, double *values) const {
-        sum_values(robot, constraints, motion, sum, 0, levels[level].nodes, values);
+        sum_values(terms_of(robot), constraints, motion, sum, 0, levels[level].nodes, values);
     }
 
     // Adds the derivatives (size, 8) of a sum of so much of each term at the instants computed at once.
@@ -187,6 +187,7 @@ class PlanarFlight {
         for (Index row = 0; row < constraints.rows; ++row) {
             double value[LANES];
             rows.values(close, row, 0, LANES, value);
+            copy(attempt.end_values + 2 * row, value, 2);
             for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
                 if (end >= attempt.low[row] && end <= attempt.high[row])
                     found.ends_hold &= !(value[end] < -attempt.tolerance[row]);

@@ -99,7 +99,7 @@ template <typename Flight> class Program {
         at.differentiated = false;
         ++evaluations;
         work += rules.evaluation + count * attempt.bodies;
-        if (!flight.is_known(at.state)) return nothing_known(at);
+        if (!is_known(at)) return nothing_known(at);
         flight.move_links(at.motion, at.state, watches, attempt.objective_sums);
         if (watches) evaluate_rows(at);
         at.objective = objective(at);
@@ -108,7 +108,7 @@ template <typename Flight> class Program {
     // The squared violations at at.x; of the equalities and some rows alone where these are enough.
     double squares(At &at, double enough) {
         move(at);
-        if (!flight.is_known(at.state)) return HUGE_VAL;
+        if (!is_known(at)) return HUGE_VAL;
         double missed = 0;
         for (Index e = 0; e < equalities; ++e) missed += at.equality[e] * at.equality[e];
         if (missed >= enough) return missed;
@@ -119,7 +119,7 @@ template <typename Flight> class Program {
 
     // Makes equalities of what the attitude at landing lacks that are changed about as easily as one another.
     void scale_equalities(At &at) {
-        if (!Flight::scales_equalities || !flight.is_known(at.state)) return;
+        if (!Flight::scales_equalities || !is_known(at)) return;
         differentiate(at);
         for (Index a = 0; a < size; ++a) slope[a] = a < free ? std::sqrt(static_cast<double>(n)) : 1;
         equalities = flight.scale_equalities(at.lacking, at.lacking_row, slope);
@@ -130,7 +130,7 @@ template <typename Flight> class Program {
 
     // Gradient and equalities by x.
     void differentiate(At &at) {
-        if (at.differentiated || !flight.is_known(at.state)) return;
+        if (at.differentiated || !is_known(at)) return;
         at.differentiated = true;
         if (!has_basis) combine_basis();
         if (flight.conditions_follow()) follow_axes(at);
@@ -210,15 +210,17 @@ template <typename Flight> class Program {
 
     Index level_needed(const At &at, double error) const { return flight.level_needed(at.motion, at.state, error); }
 
+    bool is_known(const At &at) const { return flight.is_known(at.state); }  // whether it could be integrated
+
     // What the attitude at landing lacks in all; infinite where nothing is known of it.
     double missed(const At &at) const {
-        return flight.is_known(at.state) ? flight.missed(at.state, at.lacking) : HUGE_VAL;
+        return is_known(at) ? flight.missed(at.state, at.lacking) : HUGE_VAL;
     }
 
     // Local minima of the rows over the whole motion.
     void look(const At &at, Minima &minima) {
         minima.found = 0;
-        if (!rows || !flight.is_known(at.state)) return;
+        if (!rows || !is_known(at)) return;
         Series whole = series_of(at);
         find_minima(flight.rows_between(at.motion, at.state, whole), minima, between);
         work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
@@ -226,7 +228,7 @@ template <typename Flight> class Program {
 
     // What at.x tells before a search.
     Chance chance(const At &at) {
-        if (!flight.is_known(at.state)) return {true, true, true};
+        if (!is_known(at)) return {true, true, true};
         Series whole = series_of(at);
         return flight.chance(flight.rows_between(at.motion, at.state, whole), attempt, between.close);
     }

@@ -155,6 +155,7 @@ static inline Index follow_starts(const typename Flight::Body &body, const Const
     };
     if (attempt.reach > 0 && attempt.first == 0 && !follower.may_hold(x))
         return follower.finish(x, attempt.level, infeasible), write();
+    if (attempt.count == 0) return follower.weigh(x), write();
     bool is_best = false;
     double least = HUGE_VAL;
     for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
@@ -189,6 +190,17 @@ Index follow_rows(const Robot &robot, const Constraints *constraints, const Moti
     for (Index row = 0; row < count; ++row)
         if (follow_starts<PlanarFlight>(robot, constraints[row], motions[row], levels, settings, rules, powers, attempts[row],
                           draws[row]))
+            return 1;
+    return 0;
+}
+
+// The same of flights in space.
+Index follow_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints, const Motions *motions,
+                      const Nodes *levels, const Settings &settings, const Exchange &rules, const Powers *powers,
+                      Attempt *attempts, Draws *draws, Index count) {
+    for (Index row = 0; row < count; ++row)
+        if (follow_starts<SpatialFlight>({bodies[row], cells, bodies[row].joints}, constraints[row], motions[row], levels,
+                                         settings, rules, powers, attempts[row], draws[row]))
             return 1;
     return 0;
 }

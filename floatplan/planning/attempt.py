@@ -14,15 +14,12 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.attempts import COMPILED_LEVEL, CONSTRAINED_LEVEL
 from floatplan.compiled.batch import STATUS, Answers, Rows, Search, is_planar, solver
 from floatplan.compiled.numbers import Numbers, is_plain
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
-from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, on_branch, plain_start
 from floatplan.planning.transcription.compiled_attempt import (
-    PROMISING,
     SAME,
     CompiledAttempts,
     Ended,
@@ -30,29 +27,18 @@ from floatplan.planning.transcription.compiled_attempt import (
     compiled_attempts,
 )
 from floatplan.planning.transcription.constraints import Constraint, applies, constraints
-from floatplan.planning.transcription.exchange import Worst, local_minima, solve
+from floatplan.planning.transcription.exchange import Worst
 from floatplan.planning.transcription.program import (
-    FlightProgram,
-    Objective,
     changes_at_ends,
-    instants_beside_nodes,
-    objective,
-    objective_value,
-    watching,
 )
 from floatplan.planning.transcription.trajectory import (
     EVALUATION,
     FlightModel,
-    Sampling,
-    Trajectory,
     flight_model,
-    sample_ends,
-    trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
 from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
-from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
 LOG = logging.getLogger(__name__)
@@ -161,12 +147,6 @@ class Outcome:
         return self.landed() if self.landed else self.begun
 
     @cached_property
-    def motion(self) -> Trajectory:
-        """The motion at the nodes of that grid."""
-        nodes = self.model.nodes(self.level, self.variables.polynomials.form)
-        return trajectory(self.model, self.variables, nodes, self.solution.x)
-
-    @cached_property
     def written(self) -> Array:
         """Coefficients b (n, k+1) of (12), powers of t in seconds."""
         if self.coefficients is not None:
@@ -178,9 +158,11 @@ class Outcome:
     @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
-        if OBJECTIVE_TABLE[self.objective].quantity is None and is_planar(self.model.flight):
+        if self.integral is not None:
+            return self.integral
+        if is_planar(self.model.flight):
             return float(np.linalg.norm(self.written))
-        return self.integral or objective_value(self.objective, self.motion, self.solution.x)
+        return float(np.linalg.norm(self.solution.x[: self.variables.coefficients]))
 
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
@@ -232,13 +214,9 @@ class Attempts:
         return plain_start(self.problem, self.problem.degrees, self.momentum)
 
     @cached_property
-    def compiled(self) -> CompiledAttempts | None:
-        """The same for the kernel; None in space."""
+    def compiled(self) -> CompiledAttempts:
+        """The same for the kernel."""
         return compiled_attempts(self.problem, self.model.flight, self.constraints)
-
-    @property
-    def _level(self) -> int:
-        return CONSTRAINED_LEVEL if self.constraints else 0
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -267,17 +245,18 @@ class Attempts:
         What the search can still change there, with a free h or free accelerations, does not count.
         """
         start = self.plain_start
-        ends = sample_ends(self.model.nodes(0, start.variables.polynomials.form))
-        motion = trajectory(self.model, start.variables, ends, start.x).at_goal()
+        values = self._ready_for(start).values_at_ends()
+        first = 0
         for block in self.constraints:
+            own = values[first : first + len(block.labels)].T
+            first += len(block.labels)
             if changes_at_ends(start.variables, block):
                 continue
-            values = block.values(motion)[-2:]
-            exists = applies(block, motion.sampling.grid.s[-2:])
+            exists = applies(block, np.array([0.0, 1.0]))
             for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
-                row = int(np.argmin(values[end]))
-                if exists[end] and values[end, row] < -block.tolerance:
-                    amount = -values[end, row] * block.scale[row]
+                row = int(np.argmin(own[end]))
+                if exists[end] and own[end, row] < -block.tolerance:
+                    amount = -own[end, row] * block.scale[row]
                     violated = f"{block.labels[row]} is violated by {amount:.4g} {block.unit}"
                     cause = block.cause.format(end=name)
                     yield f"At {verb} the {name} itself is impossible: {violated} ({cause})."
@@ -287,10 +266,9 @@ class Attempts:
         before = self.model.work
         if is_plain(self.problem):
             outcome = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif ready := self._ready_for(start):
-            outcome = self._follow_compiled(ready, start, -1.0 if stop() else most_work, range(1))
         else:
-            outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
+            ready, left = self._ready_for(start), -1.0 if stop() else most_work
+            outcome = self._outcome(start, self._follow_compiled(ready, left, range(1)))
         outcome.work = self.model.work - before
         return outcome
 
@@ -319,13 +297,12 @@ class Attempts:
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             outcome = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif ready := self._ready_for(plain):
-            left = -1.0 if stop() else most_work
-            outcome = self._follow_compiled(ready, plain, left, numbers, asks)
-            if not outcome.starts and not self.impossible:
-                outcome = self._follow_compiled(ready, plain, left, numbers)
         else:
-            return self.attempt(plain, stop, most_work)
+            ready, left = self._ready_for(plain), -1.0 if stop() else most_work
+            ended = self._follow_compiled(ready, left, numbers, asks)
+            if not ended.starts and not self.impossible:
+                ended = self._follow_compiled(self._ready_for(plain), left, numbers)
+            outcome = self._outcome(plain, ended)
         outcome.work = self.model.work - before
         return outcome
 
@@ -336,25 +313,27 @@ class Attempts:
         outcome.work = self.model.work - before
         return outcome
 
-    def _ready_for(self, start: Start) -> Ready | None:
-        """What follows a start in the kernel; None where that knows no such flight."""
+    def _ready_for(self, start: Start) -> Ready:
+        """What follows a start in the kernel."""
         if not (self._ready and self._ready.plain is start.x):
-            self._ready = self.compiled.ready(start.variables, start.x, start.at_once) if self.compiled else None
+            self._ready = self.compiled.ready(start.variables, start.x, start.at_once)
         return self._ready
 
-    def _follow_compiled(
-        self, ready: Ready, start: Start, most_work: float, numbers: range, asks: bool = False
-    ) -> Outcome:
-        """Follow starts in the kernel, of which this one is number 0."""
+    def _follow_compiled(self, ready: Ready, most_work: float, numbers: range, asks: bool = False) -> Ended:
+        """Follow starts in the kernel, and count what it did."""
         known, self._first = self._first, None
         ended = known or ready.follow(numbers, most_work, self.seed, asks)
         self._learn(ended)
         self.model.work += ended.work
+        return ended
+
+    def _outcome(self, start: Start, ended: Ended) -> Outcome:
+        """Where starts ended of which this one is number 0."""
         reached = Reached(ended.x, ended.status, ended.iterations, ended.evaluations)
         of_end = ended.level, ended.violation, ended.worst, self.problem.motion.objective
         outcome = Outcome(start.variables, reached, self.model, *of_end, starts=ended.starts)
         outcome.coefficients, outcome.integral = ended.coefficients, ended.integral
-        outcome.missed = np.array([ended.missed])
+        outcome.missed = ended.missed
         if any(ended.branch.tolist()):
             outcome.landed = partial(on_branch, self.problem, start.variables, ended.branch)
         return outcome
@@ -363,42 +342,6 @@ class Attempts:
         """Keep what the kernel answered before it followed starts."""
         self._ends_hold |= ended.ends_hold
         self._path_is_clear |= ended.path_is_clear
-
-    def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
-        """Follow a start in space to the objective, and by way of a feasible motion where that fails."""
-        model, variables, blocks = self.model, start.variables, self.constraints
-
-        def make_objective(nodes: Sampling) -> Objective:
-            return objective(self.problem, model, variables, nodes)
-
-        def follow(x: Array) -> Outcome:
-            settings = batch.CAUTIOUS if blocks else batch.FINE
-            return judge(solve(model, variables, make_objective, blocks, x, settings, stop, self._level))
-
-        def judge(solution: Solution[Trajectory]) -> Outcome:
-            reached = Reached(solution.x, solution.status, solution.iterations, solution.evaluations)
-            return self.judge(variables, reached, solution.evaluation.detail)
-
-        def begins() -> Iterator[Array]:
-            """The start, and the best motion without limits."""
-            yield start.x
-            yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
-
-        outcome = follow(start.x)
-        if outcome.holds or stop() or not blocks:
-            return outcome
-        nodes = model.nodes(self._level, variables.polynomials.form)
-        sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
-        program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
-        for x in begins():
-            nearest = reduce_violations(program, x, stop)
-            unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-            promises = nearest.squared_violation < PROMISING and not nearest.stuck
-            other = follow(nearest.x) if promises else judge(unsolved)
-            outcome = best([outcome, other])
-            if outcome.holds or stop():
-                break
-        return outcome
 
     def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> Outcome:
         """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
@@ -411,40 +354,19 @@ class Attempts:
             branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
             variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
-        nodes = model.nodes(COMPILED_LEVEL, variables.polynomials.form)
-        reached = Reached(x, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self.judge(variables, reached, trajectory(model, variables, nodes, x))
+        outcome = self.judge(Start(variables, x), followed.status)
+        outcome.solution = Reached(x, outcome.solution.status, counts["iterations"], counts["evaluations"])
         outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
-        if outcome.holds:
-            outcome.coefficients = answers.coefficients[0]
+        outcome.coefficients = answers.coefficients[0] if outcome.holds else None
         return outcome
 
-    def judge(self, variables: DecisionVariables, reached: Reached, known: Trajectory | None = None) -> Outcome:
-        """Check (14) and the constraints, between the instants too; the motion is ``known`` at some grid."""
-        counts = self.model.flight.node_counts
+    def judge(self, start: Start, status: str) -> Outcome:
+        """Check the attitude at landing and the constraints of a motion as it is, between the instants too.
 
-        def at_level(level: int) -> Trajectory:
-            nodes = self.model.nodes(level, variables.polynomials.form)
-            return trajectory(self.model, variables, nodes, reached.x)
-
-        motion = known or at_level(max(self._level, COMPILED_LEVEL))
-        level = max(motion.flown.level_needed(batch.QUADRATURE_ERROR), self._level)
-        if motion.model is not self.model or counts[level] > motion.sampling.grid.nodes:
-            motion = at_level(level)
-        while motion.flown.unresolved > batch.UNRESOLVED and level < len(counts) - 1:
-            level += 1
-            motion = at_level(level)
-        missed = motion.flown.missed
-        if motion.flown.unresolved > batch.UNRESOLVED:
-            missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, level, reached.x)
-        violation = missed if missed > ORIENTATION else 0.0
-        if self.constraints:
-            kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
-            violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
-        if violation <= 0 and reached.status == "infeasible":
-            reached = reached._replace(status="feasible")  # kept, though not as well inside as the search aims
-        named = self.problem.motion.objective
-        outcome = Outcome(variables, reached, self.model, level, violation, worst, named, missed=motion.residual)
-        outcome.__dict__["motion"] = motion
-        return outcome
+        ``status`` is why it was stopped at; one that holds is "feasible" at least.
+        """
+        ended = self._ready_for(start).judge()
+        self.model.work += ended.work
+        holds = ended.violation <= 0
+        status = "infeasible" if not holds else "feasible" if status == "infeasible" else status
+        return self._outcome(start, ended._replace(status=status, starts=1))

@@ -1,4 +1,4 @@
-"""Plans of flights in space: lifted motions, made smaller where nothing else is asked, else followed by the SQP."""
+"""Plans of flights in space: lifted motions, made smaller where nothing else is asked, else followed by the kernel."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.planning.attempt import Attempts, Outcome, Reached
+from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
 from floatplan.planning.search import ANNOUNCED_EVERY, SearchOptions, SearchResult, expiry, log_attempt
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
 
@@ -30,7 +29,6 @@ MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OF_ONE = 0.3  # [-] of the work, that one start may do
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
-LEVEL = 2  # of the grids that an outcome is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
@@ -88,7 +86,7 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
 
 
 def _is_followed(prepared: Attempts) -> bool:
-    """Whether the SQP follows what lifting finds."""
+    """Whether the kernel follows what lifting finds."""
     return bool(prepared.constraints) or prepared.problem.motion.objective != "coefficients"
 
 
@@ -136,38 +134,47 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool],
     motion, flight = close(start), start.lifted.flight
     usable = motion.is_closed() and not flight.wrong(motion.turning.way)
     if usable and _is_followed(prepared):
-        try:
-            outcome = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
-        except IntegrationError:
-            outcome = _outcome(prepared, motion, "infeasible")
+        smaller = descend(motion)
+        outcome = _within_limits(prepared, smaller, stop, before + most_work)
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
-        outcome = _outcome(prepared, final or motion, status)
+        outcome = _judged(prepared, final or motion, status)
     outcome.work = model.work - before
-    return outcome if np.isfinite(outcome.motion.residual).all() else None
+    return outcome if np.isfinite(outcome.missed).all() else None
 
 
-def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> Outcome:
-    """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
-    lifted = motion.lifted
+def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> Outcome:
+    """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it.
+
+    That may be done until the work of all starts is so much.
+    """
+    lifted, model = motion.lifted, prepared.model
     variables, free = lifted.variables, lifted.coefficients
-    outcome = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
+    outcome = prepared.attempt(Start(variables, motion.x, at_once=True), stop, until - model.work)
     chosen = outcome.solution.x[free:]
     if not outcome.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
         return outcome
     h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
     given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
     fixed = LiftedFlight(lifted.model, lifted.flight, given)
-    nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
+    try:
+        nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
+    except IntegrationError:
+        return replace(outcome, violation=np.inf)
     usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
     if not usable:
-        return _outcome(prepared, nearest, "infeasible")
-    return prepared.attempt(Start(given, nearest.x, at_once=True), stop)
+        return _judged(prepared, nearest, "infeasible")
+    return prepared.attempt(Start(given, nearest.x, at_once=True), stop, until - model.work)
 
 
-def _outcome(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
-    variables, model = motion.lifted.variables, prepared.model
-    nodes = model.nodes(LEVEL, variables.polynomials.form)
-    known = trajectory(model, variables, nodes, motion.x)
-    return prepared.judge(variables, Reached(motion.x, status, 0, 0), known)
+def _judged(prepared: Attempts, motion: LiftedMotion, status: str) -> Outcome:
+    return prepared.judge(Start(motion.lifted.variables, motion.x), status)
+
+
+def wrong_way(outcome: Outcome) -> str:
+    """What is wrong with the way to the goal, its turns or its tilt; empty for nothing."""
+    flight, x = outcome.model.flight, outcome.solution.x
+    assert isinstance(flight, SpatialFlight), "the robot flies in space"
+    lifted = LiftedFlight(outcome.model, flight, outcome.variables)
+    return flight.wrong(lifted.flown(flight.grid(outcome.level).cells, x).way)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import MOST_STARTS, Search
+from floatplan.compiled.batch import MOST_STARTS, Search, is_planar
 from floatplan.compiled.numbers import is_plain
 from floatplan.errors import refuse
 from floatplan.motion.flight import difficulties, motion_into_ground
@@ -90,7 +90,7 @@ class Searched:
             status=best.solution.status if best.holds else nothing,
             objective=best.objective_value if best.holds else np.nan,
             angular_momentum=float(best.begun.angular_momentum(best.solution.x)[0]),
-            residual=abs(best.missed.item()) if best.missed.size == 1 else best.motion.flown.missed,
+            residual=float(np.linalg.norm(best.missed)),
             coefficients=best.written,
             **counts,
             message=explain(self.prepared, self.result, self.reasons),
@@ -225,6 +225,15 @@ def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     return " ".join(sentences)
 
 
+def _wrong_way(best: Outcome) -> str:
+    """What is wrong with the way to the goal in space, its turns or its tilt; empty for nothing."""
+    if is_planar(best.model.flight) or not np.isfinite(best.missed).all():
+        return ""
+    from floatplan.planning.in_space import wrong_way  # here, since most problems do without
+
+    return wrong_way(best)
+
+
 def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
     """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that.
 
@@ -278,8 +287,7 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     tried = found.counts["starts"]
     if not tried:
         return []
-    in_space = prepared.problem.robot.in_plane is None
-    wrong = best.motion.flown.wrong_way if in_space and np.isfinite(missed).all() else ""
+    wrong = _wrong_way(best)
     if missed.any():
         off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
         sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")

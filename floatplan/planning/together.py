@@ -51,7 +51,7 @@ class Together:
     def answer(self, row: int) -> Answer:
         """Where the plain motion of one that is solved led."""
         b, it, h = self.coefficients[row], self.attempts.structures[row], float(self.rows.momentum[row])
-        of_end = float(np.linalg.norm(b)), h, abs(it.missed), b, it.evaluations, it.iterations
+        of_end = float(np.linalg.norm(b)), h, abs(it.missed[0]), b, it.evaluations, it.iterations
         return Answer("optimal", *of_end, starts=1, solved=1, message=ALL_HOLDS)
 
     def at(self, row: int, problem: Problem, seed: int) -> Attempts:

@@ -47,7 +47,7 @@ class SpatialDynamics:
         return SpatialDynamics, (self.model, self.reference, self.selection)
 
     @cached_property
-    def _tree(self) -> Filled:
+    def tree(self) -> Filled:
         """The bodies as the kernel sees them."""
         model, data = self.model, self.model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -95,7 +95,7 @@ class SpatialDynamics:
         motions["positions"] = motions["positions"] + self.reference
         given = {**motions, "rates": state[3]} if len(state) > 3 else motions
         moved, compiled = Filled("SpatialMotion", instants=count, **(NOTHING | given | found)), kernel()
-        if compiled.space(self._tree.structure, moved.structure, compiled.instructions):
+        if compiled.space(self.tree.structure, moved.structure, compiled.instructions):
             raise MemoryError
         return found
 

@@ -17,11 +17,11 @@ from floatplan.compiled import attempts
 from floatplan.compiled.attempts import knots, nodes_of_levels
 from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
+from floatplan.compiled.in_space import SpatialConstraints, cells_of_levels, nodes_in_space
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import PlanarFlight, central_reach
-from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
 from floatplan.optimization import programs, sqp
 from floatplan.planning.transcription import exchange, program, trajectory
@@ -52,8 +52,8 @@ class Ended(NamedTuple):
     """Where the best of some starts ended: x, its status, and the local minima of its rows, at the nodes of a level.
 
     Its motions land on a ``branch`` (n,) of the arcsine, against those of the start given. ``violation`` is the largest
-    one of (14), rad, or of a row; 0 where everything holds. (14) is ``missed`` by so much, with its sign. ``starts``
-    were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
+    one of (14), rad, or of a row; 0 where everything holds. The attitude at landing lacks ``missed`` (e,), rad.
+    ``starts`` were followed, in as many iterations and evaluations, and so much ``work``, instants of one body. Its
     ``coefficients`` (n, k+1) are b of (12), powers of t in seconds; None where accelerations at an end are free. An
     objective that is an ``integral`` has that value, others None. Asked first, the kernel says that rows hold at both
     ends which x does not change there, and that obstacles leave the path of the centre of mass clear.
@@ -63,7 +63,7 @@ class Ended(NamedTuple):
     branch: IntArray
     status: str
     violation: float
-    missed: float
+    missed: Array
     worst: Worst
     level: int
     iterations: int
@@ -99,16 +99,29 @@ class Ready:
 
         The first ends when it has done the most work, of others those are left out that would do more. Where it
         ``asks`` first whether start and goal, or the path of the centre of mass, leave a chance, and they do not, none
-        is followed.
+        is followed. Of no numbers, the plain motion is judged as it is.
         """
         attempt, kernel = self.attempt, self.compiled.watch.kernel
         self.found[0][:] = self.plain
         attempt.first, attempt.count, attempt.most_work = numbers.start, len(numbers), most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
-        if kernel.attempt(*self.given, attempt, self.draws, 1, kernel.instructions):
+        follow = kernel.attempt if self.compiled.in_plane else kernel.attempt_in_space
+        if follow(*self.given, attempt, self.draws, 1, kernel.instructions):
             raise MemoryError("no memory to follow a start")
         return self.ended
+
+    def judge(self) -> Ended:
+        """Judge the plain motion as it is."""
+        return self.follow(range(0), np.inf, 0, asks=False)
+
+    def values_at_ends(self) -> Array:
+        """Values (rows, 2) of all rows at takeoff and at landing, with the attitude that is asked for there."""
+        values = np.empty((self.compiled.watch.rows, 2))
+        self.attempt.point_to(end_values=values)
+        self.follow(range(0), np.inf, 0, asks=True)
+        self.attempt.point_to(end_values=self.compiled.end_values)
+        return values
 
     @property
     def ended(self) -> Ended:
@@ -117,7 +130,13 @@ class Ready:
         x, branch, *minima = self.found
         row, s, least = (each[: attempt.minima.found].copy() for each in minima)
         worst = Worst(rows[0][row], rows[1][row], s, least)
-        of_end = STATUS[attempt.status], attempt.violation, attempt.missed, worst, attempt.judged_level
+        of_end = (
+            STATUS[attempt.status],
+            attempt.violation,
+            np.array(attempt.missed[: self.compiled.tangent]),
+            worst,
+            attempt.judged_level,
+        )
         counts = attempt.iterations, attempt.evaluations, attempt.started, attempt.work
         b = None if self.coefficients is None else self.coefficients.copy()
         integral = attempt.objective if attempt.objective_sums else None
@@ -128,13 +147,17 @@ class Ready:
 class CompiledAttempts:
     """A problem with constraints made ready for the kernel."""
 
-    def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints) -> None:
+    def __init__(
+        self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints | SpatialConstraints
+    ) -> None:
+        self.in_plane, self.tangent = isinstance(watch, CompiledConstraints), watch.flight.tangent
         self._problem, self._constraints, self.watch = problem, constraints, watch
         self.rows, self._window_ends = where_to_look(constraints), window_ends(constraints)
         self._thickness = min((each.thickness for each in problem.obstacles), default=np.inf)
         self._look = self.rows[2]
         self._tolerance = np.array([block.tolerance for block in constraints])[self.rows[0]]
         self.minima, self._found = self.room(1)
+        self.end_values = np.empty((watch.rows, 2))
 
     def room(self, count: int) -> tuple[Filled, list[Any]]:
         """Return room for the minima of so many problems, the first one's filled in: their row, s and least value."""
@@ -156,8 +179,11 @@ class CompiledAttempts:
         given, kept = (*given, powers.structure), (attempt, motions, powers, draws)
         return Ready(self, x, given, attempt.structure, draws.structure, found, coefficients, kept)
 
-    def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
-        """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
+    def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Any]:
+        """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class.
+
+        In space what flies comes with the class.
+        """
         watch = self.watch
         changes = [changes_at_ends(variables, block) for block in self._constraints]
         instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
@@ -166,28 +192,33 @@ class CompiledAttempts:
         if watch.also is not None:
             counts |= {"objective_sum": watch.first_also, "objective_sums": len(watch.also)}
         arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "tolerance": self._tolerance}
-        arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None}
+        arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None, "end_values": self.end_values}
         attempt = Filled("Attempt", self._look, minima=self.minima, thickness=self._thickness, **counts, **arrays)
         motions = _motions(watch.flight, variables, watch.also is None)
-        grids = nodes_of_levels(variables.polynomials.form)
-        settings = constrained_settings(), _rules(watch.flight.bodies)
-        return (*watch.references, motions.structure, grids, *settings), attempt, motions
+        rules = _rules(watch.flight.node_counts, watch.flight.bodies, self.in_plane)
+        settings = constrained_settings(len(watch.flight.node_counts)), rules
+        if isinstance(watch, CompiledConstraints):
+            grids, of_flight = nodes_of_levels(variables.polynomials.form), watch.references
+            return (*of_flight, motions.structure, grids, *settings), attempt, motions
+        grids, body = nodes_in_space(variables.polynomials.form), watch.body(variables.momentum)
+        kept = motions, body
+        of_flight = body.structure, cells_of_levels(), watch.filled.structure
+        return (*of_flight, motions.structure, grids, *settings), attempt, kept
 
     @cached_property
     def reach(self) -> float:
         """How far the point of the robot that stays nearest to the centre of mass is from it at most, m."""
-        return central_reach(self._problem.robot)
+        return central_reach(self._problem.robot) if self.in_plane else np.inf
 
 
 def compiled_attempts(
     problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...]
-) -> CompiledAttempts | None:
-    """Make a problem ready; None in space."""
-    if not is_planar(flight):
-        return None
+) -> CompiledAttempts:
+    """Make a problem ready."""
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    watch = CompiledConstraints(flight, [constraint.compiled(flight) for constraint in constraints], quantity)
-    return CompiledAttempts(problem, constraints, watch)
+    blocks = [constraint.compiled(flight) for constraint in constraints]
+    of_flight = CompiledConstraints if is_planar(flight) else SpatialConstraints
+    return CompiledAttempts(problem, constraints, of_flight(flight, blocks, quantity))
 
 
 def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
@@ -198,15 +229,16 @@ def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) 
 
 
 @lru_cache(maxsize=8)
-def _rules(bodies: int) -> Structure:
+def _rules(node_counts: tuple[int, ...], bodies: int, in_plane: bool) -> Structure:
     """Every number of the search with constraints: the constant of its name."""
     modules = attempts, sqp, programs, trajectory, program, exchange
-    others = {"cheap_level": cheap_level(NODE_COUNTS, bodies), "longest_free_step": FINE.longest_step}
-    return constants("Exchange", *map(vars, modules), globals(), **others)
+    others = {"cheap_level": cheap_level(node_counts, bodies), "longest_free_step": FINE.longest_step}
+    of_space = {} if in_plane else {"closer": 0, "watched_at_most": len(node_counts) - 1}
+    return constants("Exchange", *map(vars, modules), globals(), **others, **of_space)
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
@@ -216,6 +248,15 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
     if of_coefficients and following is not None:
         map_ = powers_map(form, polynomials.duration) / whitening(form, (polynomials.duration,))[3]
     ends = [_end(following, end, momentum.centre) if following else _GIVEN for end in (0, 1)]
+    of_base = {
+        "orientation": 0.0,
+        "change": 0.0,
+        "momentum": 0.0,
+        "axis": np.zeros(momentum.free),
+    }  # in space: the body's
+    if isinstance(flight, PlanarFlight):
+        h = {"momentum": float(momentum.centre[0]), "axis": momentum.axes.ravel()}
+        of_base = {"orientation": flight.initial_orientation, "change": flight.change, **h}
     return Filled(
         "Motions",
         variables,
@@ -226,10 +267,7 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
         given=len(given),
         terms=series.shape[1],
         duration=polynomials.duration,
-        orientation=flight.initial_orientation,
-        change=flight.change,
-        momentum=float(momentum.centre[0]),
-        axis=momentum.axes.ravel(),
+        **of_base,
         first=list(accumulate(polynomials.free, initial=0)),
         condition=condition,
         boundary=polynomials.given_boundary,

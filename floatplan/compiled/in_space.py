@@ -1,0 +1,136 @@
+"""What the kernel is given of flights in space, to follow starts of them: ``spatial_flight.hpp``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from itertools import accumulate, pairwise
+from typing import Any
+
+import numpy as np
+
+from floatplan.compiled.constraints import SUM, SumRows, Sums, opposite_rows
+from floatplan.kernel.layout import Filled, kernel, structure_array
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.sine_polynomial import Form, basis
+from floatplan.motion.spatial.attitude import TOLERANCES, Cells
+from floatplan.motion.spatial.flight import A_TURN_OFF, LEVELS, SLOWEST, SpatialFlight, spatial_grid
+from floatplan.problem.attitude import STEEPEST
+
+OF_DISTANCES: dict[str, Any] = {  # there are none in space
+    "capsules": 0,
+    "needs_places": False,
+    "turn": 1.0,
+    "ends_real": None,
+    "ends_imaginary": None,
+    "radius": None,
+    "path": None,
+    "obstacles": None,
+}
+
+
+class SpatialConstraints:
+    """Blocks of rows of a flight in space, and the quantity ``also``: as :class:`CompiledConstraints` of a plane."""
+
+    def __init__(self, flight: SpatialFlight, blocks: Sequence[SumRows], also: str = "") -> None:
+        self.kernel, self.flight = kernel(), flight
+        sums = Sums(flight.dynamics.selection, flight.transmission)
+        written = [sums.rows(block) for block in blocks]
+        self.block_first = list(accumulate(map(len, written), initial=0))
+        self.rows = self.first_also = self.block_first[-1]
+        self.also = sums.each_of(also) if also else None
+        others = () if self.also is None else (self.also,)
+        all_sums = np.concatenate((np.empty((0, sums.terms)), *written, *others))
+        needs_moments = bool(all_sums[:, sums.of_moments].any())
+        self.needs_rates = needs_moments or bool(all_sums[:, 1].any())
+        kind, first = [SUM] * self.rows, list(range(self.rows))
+        opposite = opposite_rows(kind, first, all_sums[: self.rows])
+        self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
+        self.filled = Filled(
+            "Constraints",
+            **OF_DISTANCES,
+            rows=self.rows,
+            kind=kind,
+            first=first,
+            second=[-1] * self.rows,
+            opposite=opposite,
+            least=np.zeros(self.rows),
+            per_scale=np.ones(self.rows),
+            sums=all_sums,
+            needs_moments=needs_moments,
+            needs_accelerations=needs_moments or bool(all_sums[:, sums.of_accelerations].any()),
+        )
+
+    def body(self, momentum: MomentumSet) -> Filled:
+        """What flies, with an angular momentum of a set."""
+        return spatial_body(self.flight, momentum, self.needs_rates)
+
+
+def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Filled:
+    """Return the tree with its planned joints, attitudes at both ends, and the angular momentum."""
+    selection, goal = flight.dynamics.selection, flight.goal
+    tree_joint, planned = selection.nonzero()
+    return Filled(
+        "SpatialBody",
+        tree=flight.dynamics.tree,
+        joints=selection.shape[1],
+        first=np.searchsorted(tree_joint, np.arange(len(selection) + 1)),
+        planned=planned,
+        ratio=selection[tree_joint, planned],
+        reference=flight.dynamics.reference,
+        start=flight.initial_attitude,
+        goal=flight.final_attitude,
+        angles=None if goal.axes is None else ["xyz".index(letter) for letter in goal.axes],
+        change=flight.change,
+        wrong_turn=A_TURN_OFF,
+        most_tilt=STEEPEST,
+        slowest=SLOWEST,
+        momentum=momentum.centre,
+        axes=momentum.axes,
+        needs_rates=needs_rates,
+        sweeps=int(TOLERANCES["sweeps"]),
+        settled=TOLERANCES["settled"],
+        largest=TOLERANCES["largest"],
+    )
+
+
+@cache
+def cells_of_levels() -> Any:
+    """Return the cells of all levels."""
+    return structure_array("Cells", [_cells(spatial_grid(level).cells) for level in range(len(LEVELS))])
+
+
+def _cells(of: Cells) -> Filled:
+    gauss = of.gauss
+    return Filled(
+        "Cells",
+        cells=of.count,
+        stages=of.stages,
+        integrals=of.integrals,
+        weights=gauss.weights,
+        tail=gauss.transform[-2:],
+        antiderivative=gauss.antiderivative,
+    )
+
+
+@lru_cache(maxsize=32)
+def nodes_in_space(form: Form) -> Any:
+    """Return the stages of all levels, for motions of a form."""
+    return structure_array("Nodes", [_nodes(level, form) for level in range(len(LEVELS))])
+
+
+def _nodes(level: int, form: Form) -> Filled:
+    grid = spatial_grid(level)
+    value, first, second = (values.T for values in basis(form).values(grid.s))
+    return Filled(
+        "Nodes",
+        nodes=grid.nodes,
+        s=grid.s,
+        weights=grid.weights,
+        value=value,
+        first=first,
+        second=second,
+        tail=None,
+        integrals=None,
+        antiderivative=None,
+    )
