@@ -116,21 +116,19 @@ def _cells(of: Cells) -> Filled:
 @lru_cache(maxsize=32)
 def nodes_in_space(form: Form) -> Any:
     """Return the stages of all levels, for motions of a form."""
-    return structure_array("Nodes", [_nodes(level, form) for level in range(len(LEVELS))])
+    grids = map(spatial_grid, range(len(LEVELS)))
+    return structure_array("Nodes", [_nodes(grid.s, grid.weights, form) for grid in grids])
 
 
-def _nodes(level: int, form: Form) -> Filled:
-    grid = spatial_grid(level)
-    value, first, second = (values.T for values in basis(form).values(grid.s))
-    return Filled(
-        "Nodes",
-        nodes=grid.nodes,
-        s=grid.s,
-        weights=grid.weights,
-        value=value,
-        first=first,
-        second=second,
-        tail=None,
-        integrals=None,
-        antiderivative=None,
-    )
+@lru_cache(maxsize=64)
+def cells_and_stages(of: Cells, form: Form) -> tuple[Filled, Filled]:
+    """Return cells, and their stages for motions of a form: stage by stage, those of all cells side by side."""
+    s = of.s.reshape(of.count, of.stages).T.ravel()
+    weights = np.repeat(of.gauss.weights, of.count) / of.count
+    return _cells(of), _nodes(s, weights, form)
+
+
+def _nodes(s: Array, weights: Array, form: Form) -> Filled:
+    value, first, second = (values.T for values in basis(form).values(s))
+    unused = dict.fromkeys(("tail", "integrals", "antiderivative"))
+    return Filled("Nodes", nodes=len(s), s=s, weights=weights, value=value, first=first, second=second, **unused)

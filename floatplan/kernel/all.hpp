@@ -20,6 +20,7 @@
 #include "rotations.hpp"
 #include "spatial_flight.hpp"
 #include "program.hpp"
+#include "lifting.hpp"
 #include "constrained.hpp"
 #include "plain.hpp"
 #include "evaluation.hpp"

@@ -112,6 +112,12 @@ EXPORT Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *c
     return CHOSEN(evaluate_in_space(*body, cells, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
 }
 
+// A lifted motion of one; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
+EXPORT Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,
+                            Lifted *lifted, Index instructions) {
+    return CHOSEN(lift_motion(*body, *cells, *motions, *nodes, *lifted));
+}
+
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));

@@ -378,6 +378,17 @@ struct Cells {
     const double *antiderivative;           // (stages + 1, stages): in Chebyshev polynomials of 2 s - 1
 };
 
+// A motion in cells that each begin with an attitude of their own, see lifting.hpp; gaps, rad, go from the cells' ends to the
+// next borders, at last to the goal. Instants are stage by stage, those of all cells side by side.
+struct Lifted {
+    const double *x, *borders;              // (size), (cells, 3, 3)
+    double *ends, *gaps;                    // (cells, 3, 3), (cells, 3)
+    double *spun;                           // (2, cells, stages, 4): carried_rates and still_rates of Turning
+    double *carried;                        // (cells, 3, cells, 3): turns of the ends that turns at the cells' ends make
+    double *turns;                          // (cells, 3, size): turns of the ends that x makes where no gap changes
+    Index is_right_way;                     // whether turns and tilt are those that are wanted
+};
+
 // constant + sum_l amplitude_l cos(frequency_l . q + phase_l), and boxes of q, rad, to bound it on, cut in two or not.
 struct Cosines {
     Index joints;

@@ -20,6 +20,35 @@ template <typename Flight> struct Evaluated {
     Variables variables;
 };
 
+// The basis of p as x combine it, joint by joint: basis (3, size, stride) from that at instants, (columns, stride) each.
+static inline void combine_basis(const Motions &motions, Index n, const double *const of_columns[3], Index stride,
+                                 double *basis) {
+    const Index size = motions.size, free = motions.first[n];
+    zero(basis, 3 * size * stride);
+    for (int order = 0; order < 3; ++order)
+        for (Index i = 0; i < n; ++i) {
+            const Index begin = motions.first[i], end = motions.first[i + 1];
+            for (Index r = begin; r < end; ++r)
+                for (Index c = begin; c < end; ++c)
+                    add(motions.scaling[r * free + c], of_columns[order] + (motions.given + r - begin) * stride,
+                        stride, basis + (order * size + c) * stride);
+        }
+}
+
+// Coefficients (columns, n) of the basis, from x and the conditions (13) that are given, boundary (n, given).
+static inline void place_coefficients(const Motions &motions, Index n, const double *x, const double *boundary,
+                                      double *coefficients) {
+    const Index free = motions.first[n];
+    zero(coefficients, motions.columns * n);
+    for (Index i = 0; i < n; ++i) {
+        const Index begin = motions.first[i], end = motions.first[i + 1];
+        for (Index c = 0; c < motions.given; ++c) coefficients[c * n + i] = boundary[i * motions.given + c];
+        for (Index r = begin; r < end; ++r)
+            coefficients[(motions.given + r - begin) * n + i] =
+                motions.offset[r] + dot(motions.scaling + r * free + begin, x + begin, end - begin);
+    }
+}
+
 template <typename Flight> class Program {
   public:
     using At = Evaluated<Flight>;
@@ -132,7 +161,10 @@ template <typename Flight> class Program {
     void differentiate(At &at) {
         if (at.differentiated || !is_known(at)) return;
         at.differentiated = true;
-        if (!has_basis) combine_basis();
+        if (!std::exchange(has_basis, true)) {
+            const double *of_columns[3] = {value, first, second};
+            combine_basis(motions, n, of_columns, stride, basis);
+        }
         if (flight.conditions_follow()) follow_axes(at);
         flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
         flight.combine_rows(at.lacking_row, at.row);
@@ -257,7 +289,9 @@ template <typename Flight> class Program {
     // Joints and base, and what the attitude at landing lacks.
     void move(At &at) {
         flight.choose_momentum(at.state, at.x);
-        place_coefficients(at);
+        copy(boundary, motions.boundary, n * motions.given);
+        flight.follow_conditions(at.state, false, boundary);
+        place_coefficients(motions, n, at.x, boundary, at.coefficients);
         combine(at.motion, n, at.coefficients, motions.columns, value, first, second);
         swing_joints(n, at.motion, motions.centre, motions.amplitude);
         flight.turn_base(at.motion, at.state, at.lacking);
@@ -300,35 +334,6 @@ template <typename Flight> class Program {
             }
         for (Index row = 0; row < rows; ++row)
             for (Index k = count; k < stride; ++k) outside[row * stride + k] = HUGE_VAL;
-    }
-
-    // The basis of p as x combine it, joint by joint.
-    void combine_basis() {
-        const double *of_columns[3] = {value, first, second};
-        has_basis = true;
-        zero(basis, 3 * size * stride);
-        for (int order = 0; order < 3; ++order)
-            for (Index i = 0; i < n; ++i) {
-                const Index begin = motions.first[i], end = motions.first[i + 1];
-                for (Index r = begin; r < end; ++r)
-                    for (Index c = begin; c < end; ++c)
-                        add(motions.scaling[r * free + c], of_columns[order] + (motions.given + r - begin) * stride,
-                            stride, basis + (order * size + c) * stride);
-            }
-    }
-
-    // Coefficients of the basis.
-    void place_coefficients(At &at) {
-        copy(boundary, motions.boundary, n * motions.given);
-        flight.follow_conditions(at.state, false, boundary);
-        zero(at.coefficients, motions.columns * n);
-        for (Index i = 0; i < n; ++i) {
-            const Index begin = motions.first[i], end = motions.first[i + 1];
-            for (Index c = 0; c < motions.given; ++c) at.coefficients[c * n + i] = boundary[i * motions.given + c];
-            for (Index r = begin; r < end; ++r)
-                at.coefficients[(motions.given + r - begin) * n + i] =
-                    motions.offset[r] + dot(motions.scaling + r * free + begin, at.x + begin, end - begin);
-        }
     }
 
     // By how much p and its derivatives at all instants, and the conditions themselves, change with the axis of h.

@@ -75,7 +75,7 @@ static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &
 }
 
 // The tree's joints from the planned ones.
-static inline void move_tree(const InSpace &body, const Constraints &constraints, SpatialAt &at) {
+static inline void move_tree(const InSpace &body, SpatialAt &at, bool accelerates) {
     const SpatialBody &given = body.given;
     const Motion &m = at.motion;
     for (Index j = 0; j < given.tree.joints; ++j)
@@ -89,7 +89,7 @@ static inline void move_tree(const InSpace &body, const Constraints &constraints
             }
             store(at.position + j * at.stride + k, position);
             store(at.speed + j * at.stride + k, speed);
-            if (constraints.needs_moments) store(at.acceleration + j * at.stride + k, acceleration);
+            if (accelerates) store(at.acceleration + j * at.stride + k, acceleration);
         }
 }
 
@@ -111,6 +111,80 @@ static inline void find_rates(const InSpace &body, SpatialAt &at, Index k, Three
     store(at.rates, at.stride, k, w_B);
     store(at.motion.rate + k, square_root(dot(w_B, w_B)));
 }
+
+// How w_B changes with the planned joints' positions and speeds where zeta and h are held: (3, joints, stride) each.
+struct RateSlopes {
+    double *by_position, *by_speed;
+    Index joints, stride;
+
+    void lay_out(Arena &arena, Index count, Index instants) {
+        joints = count;
+        for (double **each : {&by_position, &by_speed}) arena.take(*each, 3 * joints * instants);
+    }
+
+    // -I^-1 L and -I^-1 A at the instants computed at once.
+    void find(const InSpace &body, SpatialAt &at, Index k) {
+        const SpatialBody &given = body.given;
+        const Index apart = joints * stride;
+        move_bodies(given.tree, TreeJoints{at, k, threes(at.rates, at.stride, k), false}, at.bodies);
+        const MomentumMaps maps(at.bodies);
+        const Nines inverse_inertia = nines(at.inverse, at.stride, k);
+        for (double *each : {by_position, by_speed})
+            for (Index e = 0; e < 3 * joints; ++e) store(each + e * stride + k, all(0));
+        for (Index j = 0; j < given.tree.joints; ++j) {
+            if (given.first[j] == given.first[j + 1]) continue;
+            const Threes position = -(inverse_inertia * maps.slope(j)), speed = -(inverse_inertia * maps.of_joint(j));
+            for (Index e = given.first[j]; e < given.first[j + 1]; ++e) {
+                const Vector ratio = all(given.ratio[e]);
+                double *of_position = by_position + given.planned[e] * stride;
+                double *of_speed = by_speed + given.planned[e] * stride;
+                store(of_position, apart, k, threes(of_position, apart, k) + ratio * position);
+                store(of_speed, apart, k, threes(of_speed, apart, k) + ratio * speed);
+            }
+        }
+    }
+
+    // What weights of w_B make of positions and speeds (2, joints).
+    void weigh(Index k, Threes weights, Vector *by_joint) const {
+        const Index apart = joints * stride;
+        for (Index i = 0; i < joints; ++i) {
+            by_joint[i] = dot(weights, threes(by_position + i * stride, apart, k));
+            by_joint[joints + i] = dot(weights, threes(by_speed + i * stride, apart, k));
+        }
+    }
+};
+
+// The angles about the goal's axes on the way there: whether it makes the turns that are wanted, without tilting too far.
+class TurnsMade {
+  public:
+    explicit TurnsMade(const SpatialBody &given) : given(given) {}
+
+    // The next attitude (3, 3), less than half a turn from the one before.
+    void take(const double *attitude) {
+        if (!given.angles) return;
+        Vector3 now = angles_about(given.angles, matrix3(attitude));
+        steepest = larger(steepest, std::fabs(given.angles[0] == given.angles[2] ? now.y - turn / 4 : now.y));
+        if (!has_begun) first = last = now;
+        has_begun = true;
+        now.x -= turn * std::round((now.x - last.x) / turn);
+        now.z -= turn * std::round((now.z - last.z) / turn);
+        last = now;
+    }
+
+    bool is_right() const {
+        if (!given.angles) return true;
+        const Vector3 change = last - first - vector3(given.change);
+        const double most = larger(larger(std::fabs(change.x), std::fabs(change.y)), std::fabs(change.z));
+        return most < given.wrong_turn && steepest <= given.most_tilt;
+    }
+
+  private:
+    static constexpr double turn = 6.283185307179586;  // rad
+    const SpatialBody &given;
+    bool has_begun = false;
+    double steepest = 0;
+    Vector3 first{}, last{};
+};
 
 // How the base turns in the cells of a level.
 struct Turned {
@@ -181,7 +255,7 @@ struct SpatialRows {
         }
         swing_joints(n, m, series->centre, series->amplitude);
         if (!body.given.needs_rates) return;
-        move_tree(body, constraints, at);
+        move_tree(body, at, constraints.needs_moments);
         for (Index k = 0; k < instants; ++k) {
             double attitude[9];
             if (last && s[k] == 1) copy(attitude, last, 9);
@@ -217,7 +291,7 @@ class SpatialFlight {
         SpatialAt at;        // its motion's planned joints are those of the program's motion
         Turned turned;
         double h_W[3];
-        double *by_position, *by_speed;  // (3, joints, stride) of w_B, where zeta and h are held
+        RateSlopes slopes;
         double *turns;                   // (3, size, stride): zeta by x
         bool has_rates, has_turns;       // whether w_B is known at all instants, and these turns
         Index *has_slopes;               // (stride / 8): whether the next are
@@ -248,7 +322,7 @@ class SpatialFlight {
         lay_out_in_space(arena, state.at, body, most);
         motion = state.at.motion;
         state.turned.lay_out(arena, most);
-        for (double **each : {&state.by_position, &state.by_speed}) arena.take(*each, 3 * joints * most);
+        state.slopes.lay_out(arena, joints, most);
         arena.take(state.turns, 3 * motions.size * most);
         arena.take(state.has_slopes, most / 8);
         arena.take(state.torque_slopes, tree_joints * (3 * tree_joints + 3) * most);
@@ -279,7 +353,7 @@ class SpatialFlight {
         SpatialAt &at = state.at;
         at.motion = motion;
         at.stride = stride;
-        move_tree(body, constraints, at);
+        move_tree(body, at, constraints.needs_moments);
         const Index N = levels[level].nodes;
         Turned &turned = state.turned;
         for (Index k = 0; k < N; k += LANES) {
@@ -316,7 +390,7 @@ class SpatialFlight {
 
     // The angle; infinite where the way there has other turns than are wanted, or tilts too far.
     double missed(const State &state, const double *lacking) const {
-        if (given.angles && !is_right_way(state.turned)) return HUGE_VAL;
+        if (!is_right_way(state.turned)) return HUGE_VAL;
         return std::sqrt(dot(lacking, lacking, 3));
     }
 
@@ -382,7 +456,8 @@ class SpatialFlight {
         const Turning &t = state.turned.cells;
         if (!state.has_rates) take_stages(state);
         const Index known = state.has_rates ? stride : N;
-        for (Index k = 0; k < known; k += LANES) differentiate_rates(state, k);
+        state.slopes.stride = stride;
+        for (Index k = 0; k < known; k += LANES) state.slopes.find(body, at, k);
         state.has_turns = false;
         std::fill(state.has_slopes, state.has_slopes + stride / 8, 0);
         // W_j, backwards from the landing on.
@@ -406,7 +481,7 @@ class SpatialFlight {
                     weight.x[lane] = w[0], weight.y[lane] = w[1], weight.z[lane] = w[2];
                 }
                 const Threes of_rates = weight * attitude;
-                by_rates(state, k, of_rates, by_joint);
+                state.slopes.weigh(k, of_rates, by_joint);
                 chain_joints(variables, at.motion, joints, k, 1, by_joint, (double *)(slopes + row * size), LANES);
                 by_h[row] = by_h[row] + attitude * (of_rates * inverse_inertia);
             }
@@ -452,7 +527,7 @@ class SpatialFlight {
             Threes of_rates = (weights[1] / length) * w_B;
             const Threes by_torques = by_all_torques(state, k, weights + 2 + 2 * joints);
             of_rates = of_rates + by_torques;
-            by_rates(state, k, of_rates, by_joint);
+            state.slopes.weigh(k, of_rates, by_joint);
             gather_tree(by_joint);
             add_by_base(state, k, of_rates, slopes);
         }
@@ -545,24 +620,11 @@ class SpatialFlight {
     }
 
     bool is_right_way(const Turned &turned) const {
-        const Index N = levels[level].nodes;
-        const double turn = 6.283185307179586;
-        Vector3 first{}, before{}, now{};
-        double steepest = 0;
-        for (Index k = 0; k < N + 2; ++k) {
-            const double *attitude = k == 0 ? given.start : k <= N ? turned.cells.attitudes + 9 * (k - 1) : turned.landing();
-            now = angles_about(given.angles, matrix3(attitude));
-            steepest = larger(steepest, std::fabs(given.angles[0] == given.angles[2] ? now.y - turn / 4 : now.y));
-            if (k == 0) first = before = now;
-            now.x -= turn * std::round((now.x - before.x) / turn);
-            now.z -= turn * std::round((now.z - before.z) / turn);
-            before = now;
-        }
-        const double off[] = {now.x - first.x - given.change[0], now.y - first.y - given.change[1],
-                              now.z - first.z - given.change[2]};
-        for (double each : off)
-            if (!(std::fabs(each) < given.wrong_turn)) return false;
-        return steepest <= given.most_tilt;
+        TurnsMade way(given);
+        way.take(given.start);
+        for (Index k = 0; k < levels[level].nodes; ++k) way.take(turned.cells.attitudes + 9 * k);
+        way.take(turned.landing());
+        return way.is_right();
     }
 
     // Rates, attitudes and inverse inertias at the nodes, as they are integrated.
@@ -582,37 +644,6 @@ class SpatialFlight {
         for (Index j = 0; j < tree_joints; ++j)
             for (Index e = given.first[j]; e < given.first[j + 1]; ++e)
                 of_joints[given.planned[e]] = add_product(given.ratio[e], of_tree[j], of_joints[given.planned[e]]);
-    }
-
-    // -I^-1 L and -I^-1 A at the instants computed at once.
-    void differentiate_rates(State &state, Index k) const {
-        SpatialAt &at = state.at;
-        move_bodies(given.tree, TreeJoints{at, k, threes(at.rates, stride, k), false}, at.bodies);
-        const MomentumMaps maps(at.bodies);
-        const Nines inverse_inertia = nines(at.inverse, stride, k);
-        for (double *each : {state.by_position, state.by_speed})
-            for (Index e = 0; e < 3 * joints; ++e) store(each + e * stride + k, all(0));
-        for (Index j = 0; j < tree_joints; ++j) {
-            if (given.first[j] == given.first[j + 1]) continue;
-            const Threes by_position = -(inverse_inertia * maps.slope(j)), by_speed = -(inverse_inertia * maps.of_joint(j));
-            for (Index e = given.first[j]; e < given.first[j + 1]; ++e) {
-                const Vector ratio = all(given.ratio[e]);
-                double *position = state.by_position + given.planned[e] * stride;
-                double *speed = state.by_speed + given.planned[e] * stride;
-                const Index apart = joints * stride;
-                store(position, apart, k, threes(position, apart, k) + ratio * by_position);
-                store(speed, apart, k, threes(speed, apart, k) + ratio * by_speed);
-            }
-        }
-    }
-
-    // What weights of w_B make of the joints' positions and speeds (2 joints, of 3); accelerations get none.
-    void by_rates(const State &state, Index k, Threes weights, Vector *by_joint) const {
-        const Index apart = joints * stride;
-        for (Index i = 0; i < joints; ++i) {
-            by_joint[i] = dot(weights, threes(state.by_position + i * stride, apart, k));
-            by_joint[joints + i] = dot(weights, threes(state.by_speed + i * stride, apart, k));
-        }
     }
 
     // Weights of w_B that weights of the torques (tree joints) are; what they are of the tree's joints is then in by_tree.
@@ -677,7 +708,7 @@ class SpatialFlight {
             zero(pack, 8 * 3 * size);
             for (Index d = 0; d < 3; ++d) {
                 const Threes of_rates = attitude.row[d];
-                by_rates(state, k, of_rates, by_joint);
+                state.slopes.weigh(k, of_rates, by_joint);
                 chain_joints(variables, at.motion, joints, k, 1, by_joint, (double *)(slopes + d * size), LANES);
                 const Threes by_h = attitude * (of_rates * inverse_inertia);
                 for (Index axis = 0; axis < motions.axes; ++axis) {

@@ -131,8 +131,8 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool],
     None where that cannot be integrated.
     """
     model, before = prepared.model, prepared.model.work
-    motion, flight = close(start), start.lifted.flight
-    usable = motion.is_closed() and not flight.wrong(motion.turning.way)
+    motion = close(start)
+    usable = motion.is_closed() and motion.makes_right_turns
     if usable and _is_followed(prepared):
         smaller = descend(motion)
         outcome = _within_limits(prepared, smaller, stop, before + most_work)
@@ -159,10 +159,10 @@ def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], 
     given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
     fixed = LiftedFlight(lifted.model, lifted.flight, given)
     try:
-        nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
+        nearest = close(fixed.fly(motion.cells, motion.x[:free], motion.borders))
     except IntegrationError:
         return replace(outcome, violation=np.inf)
-    usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
+    usable = nearest.is_closed() and nearest.makes_right_turns
     if not usable:
         return _judged(prepared, nearest, "infeasible")
     return prepared.attempt(Start(given, nearest.x, at_once=True), stop, until - model.work)

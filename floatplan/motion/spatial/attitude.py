@@ -16,6 +16,7 @@ S is the motion for h = 0, a linear equation for a quaternion; ``mu = Y^T B^T h`
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -104,13 +105,7 @@ class Turning:
 
     def at(self, instants: Array) -> Array:
         """Attitudes (L, 3, 3) at instants (L,) of [0, 1]."""
-        cell, integrals = self.cells.place(instants)
-        attitudes = self.borders[cell]
-        for rates in self.spun:
-            quaternions = self.step * np.einsum("ls,lsa->la", integrals, rates[cell])
-            quaternions[:, 3] += 1.0
-            attitudes = attitudes @ of_quaternions(quaternions)
-        return np.asarray(attitudes)
+        return attitudes_at(self.cells, self.duration, self.borders, self.spun, instants)
 
     @property
     def way(self) -> Array:
@@ -147,6 +142,17 @@ class Turning:
     def _asked(self, what: str, **given: Any) -> None:
         known = {"momentum": self.angular_momentum, "inverse": self.inverse_inertia, "attitudes": self.attitudes}
         _ask(what, self.cells, self.duration, **known, **given)
+
+
+def attitudes_at(cells: Cells, duration: float, borders: Array, spun: Iterable[Array], instants: Array) -> Array:
+    """Attitudes (L, 3, 3) at instants (L,) of [0, 1], from borders (C, 3, 3) and the quaternions' rates after them."""
+    cell, integrals = cells.place(instants)
+    attitudes = borders[cell]
+    for rates in spun:
+        quaternions = duration / cells.count * np.einsum("ls,lsa->la", integrals, rates[cell])
+        quaternions[:, 3] += 1.0
+        attitudes = attitudes @ of_quaternions(quaternions)
+    return np.asarray(attitudes)
 
 
 def _ask(what: str, cells: Cells, duration: float, **given: Any) -> None:

@@ -194,7 +194,7 @@ class CompiledAttempts:
         arrays = {"at_ends": np.array(changes)[self.rows[0]], "instants": instants, "tolerance": self._tolerance}
         arrays |= {"x": x, "plain": variables.plain_motion, "coefficients": None, "end_values": self.end_values}
         attempt = Filled("Attempt", self._look, minima=self.minima, thickness=self._thickness, **counts, **arrays)
-        motions = _motions(watch.flight, variables, watch.also is None)
+        motions = class_of_motions(watch.flight, variables, watch.also is None)
         rules = _rules(watch.flight.node_counts, watch.flight.bodies, self.in_plane)
         settings = constrained_settings(len(watch.flight.node_counts)), rules
         if isinstance(watch, CompiledConstraints):
@@ -238,7 +238,7 @@ def _rules(node_counts: tuple[int, ...], bodies: int, in_plane: bool) -> Structu
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
+def class_of_motions(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Filled:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form, series = polynomials.form, basis(polynomials.form).series
