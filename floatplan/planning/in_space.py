@@ -14,8 +14,15 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.attempt import Attempts, Outcome
-from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
-from floatplan.planning.search import ANNOUNCED_EVERY, SearchOptions, SearchResult, expiry, log_attempt
+from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
+from floatplan.planning.search import (
+    ANNOUNCED_EVERY,
+    ATTEMPTS_FOR_THE_IMPOSSIBLE,
+    SearchOptions,
+    SearchResult,
+    expiry,
+    log_attempt,
+)
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
@@ -27,7 +34,7 @@ DEGREES = (9, 11)  # [-] of twists, of robots with few joints, and without momen
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
-OF_ONE = 0.3  # [-] of the work, that one start may do
+OF_ONE = 0.3  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 
 
@@ -42,7 +49,7 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
     if prepared.momentum.free:
         return _tried(prepared, options, 1.0)
     result = _tried(prepared, options, WITH_GIVEN)
-    if result.holding or result.interrupted:
+    if result.holding or result.interrupted or prepared.impossible:
         return result
     flight = replace(prepared.problem.flight, angular_momentum="free")
     freed = Attempts(replace(prepared.problem, flight=flight), prepared.seed)
@@ -58,19 +65,21 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
     """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
     outcomes: list[Outcome] = []
     expired, began = expiry(options.budget and share * options.budget), prepared.model.work
-    most_work = share * options.work
+    most_work, of_one = share * options.work, OF_ONE * share * replace(options, budget=None).work
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:
         return expired() or prepared.model.work - began > most_work
 
     try:
-        for outcome in islice(_outcomes(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
+        for outcome in islice(_outcomes(prepared, options.seed, stop, of_one), MOST_STARTS):
             if outcome:
                 outcomes.append(outcome)
                 solved += outcome.holds
                 log_attempt(prepared, outcomes)
             if solved >= options.starts or stop():
+                break
+            if not solved and len(outcomes) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and prepared.impossible:
                 break
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced = time.monotonic()
@@ -142,6 +151,17 @@ def _followed(prepared: Attempts, start: LiftedMotion, stop: Callable[[], bool],
         outcome = _judged(prepared, final or motion, status)
     outcome.work = model.work - before
     return outcome if np.isfinite(outcome.missed).all() else None
+
+
+def follow_motion(prepared: Attempts, start: Start, stop: Callable[[], bool]) -> Outcome | None:
+    """Where a motion leads that is nearly one to the goal; None where it cannot be integrated."""
+    flight = prepared.model.flight
+    assert isinstance(flight, SpatialFlight), "the robot flies in space"
+    lifted = LiftedFlight(prepared.model, flight, start.variables)
+    try:
+        return _followed(prepared, nearby(lifted, start.x), stop, OF_ONE * SearchOptions().work)
+    except IntegrationError:
+        return None
 
 
 def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> Outcome:

@@ -334,6 +334,14 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
 
 
+def nearby(lifted: LiftedFlight, x: Array) -> LiftedMotion:
+    """Lift the motion x, whose error at landing is taken away evenly; errors as of :func:`turn`."""
+    grid, s = cells(CELLS, STAGES), np.arange(CELLS) / CELLS
+    flown = lifted.flown(grid, x)
+    missed = logarithm((lifted.flight.final_attitude @ flown.ends[-1].T)[None])
+    return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * missed) @ flown.borders))
+
+
 def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
     """Yield motions to close: the one with no free part, then random ones without end.
 

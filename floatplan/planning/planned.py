@@ -158,16 +158,17 @@ def _searched(
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
-    if problem.robot.in_plane is None:
-        from floatplan.planning.in_space import search_in_space  # here, since most problems do without
-
-        return Searched(prepared, search_in_space(prepared, options), began)
     result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
     if result is None:
         if near and options.budget is not None:
             left = options.budget - (time.perf_counter() - began)
             options = replace(options, budget=max(left, SHARE * options.budget))
-        result = search(prepared, options, followed=followed)
+        if problem.robot.in_plane is None:
+            from floatplan.planning.in_space import search_in_space  # here, since most problems do without
+
+            result = search_in_space(prepared, options)
+        else:
+            result = search(prepared, options, followed=followed)
     return Searched(prepared, result, began)
 
 
@@ -188,8 +189,14 @@ def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> Sear
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
     start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
-    outcome = prepared.attempt(start, expiry(None if budget is None else SHARE * budget))
-    return SearchResult([outcome]) if outcome.holds else None
+    stop = expiry(None if budget is None else SHARE * budget)
+    if prepared.problem.robot.in_plane is None:
+        from floatplan.planning.in_space import follow_motion  # here, since most problems do without
+
+        outcome = follow_motion(prepared, start, stop)
+    else:
+        outcome = prepared.attempt(start, stop)
+    return SearchResult([outcome]) if outcome and outcome.holds else None
 
 
 def motion_of(outcome: Outcome) -> tuple[SinePolynomials, Array, Array, Array | None]:

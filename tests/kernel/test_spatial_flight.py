@@ -1,4 +1,4 @@
-"""The kernel's program of flights in space: derivatives against differences, values against Pinocchio, and what follows."""
+"""The kernel's program of flights in space: derivatives, values against Pinocchio, minima, and lifted motions."""
 
 from __future__ import annotations
 

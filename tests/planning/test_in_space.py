@@ -215,7 +215,7 @@ def test_a_closed_motion_has_no_gaps_between_its_cells():
     assert any(motion.is_closed() for motion in motions)
     for motion in motions:
         if motion.is_closed():
-            landing = lifted.flown(motion.turning.cells, motion.x).ends[-1]
+            landing = lifted.flown(motion.cells, motion.x).ends[-1]
             assert np.linalg.norm(logarithm((landing @ model.flight.final_attitude.T)[None])) < 1e-5
     assert model.work > 0
 
@@ -363,6 +363,15 @@ def test_of_a_twist_the_least_torque_is_found_too():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     plan = fp.plan(replace(problem, motion=fp.Motion(degree=7, objective="torque")))
     assert "misses" in plan.explanation or plan.ok
+
+
+def test_what_fails_at_takeoff_already_is_said_and_not_searched_for():
+    problem = fp.load_problem(SPACE / "free_ur5.toml")
+    fast = replace(problem.start, velocities=[2.0, *[0.0] * 5])
+    found = planned(replace(problem, start=fast, limits=fp.Limits(velocity=1.5)), SearchOptions())
+    assert not found.plan.ok
+    assert "At takeoff the start itself is impossible" in found.plan.explanation
+    assert found.plan.solver["starts"] == 2
 
 
 @pytest.mark.parametrize(
