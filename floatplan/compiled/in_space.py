@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.compiled.constraints import SUM, SumRows, Sums, opposite_rows
 from floatplan.kernel.layout import Filled, kernel, structure_array
 from floatplan.motion.dynamics import MomentumSet
