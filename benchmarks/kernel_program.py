@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from reduced_program import Derivatives, Evaluation
 
 import floatplan as fp
 from floatplan.kernel.layout import Filled
-from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.variables import DecisionVariables
 
@@ -56,8 +56,9 @@ class KernelProgram:
         numbers = {"level": self.level, "extra": len(self.others), "back_off": self.back_off, "penalty": penalty}
         at = Filled("Evaluation", **numbers, **arrays, others=np.array(self.others), x=x)
         kernel = compiled.watch.kernel
-        evaluate = kernel.evaluate if compiled.in_plane else kernel.evaluate_in_space
-        assert not evaluate(*given, attempt.structure, at.structure, kernel.instructions), "there is memory"
+        assert not compiled.watch.evaluate(*given, attempt.structure, at.structure, kernel.instructions), (
+            "there is memory"
+        )
         assert kept, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
         return arrays | {"objective": np.array(at.structure.objective)}

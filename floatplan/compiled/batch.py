@@ -11,7 +11,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.compiled import tolerances
 from floatplan.compiled.bodies import Bodies, filled_grid, filled_robot
+from floatplan.compiled.tolerances import Settings
 from floatplan.kernel.layout import (
     ENUMERATIONS,
     STRUCTURES,
@@ -28,8 +30,6 @@ from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compen
 from floatplan.motion.planar import flight
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.optimization import sqp
-from floatplan.optimization.programs import Settings
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
@@ -43,7 +43,7 @@ UNRESOLVED = 1e-6  # the same of a plan: its square is lost
 MOST_ROUNDS = 24
 MOST_ITERATIONS = 240  # in all rounds together
 HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
-COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
+COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50)
 ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
@@ -75,7 +75,7 @@ STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMA
 
 def nearly_resolved(settings: Settings) -> Settings:
     """Return the settings of the stage before the last."""
-    return replace(settings, feasibility=NEARLY_RESOLVED, polish=False)
+    return replace(settings, feasibility=NEARLY_RESOLVED)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Search:
     starts : solved starts to choose the best from
     most_starts : starts tried, those before ``first_start`` included
     seed : of the random ones
-    longest_step : of the solver, see :class:`floatplan.optimization.programs.Settings`
+    longest_step : of the solver, see :class:`floatplan.compiled.tolerances.Settings`
     first_start : number of the first that is followed
     """
 
@@ -225,7 +225,7 @@ def constrained_settings(levels: int = len(NODE_COUNTS)) -> Structure:
 def _numbers(search: Search, steps: Steps, levels: int = len(NODE_COUNTS)) -> Structure:
     stages = tuple((each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
     others = {**vars(search), "tolerance": ORIENTATION, "levels": levels, "stages": stages}
-    return constants("Settings", vars(sqp), vars(flight), globals(), **others)
+    return constants("Settings", vars(tolerances), vars(flight), globals(), **others)
 
 
 def is_planar(flight: FlightDynamics) -> bool:

@@ -10,15 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
+from typing import Any, Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, identity
+from floatplan.compiled.attempts import nodes_of_levels
 from floatplan.compiled.bodies import unscaled_robot
-from floatplan.kernel.layout import ENUMERATIONS, Filled, kernel
-from floatplan.motion.dynamics import FlightDynamics
+from floatplan.kernel.layout import ENUMERATIONS, Filled, Kernel, kernel
+from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.flight import PlanarFlight
+from floatplan.motion.sine_polynomial import Form
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
@@ -104,6 +107,33 @@ class Sums:
         return self.weighted({quantity: identity(width)})
 
 
+class Watch(Protocol):
+    """Rows of a flight as the kernel watches them, in a plane or in space; see :class:`CompiledConstraints`.
+
+    Attributes
+    ----------
+    attempt, evaluate : the kernel's functions that follow starts, and evaluate a program
+    """
+
+    kernel: Kernel
+    rows: int
+    also: Array | None
+    first_also: int
+    differentiated: list[int]
+    attempt: Any
+    evaluate: Any
+
+    @property
+    def flight(self) -> FlightDynamics:
+        """What a problem fixes of every motion."""
+
+    def given(self, momentum: MomentumSet) -> tuple[Any, ...]:
+        """What those take first: what flies, with an angular momentum of a set, and the rows."""
+
+    def nodes(self, form: Form) -> Any:
+        """Nodes of all levels, for motions of a form."""
+
+
 class CompiledConstraints:
     """Blocks of rows of a planar flight, and the quantity ``also``, which is wanted even where no row has any.
 
@@ -149,6 +179,7 @@ class CompiledConstraints:
         about = {"rows": self.rows, "obstacles": obstacles, "sums": all_sums, "needs_accelerations": bool(accelerate)}
         self.filled = Filled("Constraints", self, shapes, **needed, **rows, **capsules, **about)
         self.references = self.robot.structure, self.filled.structure
+        self.attempt, self.evaluate = self.kernel.attempt, self.kernel.evaluate
 
     def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> None:
         """Write the rows of a block."""
@@ -168,6 +199,14 @@ class CompiledConstraints:
                 index = len(obstacles)
                 rows += [(side, i, index, block.least, 1 / block.scale) for side in sides for i in capsules]
                 obstacles.append(numbers)
+
+    def given(self, momentum: MomentumSet) -> tuple[Any, ...]:
+        """Robot and rows: h comes with the class of motions."""
+        return self.references
+
+    def nodes(self, form: Form) -> Any:
+        """Nodes of all levels, for motions of a form."""
+        return nodes_of_levels(form)
 
     def sums(self, block: SumRows) -> Array:
         """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments.

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.constraints import SUM, SumRows, Sums, opposite_rows
+from floatplan.compiled.constraints import SUM, Block, SumRows, Sums, opposite_rows
 from floatplan.kernel.layout import Filled, kernel, structure_array
-from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
-from floatplan.motion.spatial.attitude import TOLERANCES, Cells
-from floatplan.motion.spatial.flight import A_TURN_OFF, LEVELS, SLOWEST, SpatialFlight, spatial_grid
+from floatplan.motion.spatial.attitude import TOLERANCES, Cells, cells
+from floatplan.motion.spatial.flight import A_TURN_OFF, LEVELS, SLOWEST, SpatialFlight
 from floatplan.problem.attitude import STEEPEST
 
 OF_DISTANCES: dict[str, Any] = {  # there are none in space
@@ -33,10 +33,14 @@ OF_DISTANCES: dict[str, Any] = {  # there are none in space
 class SpatialConstraints:
     """Blocks of rows of a flight in space, and the quantity ``also``: as :class:`CompiledConstraints` of a plane."""
 
-    def __init__(self, flight: SpatialFlight, blocks: Sequence[SumRows], also: str = "") -> None:
+    def __init__(self, flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> None:
+        assert isinstance(flight, SpatialFlight), "these rows are of flights in space"
         self.kernel, self.flight = kernel(), flight
+        self.attempt, self.evaluate = self.kernel.attempt_in_space, self.kernel.evaluate_in_space
+        self._bodies: dict[MomentumSet, Filled] = {}
         sums = Sums(flight.dynamics.selection, flight.transmission)
-        written = [sums.rows(block) for block in blocks]
+        written = [sums.rows(block) for block in blocks if isinstance(block, SumRows)]
+        assert len(written) == len(blocks), "there are no distances in space"
         self.block_first = list(accumulate(map(len, written), initial=0))
         self.rows = self.first_also = self.block_first[-1]
         self.also = sums.each_of(also) if also else None
@@ -62,9 +66,15 @@ class SpatialConstraints:
             needs_accelerations=needs_moments or bool(all_sums[:, sums.of_accelerations].any()),
         )
 
-    def body(self, momentum: MomentumSet) -> Filled:
-        """What flies, with an angular momentum of a set."""
-        return spatial_body(self.flight, momentum, self.needs_rates)
+    def given(self, momentum: MomentumSet) -> tuple[Any, ...]:
+        """What flies, with an angular momentum of a set; the cells of all levels; and the rows."""
+        if momentum not in self._bodies:
+            self._bodies[momentum] = spatial_body(self.flight, momentum, self.needs_rates)
+        return self._bodies[momentum].structure, cells_of_levels(), self.filled.structure
+
+    def nodes(self, form: Form) -> Any:
+        """Stages of all levels, for motions of a form."""
+        return nodes_in_space(form)
 
 
 def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Filled:
@@ -98,7 +108,7 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
 @cache
 def cells_of_levels() -> Any:
     """Return the cells of all levels."""
-    return structure_array("Cells", [_cells(spatial_grid(level).cells) for level in range(len(LEVELS))])
+    return structure_array("Cells", [_cells(cells(*level)) for level in LEVELS])
 
 
 def _cells(of: Cells) -> Filled:
@@ -117,8 +127,12 @@ def _cells(of: Cells) -> Filled:
 @lru_cache(maxsize=32)
 def nodes_in_space(form: Form) -> Any:
     """Return the stages of all levels, for motions of a form."""
-    grids = map(spatial_grid, range(len(LEVELS)))
-    return structure_array("Nodes", [_nodes(grid.s, grid.weights, form) for grid in grids])
+    filled = []
+    for level in LEVELS:
+        of_level = cells(*level)
+        weights = np.tile(of_level.gauss.weights, of_level.count) / of_level.count
+        filled.append(_nodes(of_level.s, weights, form))
+    return structure_array("Nodes", filled)
 
 
 @lru_cache(maxsize=64)

@@ -147,7 +147,7 @@ class Update:
         self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
         blocks, grid, first = views.rows, views.instants, rewriting.first
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
-        bodies, n, width = constraints.bodies, constraints.joints, len(views.whitening)
+        bodies, n, width = constraints.bodies, tree.turns.shape[1], len(views.whitening)
         columns, motors = CONDITIONS + width, tree.motor_turns.shape[1]
         self._constraints, self._path = constraints.filled, constraints.path
         # Of the masses found: the robot's too.

@@ -220,11 +220,18 @@ template <typename Flight> class Constrained {
                 now->slopes, 0, nullptr, nullptr};
     }
 
+    // Operations of the dual method: its factors, and what each change of the active rows takes.
+    void count_solving() {
+        const double factors = static_cast<double>(size) * size * size;
+        program.work += rules.solving * (factors + static_cast<double>(qp.changes) * size * (near() + 3 * size));
+    }
+
     void find_step() {
         program.differentiate_rows(*now, rules.looked_ahead);
         gather(*now);
         violation_left = 0;
         elastic = !qp.solve(quadratic(hessian, now->gradient, now->equality)) || qp.held < program.equalities;
+        count_solving();
         if (elastic) return find_elastic_step();
         copy(direction, qp.x, size);
         for (Index e = 0; e < qp.held; ++e) step_equality_pulls[e] = -qp.pulls[e];
@@ -254,6 +261,7 @@ template <typename Flight> class Constrained {
             copy(product, right, size);
             for (Index e = 0; e < program.equalities; ++e) add_normal(row_of(e), penalty, left[e]);
             add_violated(penalty);
+            program.work += rules.solving * (size * size * size / 3 + near() * size);
             copy(change, right, size);
             if (!eliminate(matrix, change, size)) break;
             follow(change, slope);
@@ -289,6 +297,7 @@ template <typename Flight> class Constrained {
         for (Index e = 0; e < near(); e += LANES) {
             const Bits violated = load(linear + e) < all(0);
             if (!any(violated)) continue;
+            program.work += rules.solving * LANES * size * size / 2;
             const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
             const Vector value = select(violated, load(linear + e), all(0));
             Vector *sum = (Vector *)squares_of_rows;
@@ -475,7 +484,9 @@ template <typename Flight> class Constrained {
         zero(matrix, size * size);
         for (Index k = 0; k < size; ++k) matrix[k * size + k] = 1;
         zero(right, size);
-        if (!qp.solve(quadratic(matrix, right, trial->equality))) return false;
+        const bool solved = qp.solve(quadratic(matrix, right, trial->equality));
+        count_solving();
+        if (!solved) return false;
         add(1, qp.x, size, trial->x);
         program.evaluate(*trial);
         return true;

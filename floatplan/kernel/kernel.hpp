@@ -204,7 +204,7 @@ struct Exchange {
     double longest_free_step;
     double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping;
     double regularisation, qp_tolerance;
-    double evaluation, differentiation, entry;
+    double evaluation, differentiation, entry, solving;  // work: of a program, and of an operation of a quadratic one
     double near_miss, same, enough_work;
     double smallest_step, least_scale;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;

@@ -26,17 +26,10 @@ from floatplan.planning.transcription.compiled_attempt import (
     Ready,
     compiled_attempts,
 )
-from floatplan.planning.transcription.constraints import Constraint, applies, constraints
-from floatplan.planning.transcription.exchange import Worst
-from floatplan.planning.transcription.program import (
-    changes_at_ends,
-)
-from floatplan.planning.transcription.trajectory import (
-    EVALUATION,
-    FlightModel,
-    flight_model,
-)
+from floatplan.planning.transcription.constraints import Constraint, applies, changes_at_ends, constraints
+from floatplan.planning.transcription.minima import Worst
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
+from floatplan.planning.transcription.work import EVALUATION, FlightModel, flight_model
 from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
 from floatplan.tables import Objective as ObjectiveName
@@ -98,7 +91,7 @@ def follow_compiled(problem: Problem, start: Start) -> Followed:
 
 
 class Reached(NamedTuple):
-    """A point x, why it is one to stop at (see :class:`~floatplan.optimization.sqp.Solution`), and what it took."""
+    """A point x, why it is one to stop at (see ``STATUS``), and what it took."""
 
     x: Array
     status: str

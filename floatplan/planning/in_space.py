@@ -11,8 +11,8 @@ import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.spatial.attitude import IntegrationError
-from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.motion.spatial.attitude import IntegrationError, cells
+from floatplan.motion.spatial.flight import LEVELS, SpatialFlight
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
 from floatplan.planning.search import (
@@ -34,7 +34,7 @@ DEGREES = (9, 11)  # [-] of twists, of robots with few joints, and without momen
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
-OF_ONE = 0.3  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
+OF_ONE = 0.5  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 
 
@@ -197,4 +197,4 @@ def wrong_way(outcome: Outcome) -> str:
     flight, x = outcome.model.flight, outcome.solution.x
     assert isinstance(flight, SpatialFlight), "the robot flies in space"
     lifted = LiftedFlight(outcome.model, flight, outcome.variables)
-    return flight.wrong(lifted.flown(flight.grid(outcome.level).cells, x).way)
+    return flight.wrong(lifted.flown(cells(*LEVELS[outcome.level]), x).way)

@@ -31,8 +31,8 @@ from floatplan.motion.spatial.attitude import (
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
 from floatplan.planning.transcription.compiled_attempt import class_of_motions
-from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.work import FlightModel
 
 CELLS, STAGES = 16, 5  # of the grid that is searched on
 FINE_STAGES, FINER = 8, (16, 32, 64)  # [-] of the cells that a plan is closed in

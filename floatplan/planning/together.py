@@ -11,6 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.batch import OPTIMAL, Rows, powers_of_basis
+from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.layout import FilledRows
 from floatplan.motion.dynamics import MomentumSet
@@ -58,7 +59,6 @@ class Together:
         """One of the problems, ready for attempts: the first, from the plain motion, is done."""
         given = tuple(each.structures[row] if isinstance(each, FilledRows) else each for each in self.given)
         found, compiled = tuple(each[row] for each in self.found), self.like.compiled
-        assert compiled, "flights in space go alone"
         of_starts = self.attempts.structures[row], self.draws.structures[row]
         plain = self.plain[row]
         ready = Ready(compiled, plain, given, *of_starts, found, self.coefficients[row], self)
@@ -76,7 +76,8 @@ class Together:
 def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Together:
     """Follow the plain motions of problems; each as if it were alone."""
     compiled, variables = like.compiled, like.plain_start.variables
-    assert compiled, "flights in space go alone"
+    watch = compiled.watch
+    assert isinstance(watch, CompiledConstraints), "flights in space go alone"
     rows, polynomials, given = numbers.rows(), variables.polynomials, numbers.values["orientation"][:, 0]
     count, n = rows.boundary.shape[:2]
     durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
@@ -96,11 +97,11 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
     every_attempt = FilledRows(attempt, count, **ends, plain=plain, thickness=np.array(thickness))
     every_motion = FilledRows(motions, count, **of_motions, **of_flights)
     draws = FilledRows(draws_of(variables, True, branch[0]), count, branch=branch, offset_map=offset_map)
-    constraints = FilledRows(compiled.watch.filled, count, path=paths, **_of_constraints(compiled, numbers, count))
+    constraints = FilledRows(watch.filled, count, path=paths, **_of_constraints(compiled, numbers, count))
     robot, _, _, *others = start
     together = (robot, constraints, every_motion, *others, powers_of_basis(polynomials.width).structure)
     of = [each.structures if isinstance(each, FilledRows) else each for each in (*together, every_attempt, draws)]
-    kernel = compiled.watch.kernel
+    kernel = watch.kernel
     if kernel.attempt(*of, count, kernel.instructions):
         raise MemoryError("no memory to follow starts")
     ended = plain, (x, branch, *found), coefficients
@@ -109,7 +110,9 @@ def followed_together(like: Attempts, numbers: Numbers, most_work: float) -> Tog
 
 def _of_constraints(compiled: CompiledAttempts, numbers: Numbers, count: int) -> dict[str, Array]:
     """What of the rows each problem has for itself: obstacles, the margins to them, limits."""
-    watch, found = compiled.watch, {}
+    watch = compiled.watch
+    found: dict[str, Array] = {}
+    assert isinstance(watch, CompiledConstraints), "flights in space go alone"
     if numbers.obstacles:
         margins = np.array([[each.margin for each in own] for own in numbers.obstacles])
         least = np.tile(watch.least, (count, 1))

@@ -11,18 +11,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from general_flight import general_flight
-from general_path import take_general_path
 from kernel_program import KernelProgram
+from looked_minima import local_minima
+from reduced_program import objective
+from sampled_flight import Partials, jacobian_of, nodes_of, sample_also, trajectory, values_of
 
 import floatplan as fp
+from floatplan.compiled.attempts import CONSTRAINED_LEVEL
+from floatplan.compiled.tolerances import BACK_OFF, REGULARISATION
 from floatplan.kernel import layout
-from floatplan.motion.dynamics import Partials
-from floatplan.optimization.programs import REGULARISATION
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import Limit, applies
-from floatplan.planning.transcription.exchange import local_minima
-from floatplan.planning.transcription.program import BACK_OFF, objective
-from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.robot.planar.model import BASE_COORDINATES
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
@@ -79,9 +79,9 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     monkeypatch.setattr(kernel, "instructions", instructions)
     here, ready = program.whole(x), Attempts(problem, 0)
     model, variables = FlightModel(general_flight(problem)), program.of
-    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    nodes = nodes_of(LEVEL, variables.polynomials.form)
     motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
-    values = np.concatenate([block.values(motion) for block in ready.constraints], axis=1).T - BACK_OFF
+    values = np.concatenate([values_of(block, motion) for block in ready.constraints], axis=1).T - BACK_OFF
     known = np.isfinite(here["values"])
     when = np.array([applies(block, motion.sampling.grid.s) for block in ready.constraints for _ in block.labels])
     assert (known <= when).all()
@@ -90,9 +90,9 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     close(here["equality"][0], motion.residual[0])
     if variables.following:
         return
-    goal = objective(problem, ready.model, variables, ready.model.nodes(ready._level, variables.polynomials.form))
+    goal = objective(problem, ready.model, variables, nodes_of(CONSTRAINED_LEVEL, variables.polynomials.form))
     assert here["objective"] == pytest.approx(goal.value(motion, x), rel=1e-12)
-    slopes = np.concatenate([block.jacobian(motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
+    slopes = np.concatenate([jacobian_of(block, motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
     assert np.abs(slopes).max() > 0
     close(here["slopes"][known], slopes[known])
     close(here["row"][0], motion.residual_jacobian[0])
@@ -140,7 +140,7 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
     (block,) = Attempts(problem, 0).constraints
     assert isinstance(block, Limit)
     model = FlightModel(general_flight(problem))
-    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    nodes = nodes_of(LEVEL, variables.polynomials.form)
     motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
     joints, each = motion.motion, motion.each_joint
     q_x, v_x, a_x = (
@@ -211,8 +211,7 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
     variables = ready.plain_start.variables
     ended = ready.compiled.ready(variables, x, True).follow(range(1), -1.0, 0, asks=False)
     here = ended.worst
-    take_general_path(monkeypatch)
-    model = Attempts(problem, 0).model
+    model = FlightModel(general_flight(problem))
     there = local_minima(model, variables, ready.constraints, ended.level, ended.x)
     order, other = (np.lexsort((each.s, each.row, each.block)) for each in (here, there))
     assert here.block[order].tolist() == there.block[other].tolist()

@@ -22,8 +22,8 @@ from floatplan.planning.in_space import degrees_tried
 from floatplan.planning.lifting import LiftedFlight, close, starts
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
-from floatplan.planning.transcription.trajectory import CUBED, flight_model
 from floatplan.planning.transcription.variables import decision_variables
+from floatplan.planning.transcription.work import flight_model
 from floatplan.tables import ORIENTATION
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -422,14 +422,6 @@ def test_info_tells_what_a_robot_in_space_is():
     assert facts["joints"] == list(robot.joints)
     assert facts["mass"] == pytest.approx(robot.mass)
     assert not {"plane", "D_min", "out_of_plane_leak"} & set(facts)
-
-
-def test_quadratic_programs_count_as_work():
-    arm = fp.load_problem(SPACE / "free_ur5.toml")
-    with_limits, without = (planned(each, SearchOptions()) for each in (arm, replace(arm, limits=fp.Limits())))
-    programs = with_limits.plan.solver["iterations"] * CUBED * (4 * 6) ** 3  # of degree 9, 6 joints
-    assert programs > 0
-    assert with_limits.work > without.work + programs
 
 
 def test_an_attitude_that_says_nothing_is_named(tmp_path):

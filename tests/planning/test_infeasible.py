@@ -22,7 +22,7 @@ from floatplan.motion.planar import bounds
 from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
 from floatplan.motion.planar.closed_form import Dynamics, ballistics
 from floatplan.planning.search import DEFAULT_WORK
-from floatplan.planning.transcription.trajectory import EVALUATION
+from floatplan.planning.transcription.work import EVALUATION
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
 

@@ -132,13 +132,6 @@ class Turning:
         self._asked("transitions", transitions=transitions, turn_weights=weights)
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
 
-    def transport(self, drifts: Array, cell: IntArray, integrals: Array) -> Array:
-        """Small turns (L, 3, c) in cells, after integrals (L, S), that c drifts (K, 3, c) at the stages make."""
-        turns = np.empty((len(cell), *drifts.shape[1:]))
-        where = {"cell": cell, "reached": integrals, "instants": len(cell), "columns": drifts.shape[2]}
-        self._asked("turns", drifts=drifts, turns=turns, **where)
-        return turns
-
     def _asked(self, what: str, **given: Any) -> None:
         known = {"momentum": self.angular_momentum, "inverse": self.inverse_inertia, "attitudes": self.attitudes}
         _ask(what, self.cells, self.duration, **known, **given)
@@ -211,14 +204,6 @@ def turn(
     )
     first = 0 if angular_momentum.any() else 1
     return Turning(cells, duration, angular_momentum, begins, inverse, attitudes, rates, ends, tuple(spun[first:]))
-
-
-def small_turns(transitions: Array, drifts: Array) -> Array:
-    """Small turns (C + 1, 3, c) at the borders that c drifts (C, 3, c) of the cells make, from none at takeoff."""
-    turns = np.zeros((len(drifts) + 1, *drifts.shape[1:]))
-    for cell, (transition, drift) in enumerate(zip(transitions, drifts, strict=True)):
-        turns[cell + 1] = transition @ turns[cell] + drift
-    return turns
 
 
 def moved(attitudes: Array, turns: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Starts of a problem with constraints in a plane, followed to their ends by the kernel: ``starts.hpp``.
+"""Starts of a problem, followed to their ends by the kernel: ``starts.hpp``.
 
 What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
 """
@@ -13,21 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled import attempts
-from floatplan.compiled.attempts import knots, nodes_of_levels
+from floatplan.compiled import attempts, tolerances
+from floatplan.compiled.attempts import knots
 from floatplan.compiled.batch import FINE, SPREADS, STATUS, constrained_settings, is_planar, powers_of_basis
-from floatplan.compiled.constraints import CompiledConstraints
-from floatplan.compiled.in_space import SpatialConstraints, cells_of_levels, nodes_in_space
+from floatplan.compiled.constraints import CompiledConstraints, Watch
 from floatplan.kernel.layout import Filled, Structure, constants
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import PlanarFlight, central_reach
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
-from floatplan.optimization import programs, sqp
-from floatplan.planning.transcription import exchange, program, trajectory
-from floatplan.planning.transcription.constraints import Constraint, window_ends
-from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
-from floatplan.planning.transcription.program import changes_at_ends
+from floatplan.planning.transcription import work
+from floatplan.planning.transcription.constraints import Constraint, changes_at_ends, window_ends
+from floatplan.planning.transcription.minima import Worst, where_to_look
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
@@ -106,8 +103,7 @@ class Ready:
         attempt.first, attempt.count, attempt.most_work = numbers.start, len(numbers), most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
-        follow = kernel.attempt if self.compiled.in_plane else kernel.attempt_in_space
-        if follow(*self.given, attempt, self.draws, 1, kernel.instructions):
+        if self.compiled.watch.attempt(*self.given, attempt, self.draws, 1, kernel.instructions):
             raise MemoryError("no memory to follow a start")
         return self.ended
 
@@ -147,10 +143,8 @@ class Ready:
 class CompiledAttempts:
     """A problem with constraints made ready for the kernel."""
 
-    def __init__(
-        self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints | SpatialConstraints
-    ) -> None:
-        self.in_plane, self.tangent = isinstance(watch, CompiledConstraints), watch.flight.tangent
+    def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: Watch) -> None:
+        self.in_plane, self.tangent = is_planar(watch.flight), watch.flight.tangent
         self._problem, self._constraints, self.watch = problem, constraints, watch
         self.rows, self._window_ends = where_to_look(constraints), window_ends(constraints)
         self._thickness = min((each.thickness for each in problem.obstacles), default=np.inf)
@@ -179,15 +173,16 @@ class CompiledAttempts:
         given, kept = (*given, powers.structure), (attempt, motions, powers, draws)
         return Ready(self, x, given, attempt.structure, draws.structure, found, coefficients, kept)
 
-    def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Any]:
-        """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class.
-
-        In space what flies comes with the class.
-        """
+    def prepared(self, variables: DecisionVariables, x: Array, at_once: bool) -> tuple[tuple[Any, ...], Filled, Filled]:
+        """Return what the kernel is given of a start, the start itself, which ends at x (size,), and its class."""
         watch = self.watch
         changes = [changes_at_ends(variables, block) for block in self._constraints]
         instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
-        counts = {"bodies": watch.flight.bodies, "rows": watch.rows, "at_once": at_once}
+        counts = {
+            "bodies": watch.flight.bodies * (1.0 if self.in_plane else work.IN_KERNEL),
+            "rows": watch.rows,
+            "at_once": at_once,
+        }
         counts |= {"fixed": len(instants), "entries": sum(watch.differentiated)}
         if watch.also is not None:
             counts |= {"objective_sum": watch.first_also, "objective_sums": len(watch.also)}
@@ -197,13 +192,8 @@ class CompiledAttempts:
         motions = class_of_motions(watch.flight, variables, watch.also is None)
         rules = _rules(watch.flight.node_counts, watch.flight.bodies, self.in_plane)
         settings = constrained_settings(len(watch.flight.node_counts)), rules
-        if isinstance(watch, CompiledConstraints):
-            grids, of_flight = nodes_of_levels(variables.polynomials.form), watch.references
-            return (*of_flight, motions.structure, grids, *settings), attempt, motions
-        grids, body = nodes_in_space(variables.polynomials.form), watch.body(variables.momentum)
-        kept = motions, body
-        of_flight = body.structure, cells_of_levels(), watch.filled.structure
-        return (*of_flight, motions.structure, grids, *settings), attempt, kept
+        nodes, given = watch.nodes(variables.polynomials.form), watch.given(variables.momentum)
+        return (*given, motions.structure, nodes, *settings), attempt, motions
 
     @cached_property
     def reach(self) -> float:
@@ -217,8 +207,11 @@ def compiled_attempts(
     """Make a problem ready."""
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
     blocks = [constraint.compiled(flight) for constraint in constraints]
-    of_flight = CompiledConstraints if is_planar(flight) else SpatialConstraints
-    return CompiledAttempts(problem, constraints, of_flight(flight, blocks, quantity))
+    if is_planar(flight):
+        return CompiledAttempts(problem, constraints, CompiledConstraints(flight, blocks, quantity))
+    from floatplan.compiled.in_space import SpatialConstraints  # here, since most problems do without
+
+    return CompiledAttempts(problem, constraints, SpatialConstraints(flight, blocks, quantity))
 
 
 def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Filled:
@@ -228,13 +221,21 @@ def draws_of(variables: DecisionVariables, constrained: bool, branch: IntArray) 
     return Filled("Draws", variables, fractions=len(fraction), fraction=fraction, branch=branch, **numbers)
 
 
+@lru_cache(maxsize=32)
+def cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
+    """Level of grids up to which fewer nodes would hardly be faster."""
+    return max((level for level, count in enumerate(node_counts) if count * bodies <= tolerances.CHEAP), default=0)
+
+
 @lru_cache(maxsize=8)
 def _rules(node_counts: tuple[int, ...], bodies: int, in_plane: bool) -> Structure:
     """Every number of the search with constraints: the constant of its name."""
-    modules = attempts, sqp, programs, trajectory, program, exchange
-    others = {"cheap_level": cheap_level(node_counts, bodies), "longest_free_step": FINE.longest_step}
-    of_space = {} if in_plane else {"closer": 0, "watched_at_most": len(node_counts) - 1}
-    return constants("Exchange", *map(vars, modules), globals(), **others, **of_space)
+    modules = attempts, tolerances, work
+    others: dict[str, Any] = {"cheap_level": cheap_level(node_counts, bodies), "longest_free_step": FINE.longest_step}
+    if not in_plane:
+        others |= {"solving": work.SOLVING_IN_SPACE, "entry": work.IN_KERNEL * work.ENTRY}
+        others |= {"closer": 0, "watched_at_most": len(node_counts) - 1}
+    return constants("Exchange", *map(vars, modules), globals(), **others)
 
 
 @lru_cache(maxsize=64)
