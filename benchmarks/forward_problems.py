@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from generated_problems import random_chain
+from sampled_flight import PlanarBaseMotion, Trajectory, sample_nodes, trajectory
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.flight import PlanarBaseMotion, gauss_grid, momentum_set
-from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, flight_model, sample_nodes, trajectory
+from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
+from floatplan.planning.transcription.work import FlightModel, flight_model
 from floatplan.problem.parts import Obstacle
 
 GRADES = ("easy", "medium", "hard")

@@ -11,13 +11,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from sampled_flight import Partials, PlanarBaseMotion
 
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray
-from floatplan.motion.dynamics import Partials
 from floatplan.motion.planar.clearance import _cross
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight, planar_flight
+from floatplan.motion.planar.flight import PlanarFlight, planar_flight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 
 

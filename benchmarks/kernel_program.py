@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from reduced_program import Derivatives, Evaluation
 
 import floatplan as fp
 from floatplan.kernel.structs import Struct
-from floatplan.optimization.programs import Derivatives, Evaluation
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.variables import DecisionVariables
 
@@ -39,13 +39,20 @@ class KernelProgram:
     def whole(self, x: np.ndarray, penalty: float = 0.0) -> dict[str, np.ndarray]:
         """Everything at x, by the kernel's names; values (rows, instants), slopes (rows, instants, size)."""
         compiled, size = self._ready.compiled, len(x)
-        assert compiled, "the flight is in a plane"
+        flight = self._ready.model.flight
+        equalities = flight.tangent
         x = np.ascontiguousarray(x)
         attempt = compiled.attempt_struct(self.of, x.copy(), True)
         inputs, motions = compiled.inputs(self.of)
-        count = self._ready.model.flight.node_counts[self.level] + len(self.others)
+        count = flight.node_counts[self.level] + len(self.others)
         rows, stride = attempt.pointer.rows, -(-count // 8) * 8
-        shapes = {"gradient": (size,), "row": (size,), "hessian": (size, size), "step": (size,)}
+        shapes = {
+            "equality": (equalities,),
+            "gradient": (size,),
+            "row": (equalities, size),
+            "hessian": (size, size),
+            "step": (size,),
+        }
         shapes |= {"values": (rows, stride), "slopes": (rows, stride, size)}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         at = Struct(
@@ -58,9 +65,8 @@ class KernelProgram:
             penalty=penalty,
             **arrays,
         )
-        kernel = compiled.watch.kernel
-        no_memory = kernel.evaluate(
-            inputs.robot,
+        no_memory = compiled.watch.evaluate(
+            *inputs.flying,
             inputs.constraints,
             inputs.motions,
             inputs.levels,
@@ -68,17 +74,17 @@ class KernelProgram:
             inputs.rules,
             attempt.pointer,
             at.pointer,
-            kernel.instructions,
+            compiled.watch.kernel.instructions,
         )
         assert not no_memory
         assert motions, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
-        return arrays | {name: np.array(getattr(at.pointer, name)) for name in ("objective", "equality")}
+        return arrays | {"objective": np.array(at.pointer.objective)}
 
     def evaluate(self, x: np.ndarray) -> Evaluation[None]:
         """Values and derivatives at x."""
         it = self.whole(x)
         applies = np.isfinite(it["values"])
-        derivatives = Derivatives(it["gradient"], it["row"][None], it["slopes"][applies])
-        equality, inequality = np.atleast_1d(it["equality"]), it["values"][applies]
+        derivatives = Derivatives(it["gradient"], it["row"], it["slopes"][applies])
+        equality, inequality = it["equality"], it["values"][applies]
         return Evaluation(float(it["objective"]), equality, inequality, lambda: derivatives, None)

@@ -16,17 +16,17 @@ import casadi as ca
 import numpy as np
 from general_flight import general_flight
 from kernel_program import KernelProgram
+from reduced_program import AnyEvaluation, FlightProgram, objective
+from sampled_flight import sample_nodes
 from scipy.optimize import minimize
 
 import floatplan as fp
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.optimization.programs import AnyEvaluation
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import constraints
-from floatplan.planning.transcription.program import FlightProgram, objective
-from floatplan.planning.transcription.trajectory import FlightModel, sample_nodes
 from floatplan.planning.transcription.variables import decision_variables
+from floatplan.planning.transcription.work import FlightModel
 
 NODES = 64
 ACCEPTED = 1e-6  # largest violation at the nodes of what counts as solved

@@ -24,10 +24,10 @@ import casadi as ca
 import numpy as np
 from general_flight import GeneralFlight
 from peers import ACCEPTED, MOST_ITERATIONS, NODES, Answer, reduced_program
+from reduced_program import CoefficientNorm
 
 import floatplan as fp
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.planning.transcription.program import CoefficientNorm
 from floatplan.robot.planar.tree import PlanarTree
 
 COMPILE = ("gcc", "-O3", "-march=native", "-fPIC", "-shared")

@@ -19,7 +19,7 @@ from peers import MOST_ITERATIONS, NODES, Slsqp, reduced_program
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.planning.transcription.trajectory import FlightModel
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.robot.planar.model import BASE_COORDINATES
 
 

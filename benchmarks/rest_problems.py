@@ -9,13 +9,14 @@ from itertools import count
 import numpy as np
 import pinocchio as pin
 from generated_problems import random_chain
+from sampled_flight import sample_nodes, trajectory
 
 import floatplan as fp
 from floatplan.motion.planar.closed_form import frame_from_com
 from floatplan.motion.planar.contact_rates import equations_at, rates_at
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
-from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import decision_variables
+from floatplan.planning.transcription.work import flight_model
 
 FASTEST = 12.0  # [rad/s] of joints at takeoff and landing: motions drawn with faster ones are left out
 DENSE = 192  # nodes

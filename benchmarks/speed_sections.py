@@ -23,7 +23,6 @@ import floatplan as fp
 from floatplan.kernel.tolerances import QUADRATURE_ERROR
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
-from floatplan.optimization import programs
 
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 
@@ -90,7 +89,7 @@ def speed(counts: Counts) -> None:
     table(["problem", "floatplan", *labels], norms)
     print("  share of floatplan's time")
     table(
-        ["problem", "in ProxQP %", "in Pinocchio %", "of loading, in Pinocchio %", "of reporting, in Pinocchio %"],
+        ["problem", "in Pinocchio %", "of loading, in Pinocchio %", "of reporting, in Pinocchio %"],
         shares,
     )
     print(
@@ -104,7 +103,7 @@ def _norm(answer: object) -> str:
 
 
 def _shares(problem: fp.Problem, turns: int) -> list[str]:
-    """ProxQP's and Pinocchio's shares of planning, and Pinocchio's of loading the robot and of the plan's numbers."""
+    """Pinocchio's shares of planning, of loading the robot and of the plan's numbers."""
 
     def share(run: Callable[[], object], holder: object, names: Sequence[str]) -> str:
         began = time.perf_counter()
@@ -118,7 +117,6 @@ def _shares(problem: fp.Problem, turns: int) -> list[str]:
         urdf = Path(folder) / "robot.urdf"
         urdf.write_text(problem.robot.xml, encoding="utf-8")
         return [
-            share(lambda: fp.plan(problem), programs, ["_proxqp"]),
             share(lambda: fp.plan(problem), pin, PIN_CALLS),
             share(lambda: fp.Robot.from_urdf(urdf), pin, PIN_CALLS),
             share(lambda: plans.pop().record, pin, PIN_CALLS),

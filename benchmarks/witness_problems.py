@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from independent import Look, Worst, violations_seen
+from sampled_flight import Trajectory, sample_nodes, trajectory
 from witness_robots import witness_robot
 
 import floatplan as fp
@@ -24,8 +25,8 @@ from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_dis
 from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.transcription.trajectory import Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
+from floatplan.planning.transcription.work import flight_model
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVES

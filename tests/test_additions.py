@@ -40,12 +40,10 @@ EFFORT: Edits = {
             "        return self.torques + self.velocities\n\n    def shaped(self",
         ),
     ),
-    "floatplan/planning/transcription/trajectory.py": (
+    "floatplan/planning/transcription/constraints.py": (
         (
             '    "orientation_rate": MotionQuantity(',
             '    "efforts": MotionQuantity(\n'
-            "        lambda it: it.flown.torques + it.motion.velocities,\n"
-            "        lambda it: it.quantity_jacobian('torques') + it.quantity_jacobian('velocities'),\n"
             "        sums=lambda it: dict.fromkeys(('torques', 'velocities'), np.eye(it.tree.turns.shape[1])),\n"
             "    ),\n"
             '    "orientation_rate": MotionQuantity(',
@@ -187,10 +185,10 @@ else:
 OBSTACLE_WORKS = """
 from floatplan.inflight.prediction import DISTANCE_AIM
 from kernel_program import KernelProgram
+from sampled_flight import nodes_of, trajectory, values_of
 from floatplan.compiled.constraints import CompiledConstraints, DistanceRows
 from floatplan.motion.planar.flight import planar_flight
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio.panel import ObstaclesTab, obstacle_dials
 from floatplan.view.scene.scene import obstacle_slab
@@ -213,10 +211,10 @@ assert plan.clearances(times).min() >= 0.02 - 1e-8
 
 ready = Attempts(asked, 0)
 start = ready.plain_start
-nodes = ready.model.nodes(4, start.variables.polynomials.form)
+nodes = nodes_of(4, start.variables.polynomials.form)
 of_kernel = KernelProgram(asked, 4).whole(start.x)["values"]
 (block,) = ready.constraints
-by_numpy = block.values(trajectory(ready.model, start.variables, nodes, start.x)).T
+by_numpy = values_of(block, trajectory(ready.model, start.variables, nodes, start.x)).T
 assert np.allclose(of_kernel, by_numpy, rtol=1e-10, atol=1e-10) and np.abs(of_kernel).max() > 0
 
 assert verdicts(plan, "obstacle") == {"obstacles[0] bend": "proved"}

@@ -14,39 +14,20 @@ from floatplan.arrays import Array, IntArray
 from floatplan.compiled.bodies import Bodies, grid_struct, robot_struct
 from floatplan.kernel.library import Kernel, kernel
 from floatplan.kernel.structs import FFI, Struct, StructArray, doubles, enumeration
-from floatplan.kernel.tolerances import COARSE as COARSE_STAGE
-from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, NEARLY_RESOLVED, SETTINGS, Stage
-from floatplan.kernel.tolerances import FINE as FINE_STAGE
-from floatplan.kernel.tolerances import ROUGH as ROUGH_STAGE
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, SETTINGS
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.optimization.programs import Settings
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION
 
-
-def solver_settings(stage: Stage, *, longest_step: float = SETTINGS.longest_step, polish: bool = True) -> Settings:
-    """Return the settings of the solver in Python for a stage of a search."""
-    return Settings(stage.feasibility, stage.optimality, stage.iterations, longest_step, polish)
-
-
-COARSE = solver_settings(COARSE_STAGE, polish=False)
-ROUGH = solver_settings(ROUGH_STAGE, polish=False)
-FINE = solver_settings(FINE_STAGE)
-CAUTIOUS = solver_settings(FINE_STAGE, longest_step=CONSTRAINED_SETTINGS.longest_step)
 USUAL_NODES = 128  # [-] grids of more are made where they are needed
 NODES_OF_LEVELS = np.array(NODE_COUNTS, dtype=np.int64)
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = enumeration("Status")
 STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-
-
-def nearly_resolved(settings: Settings) -> Settings:
-    """Return the settings of the stage before the last."""
-    return replace(settings, feasibility=NEARLY_RESOLVED, polish=False)
 
 
 @dataclass(frozen=True)
@@ -58,14 +39,14 @@ class Search:
     starts : solved starts to choose the best from
     most_starts : starts tried, those before ``first_start`` included
     seed : of the random ones
-    longest_step : of the solver, see :class:`floatplan.optimization.programs.Settings`
+    longest_step : of the solver, see :class:`floatplan.kernel.tolerances.Settings`
     first_start : number of the first that is followed
     """
 
     starts: int = 1
     most_starts: int = 1
     seed: int = 0
-    longest_step: float = FINE.longest_step
+    longest_step: float = SETTINGS.longest_step
     first_start: int = 0
 
 
@@ -213,9 +194,9 @@ def _settings(search: Search) -> Struct:
 
 
 @cache
-def constrained_settings() -> Struct:
-    """Return those of a search with inequalities."""
-    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS, tolerance=ORIENTATION, levels=len(NODE_COUNTS)))
+def constrained_settings(levels: int = len(NODE_COUNTS)) -> Struct:
+    """Return those of a search with inequalities, on so many levels of grids."""
+    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS, tolerance=ORIENTATION, levels=levels))
 
 
 def is_planar(flight: FlightDynamics) -> bool:

@@ -10,16 +10,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
+from typing import Any, Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, identity
+from floatplan.compiled.attempts import nodes_of_levels
 from floatplan.compiled.bodies import unscaled_robot
-from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, enumeration, integers
-from floatplan.motion.dynamics import FlightDynamics
+from floatplan.kernel.library import Kernel, kernel
+from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, enumeration, integers
+from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.flight import PlanarFlight
+from floatplan.motion.sine_polynomial import Form
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
@@ -49,6 +52,93 @@ Written = list[tuple[int, int, int, float, float]]  # of rows: kind, two indices
 Block = DistanceRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
 
 
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """The kernel's sums: of a constant, the base's rate, n velocities, n accelerations, and m moments that turn links.
+
+    ``turns`` (m, n) and ``motor_turns`` (m, M) make the torques of n joints and of M motors of the moments; in space
+    these are the torques of the tree's own joints, and the base's rate is its magnitude.
+    """
+
+    turns: Array
+    motor_turns: Array
+
+    @property
+    def terms(self) -> int:
+        """How many."""
+        links, joints = self.turns.shape
+        return int(2 + 2 * joints + links)
+
+    @property
+    def of_moments(self) -> slice:
+        """Which are of moments."""
+        return slice(2 + 2 * self.turns.shape[1], None)
+
+    @property
+    def of_accelerations(self) -> slice:
+        """Which are of accelerations."""
+        joints = self.turns.shape[1]
+        return slice(2 + joints, 2 + 2 * joints)
+
+    def rows(self, block: SumRows) -> Array:
+        """Rows (r, terms) of a block; of many (N, r, terms)."""
+        rows = self.weighted(block.weights)
+        rows[..., 0] = block.constant
+        return rows
+
+    def weighted(self, weights: Mapping[str, Array]) -> Array:
+        """The same of quantities alone."""
+        n = self.turns.shape[1]
+        rows = np.zeros((*next(iter(weights.values())).shape[:-1], self.terms))
+        of_torques = {"torques": self.turns, "motor_torques": self.motor_turns}
+        begins = {"orientation_rate": 1, "velocities": 2, "accelerations": 2 + n}
+        for quantity, own in weights.items():
+            assert quantity in QUANTITIES, f"the kernel knows no limits of {quantity}"
+            if quantity in of_torques:
+                rows[..., self.of_moments] += own @ of_torques[quantity].T[: own.shape[-1]]
+            else:
+                begin = begins[quantity]
+                rows[..., begin : begin + own.shape[-1]] += own
+        return rows
+
+    def each_of(self, quantity: str) -> Array:
+        """The numbers of a quantity, each on its own."""
+        joints, motors = (int(turns.shape[1]) for turns in (self.turns, self.motor_turns))
+        width = {"motor_torques": motors, "orientation_rate": 1}.get(quantity, joints)
+        return self.weighted({quantity: identity(width)})
+
+
+class Watch(Protocol):
+    """Rows of a flight as the kernel watches them, in a plane or in space; see :class:`CompiledConstraints`.
+
+    Attributes
+    ----------
+    struct : Struct
+        Of the rows.
+    attempt, evaluate : functions of the kernel
+        They follow starts, and evaluate a program.
+    """
+
+    kernel: Kernel
+    struct: Struct
+    rows: int
+    also: Array | None
+    first_also: int
+    differentiated: list[int]
+    attempt: Any
+    evaluate: Any
+
+    @property
+    def flight(self) -> FlightDynamics:
+        """What a problem fixes of every motion."""
+
+    def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
+        """What these functions are given first: structs of what flies, with an angular momentum of a set."""
+
+    def nodes(self, form: Form) -> StructArray:
+        """Nodes of all levels, for motions of a form."""
+
+
 class CompiledConstraints:
     """Blocks of rows of a planar flight, and the quantity ``also``, which is wanted even where no row has any.
 
@@ -66,8 +156,8 @@ class CompiledConstraints:
         assert isinstance(flight, PlanarFlight), "the kernel's rows are of flights in a plane"
         self.kernel, self.flight = kernel(), flight
         tree = flight.tree
-        self.links, self.joints = tree.turns.shape
-        self.terms = 2 + 2 * self.joints + self.links
+        self._sums = Sums(tree.turns, tree.motor_turns)
+        self.terms = self._sums.terms
         self.bodies, self.robot = unscaled_robot(tree)
         written: Written = []
         obstacles: list[list[float]] = []
@@ -78,13 +168,13 @@ class CompiledConstraints:
             self.block_first.append(len(written))
         self.rows, self.first_also = len(written), sum(map(len, sums))
         kind, first, second, least, per_scale = zip(*written, strict=True) if written else ((),) * 5
-        self.also = self.sums(_each_of(flight, also)) if also else None
+        self.also = self._sums.each_of(also) if also else None
         all_sums = np.concatenate((np.empty((0, self.terms)), *sums, *(() if self.also is None else (self.also,))))
         own = all_sums[: self.first_also]
-        needs_moments = "torque" in also or bool(own[:, 2 + 2 * self.joints :].any())
-        accelerate = needs_moments or also == "accelerations" or own[:, 2 + self.joints : 2 + 2 * self.joints].any()
+        needs_moments = "torque" in also or bool(own[:, self._sums.of_moments].any())
+        accelerate = needs_moments or also == "accelerations" or own[:, self._sums.of_accelerations].any()
         shapes, ends = flight.link_shapes, _ends(tree, flight.link_shapes)
-        opposite = _opposite(kind, first, own)
+        opposite = opposite_rows(kind, first, own)
         self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
         path = flight.ballistics
         self.path = np.array([*path.position0, *path.velocity0, path.gravity])
@@ -110,13 +200,15 @@ class CompiledConstraints:
             per_scale=doubles(per_scale),
             sums=doubles(all_sums),
         )
+        self.attempt = self.kernel.attempt
+        self.evaluate = self.kernel.evaluate
 
     def _write(self, block: Block, rows: Written, obstacles: list[list[float]], sums: list[Array]) -> None:
         """Write the rows of a block."""
         if isinstance(block, SumRows | Shares):
             kind = SUM if isinstance(block, SumRows) else SHARE
             shares = [] if isinstance(block, SumRows) else filter(None, (block.used, block.also))
-            parts = [self.sums(block)] if isinstance(block, SumRows) else list(map(self._sum, shares))
+            parts = [self.sums(block)] if isinstance(block, SumRows) else list(map(self._sums.weighted, shares))
             begin, count = sum(map(len, sums)), len(parts[0])
             rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
             sums += parts
@@ -130,28 +222,20 @@ class CompiledConstraints:
                 rows += [(side, i, index, block.least, 1 / block.scale) for side in sides for i in capsules]
                 obstacles.append(numbers)
 
+    def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
+        """Return the robot: h comes with the class of motions."""
+        return (self.robot.pointer,)
+
+    def nodes(self, form: Form) -> StructArray:
+        """Return the nodes of all levels, for motions of a form."""
+        return nodes_of_levels(form)
+
     def sums(self, block: SumRows) -> Array:
         """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments.
 
         Of many (N, r, terms).
         """
-        rows = self._sum(block.weights)
-        rows[..., 0] = block.constant
-        return rows
-
-    def _sum(self, weighted: Mapping[str, Array]) -> Array:
-        n, tree = self.joints, self.flight.tree
-        rows = np.zeros((*next(iter(weighted.values())).shape[:-1], self.terms))
-        of_torques = {"torques": tree.turns, "motor_torques": tree.motor_turns}
-        begins = {"orientation_rate": 1, "velocities": 2, "accelerations": 2 + n}
-        for quantity, weights in weighted.items():
-            assert quantity in QUANTITIES, f"the kernel knows no limits of {quantity}"
-            if quantity in of_torques:
-                rows[..., 2 + 2 * n :] += weights @ of_torques[quantity].T[: weights.shape[-1]]
-            else:
-                begin = begins[quantity]
-                rows[..., begin : begin + weights.shape[-1]] += weights
-        return rows
+        return self._sums.rows(block)
 
 
 @lru_cache(maxsize=16)
@@ -181,7 +265,7 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
     return (HALF_PLANE_START, HALF_PLANE_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
 
 
-def _opposite(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:
+def opposite_rows(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:
     """Of each row an earlier one whose derivatives are the opposite; -1 where there is none."""
     known: dict[bytes, int] = {}
     found, weights = [-1] * len(kind), sums[:, 1:]
@@ -192,13 +276,6 @@ def _opposite(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[in
             found[row] = known.get(opposite[bits], -1)
             known.setdefault(own[bits], row)
     return found
-
-
-def _each_of(flight: PlanarFlight, quantity: str) -> SumRows:
-    """Return the numbers of a quantity, each on its own."""
-    joints, motors = (int(turns.shape[1]) for turns in (flight.tree.turns, flight.tree.motor_turns))
-    width = {"motor_torques": motors, "orientation_rate": 1}.get(quantity, joints)
-    return SumRows(np.zeros(width), {quantity: identity(width)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -147,7 +147,7 @@ class _CalledArrays:
     @classmethod
     def empty(cls, constraints: CompiledConstraints, instants: int, width: int, motors: int) -> _CalledArrays:
         """Return room for a flight with so many instants, free polynomials of each joint, and motors."""
-        n = constraints.joints
+        n = constraints.flight.tree.turns.shape[1]
         columns = CONDITIONS + width
         return cls(
             measured_positions=np.zeros(n),
@@ -180,7 +180,7 @@ class Update:
         grid = views.instants
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
         bodies = constraints.bodies
-        n = constraints.joints
+        n = tree.turns.shape[1]
         width = len(views.whitening)
         motors = tree.motor_turns.shape[1]
         self._first = rewriting.first

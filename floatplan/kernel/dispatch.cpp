@@ -91,6 +91,25 @@ EXPORT Index floatplan_evaluate(const Robot *robot, const Constraints *constrain
     return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
 }
 
+EXPORT Index floatplan_attempt_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints,
+                                        const Motions *motions, const Nodes *levels, const Settings *settings,
+                                        const Exchange *rules, const Powers *powers, Attempt *attempts, Draws *draws,
+                                        Index count, Index instructions) {
+    return CHOSEN(follow_in_space(bodies, cells, constraints, motions, levels, *settings, *rules, powers, attempts, draws,
+                                  count));
+}
+
+EXPORT Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *cells, const Constraints *constraints,
+                                         const Motions *motions, const Nodes *levels, const Settings *settings,
+                                         const Exchange *rules, Attempt *attempt, Evaluation *at, Index instructions) {
+    return CHOSEN(evaluate_in_space(*body, cells, *constraints, *motions, levels, *settings, *rules, *attempt, *at));
+}
+
+EXPORT Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,
+                            Lifted *lifted, Index instructions) {
+    return CHOSEN(lift_motion(*body, *cells, *motions, *nodes, *lifted));
+}
+
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));
 }

@@ -10,6 +10,13 @@ Index follow_rows(const Robot &robot, const Constraints *constraints, const Moti
                   Index count);
 Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
                        const Settings &settings, const Exchange &rules, Attempt &attempt, Evaluation &at);
+Index follow_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints, const Motions *motions,
+                      const Nodes *levels, const Settings &settings, const Exchange &rules, const Powers *powers,
+                      Attempt *attempts, Draws *draws, Index count);
+Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Constraints &constraints, const Motions &motions,
+                        const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
+                        Evaluation &at);
+Index lift_motion(const SpatialBody &body, const Cells &cells, const Motions &motions, const Nodes &nodes, Lifted &of);
 Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion);
 Index turn_in_space(const Turning &turning, Asked asked);
 Index bound_boxes(const Cosines &cosines);

@@ -207,7 +207,7 @@ typedef struct {
     double longest_free_step;
     double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping;
     double regularisation, qp_tolerance;
-    double evaluation, differentiation, entry;
+    double evaluation, differentiation, entry, solving;  // work: of a program, and of an operation of a quadratic one
     double near_miss, same, enough_work;
     double smallest_step, least_scale;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
@@ -217,7 +217,7 @@ typedef struct {
 
 // Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
 typedef struct {
-    Index first, count, started;              // numbers: the first, how many at most, and how many were followed
+    Index first, count, started;              // numbers: the first, how many at most (0: x is judged as it is); followed
     Index rows, at_once, objective_sum, objective_sums;
     double most_work, bodies, entries;
     double thickness;                         // m, the least one of an obstacle; infinite where there is none
@@ -226,13 +226,15 @@ typedef struct {
     double objective_scale;
     double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is asked first
     Index ends_hold, path_is_clear;           // what was answered; 0 where nothing was asked
+    double *end_values;                       // (rows, 2): then also values of rows at takeoff and at landing
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
     const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing
     const double *instants;                   // (fixed): beside the nodes, always
     Index fixed;
     Minima minima;                            // of where it ended
     double *x;                                // (size): start number 0, then the best end
-    double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; (14) with its sign
+    double violation, work;                   // the largest one of (14) or of a row, 0 where all hold
+    double missed[3];                         // what the attitude at landing lacks, with its signs: (14), or in space
     double objective;                         // of that, at the finest nodes, where it is one of sums
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
@@ -243,8 +245,9 @@ typedef struct {
 typedef struct {
     Index level, extra;
     const double *others, *x;                 // (extra), rising; (size)
-    double back_off, penalty, objective, equality;
-    double *gradient, *row, *hessian, *step;  // (size), of (14) (size), (size, size), (size)
+    double back_off, penalty, objective;
+    double *equality;                         // (equalities)
+    double *gradient, *row, *hessian, *step;  // (size), of the equalities (.., size), (size, size), (size)
     double *values, *slopes;                  // (rows, instants ..), (rows, instants .., size)
 } Evaluation;
 
@@ -353,6 +356,42 @@ typedef struct {
     double *turns;                          // (instants, 3, columns)
 } Turning;
 
+// What flies in space, see spatial_flight.hpp. Joint j of the tree is at reference[j] + sum of ratio[e] q[planned[e]], e from
+// first[j] to first[j + 1].
+typedef struct {
+    SpatialTree tree;
+    Index joints;                           // that are planned
+    const Index *first, *planned;           // (tree joints + 1), ()
+    const double *ratio, *reference;        // (), (tree joints)
+    const double *start, *goal;             // (3, 3): attitudes at takeoff, and required at landing
+    const Index *angles;                    // (3): the axes about which the goal's angles are, or null
+    const double *change;                   // (3): by how much these change in flight, rad
+    double wrong_turn, most_tilt, slowest;  // rad: another change, a tilt too near to 90 degrees; a turn not resolved
+    const double *momentum, *axes;          // (3), (3, H): h = momentum + axes y
+    Index needs_rates;                      // whether rows or sums depend on the base's rates
+    Index sweeps;                           // this and the next as of Turning
+    double settled, largest;
+} SpatialBody;
+
+// Cells of one level in which the base's turning is integrated.
+typedef struct {
+    Index cells, stages;
+    const double *integrals, *weights;      // (stages, stages), (stages)
+    const double *tail;                     // (2, stages): the last Legendre coefficients
+    const double *antiderivative;           // (stages + 1, stages): in Chebyshev polynomials of 2 s - 1
+} Cells;
+
+// A motion in cells that each begin with an attitude of their own, see lifting.hpp; gaps, rad, go from the cells' ends to the
+// next borders, at last to the goal. Instants are stage by stage, those of all cells side by side.
+typedef struct {
+    const double *x, *borders;              // (size), (cells, 3, 3)
+    double *ends, *gaps;                    // (cells, 3, 3), (cells, 3)
+    double *spun;                           // (2, cells, stages, 4): carried_rates and still_rates of Turning
+    double *carried;                        // (cells, 3, cells, 3): turns of the ends that turns at the cells' ends make
+    double *turns;                          // (cells, 3, size): turns of the ends that x makes where no gap changes
+    Index is_right_way;                     // whether turns and tilt are those that are wanted
+} Lifted;
+
 // constant + sum_l amplitude_l cos(frequency_l . q + phase_l), and boxes of q, rad, to bound it on, cut in two or not.
 typedef struct {
     Index joints;
@@ -414,6 +453,19 @@ Index floatplan_attempt(const Robot *robot, const Constraints *constraints, cons
 Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
                          const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
                          Evaluation *at, Index instructions);
+
+// The same two of flights in space.
+Index floatplan_attempt_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints,
+                                 const Motions *motions, const Nodes *levels, const Settings *settings,
+                                 const Exchange *rules, const Powers *powers, Attempt *attempts, Draws *draws,
+                                 Index count, Index instructions);
+Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *cells, const Constraints *constraints,
+                                  const Motions *motions, const Nodes *levels, const Settings *settings,
+                                  const Exchange *rules, Attempt *attempt, Evaluation *at, Index instructions);
+
+// A lifted motion of one; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
+Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,
+                     Lifted *lifted, Index instructions);
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions);

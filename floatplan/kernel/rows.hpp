@@ -12,13 +12,13 @@ static inline void add_orders(int orders, const Vector *weights, const double *b
     }
 }
 
-// Derivatives (size), `apart` from one another, of what m.by says at the instants from k on that are computed at once,
-// added: by positions, and by as many of their derivatives as `orders` says; with these also by h.
-static inline void chain(const Variables &variables, const Motion &m, Index n, Index k, int orders, double *slopes,
-                         Index apart) {
+// Derivatives (size), `apart` from one another, of what `by` says at the instants from k on that are computed at once, added:
+// by positions (n), and by as many of their derivatives as `orders` says.
+static inline void chain_joints(const Variables &variables, const Motion &m, Index n, Index k, int orders, const Vector *by,
+                                double *slopes, Index apart) {
     const Index size = variables.size, *columns = variables.columns, first = columns[n], axes = size - first;
     const Index stride = variables.stride;
-    const Vector *by = (const Vector *)m.by, per_second = all(m.per_second);
+    const Vector per_second = all(m.per_second);
     for (Index i = 0; i < n; ++i) {
         const Index at = i * m.stride + k, from = columns[i];
         const Vector sine = load(m.sine + at), cosine = load(m.cosine + at);
@@ -40,7 +40,15 @@ static inline void chain(const Variables &variables, const Motion &m, Index n, I
             add_orders(orders, weights, variables.of_axes + i * axes * stride + k, stride, n * axes * stride, axes,
                        slopes + first * apart, apart);
     }
-    for (Index axis = 0; orders > 0 && axis < axes; ++axis) {
+}
+
+// The same of what m.by says, with derivatives also by h.
+static inline void chain(const Variables &variables, const Motion &m, Index n, Index k, int orders, double *slopes,
+                         Index apart) {
+    const Vector *by = (const Vector *)m.by;
+    chain_joints(variables, m, n, k, orders, by, slopes, apart);
+    const Index first = variables.columns[n];
+    for (Index axis = 0; orders > 0 && axis < variables.size - first; ++axis) {
         double *slope = slopes + (first + axis) * apart;
         store(slope, add_product(variables.axes[axis], by[3 * n], load(slope)));
     }
@@ -106,11 +114,20 @@ INLINED Nearest nearest(const Constraints &constraints, const Motion &m, Index r
     return found;
 }
 
+// What sums are of: a constant, the base's rate, velocities and accelerations of joints, moments or torques of links.
+struct Terms {
+    Index joints, links;
+
+    Index count() const { return 2 + 2 * joints + links; }
+};
+
+static inline Terms terms_of(const Robot &robot) { return {robot.joints, robot.links}; }
+
 // Values of a sum at the instants from one on, until another.
-static inline void sum_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index sum,
-                              Index from, Index to, double *value) {
-    const Index n = robot.joints;
-    const double *weights = constraints.sums + sum * (2 + 2 * n + robot.links);
+static inline void sum_values(Terms terms, const Constraints &constraints, const Motion &m, Index sum, Index from, Index to,
+                              double *value) {
+    const Index n = terms.joints;
+    const double *weights = constraints.sums + sum * terms.count();
     for (Index k = from; k < to; k += LANES) store(value + k - from, all(weights[0]));
     auto add = [&](Index term, const double *values) {
         if (weights[term] == 0) return;
@@ -122,38 +139,66 @@ static inline void sum_values(const Robot &robot, const Constraints &constraints
     for (Index i = 0; i < n; ++i) add(2 + i, m.speed + i * m.stride);
     for (Index i = 0; i < n; ++i) add(2 + n + i, m.acceleration + i * m.stride);
     if (constraints.needs_moments)
-        for (Index b = 0; b < robot.links; ++b) add(2 + 2 * n + b, m.moment + b * m.stride);
+        for (Index b = 0; b < terms.links; ++b) add(2 + 2 * n + b, m.moment + b * m.stride);
 }
 
-static inline Vector sum_at(const Robot &robot, const Constraints &constraints, const Motion &m, Index sum, Index k) {
+static inline Vector sum_at(Terms terms, const Constraints &constraints, const Motion &m, Index sum, Index k) {
     double value[LANES];
-    sum_values(robot, constraints, m, sum, k, k + LANES, value);
+    sum_values(terms, constraints, m, sum, k, k + LANES, value);
     return load(value);
+}
+
+// Values of a row of sums at the instants from one on, until another.
+static inline void limit_values(Terms terms, const Constraints &constraints, const Motion &m, Index row, Index from,
+                                Index to, double *value) {
+    const Index kind = constraints.kind[row], second = constraints.second[row];
+    sum_values(terms, constraints, m, constraints.first[row], from, to, value);
+    for (Index k = from; kind == share_row && k < to; k += LANES) {
+        const Vector left = all(1) - magnitude(load(value + k - from));
+        store(value + k - from, second < 0 ? left : left - magnitude(sum_at(terms, constraints, m, second, k)));
+    }
+}
+
+// Values of one of opposite derivatives to those of another row, which are known: the sum of both is constant.
+static inline void opposite_values(Terms terms, const Constraints &constraints, const Motion &m, Index row, double *values) {
+    const Index opposite = constraints.opposite[row];
+    const double *known = values + opposite * m.stride, *sums = constraints.sums;
+    double *value = values + row * m.stride;
+    const Vector both = all(sums[constraints.first[row] * terms.count()] + sums[constraints.first[opposite] * terms.count()]);
+    for (Index k = 0; k < m.instants; k += LANES) store(value + k, both - load(known + k));
+}
+
+// By how much a row of sums changes with each of their terms (terms), at the instants that are computed at once.
+static inline void limit_weights(Terms terms, const Constraints &constraints, const Motion &m, Index row, Index k,
+                                 Vector *weights) {
+    for (Index term = 0; term < terms.count(); ++term) weights[term] = all(0);
+    for (Index sum : {constraints.first[row], constraints.second[row]}) {
+        if (sum < 0 || (sum != constraints.first[row] && constraints.kind[row] == sum_row)) continue;
+        const double *own = constraints.sums + sum * terms.count();
+        Vector sign = all(1);
+        if (constraints.kind[row] == share_row) {
+            const Vector value = sum_at(terms, constraints, m, sum, k);
+            sign = select(value > all(0), all(-1), select(value < all(0), all(1), all(0)));
+        }
+        for (Index term = 0; term < terms.count(); ++term) weights[term] = add_product(own[term], sign, weights[term]);
+    }
 }
 
 // Values of a row at the instants from one on, until another.
 static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
                               Index from, Index to, double *value) {
-    const Index kind = constraints.kind[row], second = constraints.second[row];
+    const Index kind = constraints.kind[row];
     const Vector least = all(constraints.least[row]), per_scale = all(constraints.per_scale[row]);
     for (Index k = from; kind > share_row && k < to; k += LANES)
         store(value + k - from, (nearest(constraints, m, row, k).distance - least) * per_scale);
-    if (kind <= share_row) sum_values(robot, constraints, m, constraints.first[row], from, to, value);
-    for (Index k = from; kind == share_row && k < to; k += LANES) {
-        const Vector left = all(1) - magnitude(load(value + k - from));
-        store(value + k - from, second < 0 ? left : left - magnitude(sum_at(robot, constraints, m, second, k)));
-    }
+    if (kind <= share_row) limit_values(terms_of(robot), constraints, m, row, from, to, value);
 }
 
-// Values (instants) of one of the rows (rows, stride) after those before it: of opposite derivatives the sum is constant.
+// Values (instants) of one of the rows (rows, stride) after those before it.
 static inline void next_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
                                double *values) {
-    const Index opposite = constraints.opposite[row], terms = 2 + 2 * robot.joints + robot.links;
-    double *value = values + row * m.stride;
-    if (opposite < 0) return row_values(robot, constraints, m, row, 0, m.instants, value);
-    const double *known = values + opposite * m.stride, *sums = constraints.sums;
-    const Vector both = all(sums[constraints.first[row] * terms] + sums[constraints.first[opposite] * terms]);
-    for (Index k = 0; k < m.instants; k += LANES) store(value + k, both - load(known + k));
+    if (constraints.opposite[row] >= 0) return opposite_values(terms_of(robot), constraints, m, row, values);
+    row_values(robot, constraints, m, row, 0, m.instants, values + row * m.stride);
 }
 
 // Derivatives (size, 8) of a row at the 8 instants about k, those from k on that are computed at once; those (size), so
@@ -161,21 +206,11 @@ static inline void next_values(const Robot &robot, const Constraints &constraint
 static inline void differentiate_row(const Robot &robot, const Constraints &constraints, Motion &m,
                                      const Variables &variables, Index row, Index k,
                                      const double *attitude_slopes, Index apart, double *pack) {
-    const Index n = robot.joints, bodies = robot.bodies, terms = 2 + 2 * n + robot.links;
+    const Index n = robot.joints, bodies = robot.bodies;
     double *slopes = pack + k % 8;
     if (constraints.kind[row] <= share_row) {
         Vector *weights = (Vector *)m.weights;
-        for (Index term = 0; term < terms; ++term) weights[term] = all(0);
-        for (Index sum : {constraints.first[row], constraints.second[row]}) {
-            if (sum < 0 || (sum != constraints.first[row] && constraints.kind[row] == sum_row)) continue;
-            const double *own = constraints.sums + sum * terms;
-            Vector sign = all(1);
-            if (constraints.kind[row] == share_row) {
-                const Vector value = sum_at(robot, constraints, m, sum, k);
-                sign = select(value > all(0), all(-1), select(value < all(0), all(1), all(0)));
-            }
-            for (Index term = 0; term < terms; ++term) weights[term] = add_product(own[term], sign, weights[term]);
-        }
+        limit_weights(terms_of(robot), constraints, m, row, k, weights);
         differentiate_sum(robot, m, k, weights, constraints.needs_moments);
         for (Index c = 0; c < variables.size; ++c) store(slopes + 8 * c, all(0));
         return chain(variables, m, n, k, constraints.needs_accelerations ? 2 : 1, slopes, 8);

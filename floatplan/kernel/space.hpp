@@ -98,16 +98,30 @@ static inline Carried own_body(const SpatialTree &tree, const SpatialBodies &at,
     return it;
 }
 
+// Joints and the base's rates as SpatialMotion holds them.
+struct JointsOfMotion {
+    const SpatialMotion &m;
+    const Instants &k;
+    const Index n;
+
+    Vector position(Index j) const { return k.load(m.positions + j, n); }
+    Vector speed(Index j) const { return k.load(m.velocities + j, n); }
+    Vector acceleration(Index j) const { return k.load(m.accelerations + j, n); }
+    bool accelerate() const { return m.accelerations; }
+    Threes rates() const { return m.rates ? k.load3(m.rates) : nothing(); }
+};
+
 // Where the bodies are and how they move, the base without acceleration, and what each carries.
-static inline void move_bodies(const SpatialTree &tree, const SpatialMotion &m, const Instants &k, SpatialBodies &at) {
+template <typename Joints>
+static inline void move_bodies(const SpatialTree &tree, const Joints &joints, SpatialBodies &at) {
     const Index n = tree.joints;
     at.turned[0] = multiple(all(1)), at.place[0] = nothing();
-    at.velocity[0] = {nothing(), m.rates ? k.load3(m.rates) : nothing()};
+    at.velocity[0] = {nothing(), joints.rates()};
     at.acceleration[0] = {nothing(), nothing()};
     for (Index j = 0; j < n; ++j) {
         const Index from = tree.parent[j], to = j + 1;
         const Threes axis = triple<Vector>(tree.axis + 3 * j);
-        const Vector q = k.load(m.positions + j, n), speed = k.load(m.velocities + j, n);
+        const Vector q = joints.position(j), speed = joints.speed(j);
         Nines turned = at.turned[from] * square<Vector>(tree.turned + 9 * j);
         Threes place = at.place[from] + at.turned[from] * triple<Vector>(tree.placed + 3 * j);
         const Threes along = turned * axis;
@@ -126,30 +140,47 @@ static inline void move_bodies(const SpatialTree &tree, const SpatialMotion &m, 
         at.own[j] = at.before[j] + turning;
         at.turned[to] = turned, at.place[to] = place, at.velocity[to] = v;
         at.acceleration[to] = at.acceleration[from] + speed * turning;
-        if (m.accelerations) at.acceleration[to] = at.acceleration[to] + k.load(m.accelerations + j, n) * of;
+        if (joints.accelerate()) at.acceleration[to] = at.acceleration[to] + joints.acceleration(j) * of;
     }
     for (Index body = 0; body <= n; ++body) at.carried[body] = own_body(tree, at, body);
     for (Index j = n; j-- > 0;) at.carried[tree.parent[j]].take(at.carried[j + 1]);
 }
 
-// I, A and L: angular momentum about the centre of mass.
+// Angular momentum about the centre of mass by the rates of the base and of the joints, and how it changes with the joints'
+// positions: I, A and L.
+struct MomentumMaps {
+    const SpatialBodies &at;
+    const Carried &whole;
+    const Vector per_mass;
+    const Threes center;
+
+    explicit MomentumMaps(const SpatialBodies &at)
+        : at(at), whole(at.carried[0]), per_mass(all(1) / whole.mass), center(per_mass * whole.first) {}
+
+    Nines inertia() const { return less_than_trace(whole.second - outer(center, whole.first)); }
+    Threes momentum() const { return whole.angular_momentum - cross(center, whole.momentum); }
+    Threes of_joint(Index j) const {
+        const Moving moved = at.carried[j + 1].of_acceleration(at.axis[j]);
+        return moved.angular - cross(center, moved.linear);
+    }
+    Threes slope(Index j) const {
+        const Carried &of = at.carried[j + 1];
+        const Moving s = at.axis[j], moved = of.of_acceleration(s);
+        const Moving by = cross_force(s, {of.momentum, of.angular_momentum}) +
+                          of.of_acceleration(cross(at.velocity[j + 1], s));
+        return by.angular - (cross(per_mass * moved.linear, whole.momentum) + cross(center, by.linear));
+    }
+};
+
 static inline void momentum_maps(const SpatialTree &tree, const SpatialMotion &m, const Instants &k,
                                  const SpatialBodies &at) {
     const Index n = tree.joints;
-    const Carried &whole = at.carried[0];
-    const Vector per_mass = all(1) / whole.mass;
-    const Threes center = per_mass * whole.first;
-    const Nines inertia = less_than_trace(whole.second - outer(center, whole.first));
+    const MomentumMaps maps(at);
+    const Nines inertia = maps.inertia();
     for (Index row = 0; row < 3; ++row) k.store3(m.inertia + 3 * row, 9, 1, inertia.row[row]);
     for (Index j = 0; j < n; ++j) {
-        const Carried &of = at.carried[j + 1];
-        const Moving s = at.axis[j], moved = of.of_acceleration(s);
-        k.store3(m.joint_map + j, 3 * n, n, moved.angular - cross(center, moved.linear));
-        if (!m.slopes) continue;
-        const Moving by = cross_force(s, {of.momentum, of.angular_momentum}) +
-                          of.of_acceleration(cross(at.velocity[j + 1], s));
-        const Threes shifted = cross(per_mass * moved.linear, whole.momentum) + cross(center, by.linear);
-        k.store3(m.slopes + j, 3 * n, n, by.angular - shifted);
+        k.store3(m.joint_map + j, 3 * n, n, maps.of_joint(j));
+        if (m.slopes) k.store3(m.slopes + j, 3 * n, n, maps.slope(j));
     }
 }
 
@@ -168,22 +199,21 @@ struct Free {
     }
 };
 
-// Torques; after it, forces are those of free flight.
-static inline void free_torques(const SpatialTree &tree, const SpatialMotion &m, const Instants &k, SpatialBodies &at) {
-    const Index n = tree.joints;
+// Torques, by their joints, to write(j, torque), and the base's acceleration; after it, forces are those of free flight.
+template <typename Joints, typename Write>
+static inline Moving free_torques(const SpatialTree &tree, const Joints &joints, SpatialBodies &at, Write write) {
     const Moving base = Free(at.carried[0]).yields(at.carried[0].force);
-    for (Index j = 0; j < n; ++j) {
+    for (Index j = 0; j < tree.joints; ++j) {
         Carried &of = at.carried[j + 1];
         of.force = of.force + of.of_acceleration(base);
         at.twice_before[j] = at.twice_before[j] + cross(base, at.axis[j]);
-        const Vector rotor = all(tree.armature[j]) * k.load(m.accelerations + j, n);
-        k.store(m.torques + j, n, dot(at.axis[j], of.force) + rotor);
+        write(j, dot(at.axis[j], of.force) + all(tree.armature[j]) * joints.acceleration(j));
     }
-    k.store3(m.base_acceleration, 6, 1, base.linear), k.store3(m.base_acceleration + 3, 6, 1, base.angular);
+    return base;
 }
 
-// Derivatives (joints, 3 joints + 3) of the torques by positions, velocities, accelerations and the base's rates.
-static inline void torque_slopes(const SpatialTree &tree, const SpatialMotion &m, const Instants &k, SpatialBodies &at) {
+// Derivatives at.slopes (joints, 3 joints + 3) of the torques by positions, velocities, accelerations and the base's rates.
+static inline void torque_slopes(const SpatialTree &tree, SpatialBodies &at) {
     const Index n = tree.joints, columns = 3 * n + 3, all_of_it = n * columns;
     Moving *by = at.by, base[3], moved[3];
     for (Index e = 0; e < 3; ++e) {
@@ -217,8 +247,7 @@ static inline void torque_slopes(const SpatialTree &tree, const SpatialMotion &m
     const Free free(at.carried[0]);
     for (Index c = 0; c < columns; ++c) {
         const Moving yields = free.yields(by[c]);
-        for (Index i = 0; i < n; ++i)
-            k.store(m.torque_slopes + i * columns + c, all_of_it, slopes[i * columns + c] + dot(by[2 * n + i], yields));
+        for (Index i = 0; i < n; ++i) slopes[i * columns + c] = slopes[i * columns + c] + dot(by[2 * n + i], yields);
     }
 }
 
@@ -229,10 +258,19 @@ Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion) {
     if (!room.make([&](Arena &arena) { at.lay_out(arena, tree.joints); })) return 1;
     for (Index k = 0; k < motion.instants; k += LANES) {
         const Instants instants(k, motion.instants);
-        move_bodies(tree, motion, instants, at);
+        const JointsOfMotion joints{motion, instants, tree.joints};
+        move_bodies(tree, joints, at);
         if (motion.inertia) momentum_maps(tree, motion, instants, at);
-        if (motion.torques) free_torques(tree, motion, instants, at);
-        if (motion.torque_slopes) torque_slopes(tree, motion, instants, at);
+        if (!motion.torques) continue;
+        const Moving base = free_torques(tree, joints, at, [&](Index j, Vector torque) {
+            instants.store(motion.torques + j, tree.joints, torque);
+        });
+        instants.store3(motion.base_acceleration, 6, 1, base.linear);
+        instants.store3(motion.base_acceleration + 3, 6, 1, base.angular);
+        if (!motion.torque_slopes) continue;
+        torque_slopes(tree, at);
+        const Index entries = tree.joints * (3 * tree.joints + 3);
+        for (Index e = 0; e < entries; ++e) instants.store(motion.torque_slopes + e, entries, at.slopes[e]);
     }
     return 0;
 }

@@ -121,6 +121,7 @@ class Exchange:
     evaluation: float = 1000.0  # [instants of one body] work of a motion, whatever its size
     differentiation: float = 1500.0  # [instants of one body] work of a block of constraints, whatever its size
     entry: float = 0.5  # [instants of one body] work of an entry of a Jacobian
+    solving: float = 0.0  # [instants of one body] work of an operation of a QP: in a plane they are small
     near_miss: float = 1e-3  # [-] violation, below which a motion that is not optimal is followed once more
     same: float = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
     enough_work: float = 1e6  # [instants of one body] of starts that are followed in one call: about 0.02 s
@@ -165,7 +166,14 @@ class CorrectionGains:
     surprising: float = 3.0  # [-] deviations of a momentum from what is expected
 
 
+WORK_IN_SPACE = 0.25  # [-] of an instant in the kernel, relative to one of a lifted motion, by which work is counted
+
 SETTINGS = Settings()
 CONSTRAINED_SETTINGS = Settings(stages=(COARSE, FINE, FINE), longest_step=0.2)  # beyond an obstacle a long step lands
 EXCHANGE = Exchange()
+EXCHANGE_IN_SPACE = Exchange(
+    entry=WORK_IN_SPACE * EXCHANGE.entry,
+    solving=0.005,  # variables may be a hundred and more
+    closer=0,  # there are no distances, which would be watched more closely
+)
 CORRECTION_GAINS = CorrectionGains()

@@ -181,18 +181,23 @@ static inline bool carry_drifts(const Turning &t, Index cell, TurningRoom &room,
 }
 
 // What is asked in all cells: the attitude, each from its border, or from where the last one ended; how small turns go
-// on; or those that drifts make. 0, or 1 where it cannot be integrated, 2 without memory.
-Index turn_in_space(const Turning &t, Asked asked) {
-    TurningRoom at;
-    Room room;
-    if (!room.make([&](Arena &arena) { at.lay_out(arena, t.stages, t.columns > 3 ? t.columns : 3); })) return 2;
+// on; or those that drifts make. False where it cannot be integrated.
+static inline bool turn_cells(const Turning &t, Asked asked, TurningRoom &at) {
     zero(at.border, 3 * t.columns);
     for (Index cell = 0; cell < t.cells; ++cell) {
         if (asked == Asked::attitudes && t.is_chained && cell) copy(t.borders + 9 * cell, t.ends + 9 * (cell - 1), 9);
         if (!(asked == Asked::attitudes     ? turn_cell(t, cell, at)
               : asked == Asked::transitions ? carry_turns(t, cell, at)
                                             : carry_drifts(t, cell, at, at.border)))
-            return 1;
+            return false;
     }
-    return 0;
+    return true;
+}
+
+// The same; 0, or 1 where it cannot be integrated, 2 without memory.
+Index turn_in_space(const Turning &t, Asked asked) {
+    TurningRoom at;
+    Room room;
+    if (!room.make([&](Arena &arena) { at.lay_out(arena, t.stages, t.columns > 3 ? t.columns : 3); })) return 2;
+    return turn_cells(t, asked, at) ? 0 : 1;
 }

@@ -91,10 +91,10 @@ static inline void store(double *to, const Matrix3 &a) {
     for (int i = 0; i < 3; ++i) store(to + 3 * i, a.row[i]);
 }
 
-// Of a quaternion x, y, z, w of any length.
-static inline Matrix3 rotation(const double *quaternion) {
-    const Vector3 along = vector3(quaternion);
-    const double w = quaternion[3], square = dot(along, along) + w * w;
-    const Matrix3 across = cross_matrix(along);
-    return multiple(1.0) + 2 * w / square * across + 2 / square * (across * across);
+// Of a quaternion of any length, its part along the axis first.
+OF_NUMBER Square<Number> rotation(Triple<Number> along, Number w) {
+    const Number square = dot(along, along) + w * w, two = number<Number>(2);
+    const Square<Number> across = cross_matrix(along);
+    return multiple(number<Number>(1)) + (two * w / square) * across + (two / square) * (across * across);
 }
+static inline Matrix3 rotation(const double *quaternion) { return rotation(vector3(quaternion), quaternion[3]); }

@@ -13,38 +13,19 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled import batch
 from floatplan.compiled.batch import STATUS, Answers, Rows, Search, solver
 from floatplan.compiled.numbers import Numbers, is_plain
-from floatplan.kernel.tolerances import EXCHANGE, QUADRATURE_ERROR, SETTINGS
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
-from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, plain_start
 from floatplan.planning.transcription.compiled_attempt import CompiledProblem, PreparedStarts, compiled_problem
-from floatplan.planning.transcription.constraints import Constraint, applies, constraints
-from floatplan.planning.transcription.exchange import local_minima, solve
-from floatplan.planning.transcription.program import (
-    FlightProgram,
-    Objective,
-    changes_at_ends,
-    instants_beside_nodes,
-    objective,
-    watching,
-)
-from floatplan.planning.transcription.result import AttemptResult, best
-from floatplan.planning.transcription.trajectory import (
-    FlightModel,
-    Sampling,
-    Trajectory,
-    flight_model,
-    sample_ends,
-    trajectory,
-)
+from floatplan.planning.transcription.constraints import Constraint, applies, changes_at_ends, constraints
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
+from floatplan.planning.transcription.work import FlightModel, flight_model
 from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
-from floatplan.tables import ORIENTATION
 
 LOG = logging.getLogger(__name__)
 Stop: TypeAlias = Callable[[], bool]
@@ -90,7 +71,7 @@ def follow_together(problem: Problem, degrees: tuple[int, ...], search: Search) 
 def follow_compiled(problem: Problem, start: Start) -> Followed:
     """Follow one start of a plain problem."""
     compiled, variables = solver(problem, start.variables.degrees), start.variables
-    settings = batch.FINE if start.at_once else batch.CAUTIOUS
+    settings = SETTINGS if start.at_once else CONSTRAINED_SETTINGS
     rows = Rows(
         duration=np.array([variables.polynomials.duration]),
         momentum=variables.angular_momentum(start.x),
@@ -121,11 +102,12 @@ class Attempts:
         self._ends_hold = False  # as far as is known
         self._path_is_clear = False
         self._starts: PreparedStarts | None = None
-        self._is_followed = followed is not None
+        self._first: AttemptResult | None = None
         if followed:
             self.plain_start, self._starts = followed
             assert self._starts.plain is self.plain_start.x, "they are the starts of that one"
             self._learn(self._starts)
+            self._first = self._starts.result(problem, self.model)
 
     def prepare(self) -> None:
         """Compute what a search will ask for: for many problems, all at this point is quicker than each in its turn."""
@@ -148,13 +130,9 @@ class Attempts:
         return plain_start(self.problem, self.problem.degrees, self.momentum)
 
     @cached_property
-    def compiled(self) -> CompiledProblem | None:
-        """The same for the kernel; None in space."""
-        return compiled_problem(self.problem, self.model, self.constraints)
-
-    @property
-    def _level(self) -> int:
-        return EXCHANGE.constrained_level if self.constraints else 0
+    def compiled(self) -> CompiledProblem:
+        """The same for the kernel."""
+        return compiled_problem(self.problem, self.model.flight, self.constraints)
 
     def raised(self, result: AttemptResult, degrees: tuple[int, ...]) -> Start:
         """Return the motion of a result as a start at higher degrees."""
@@ -183,13 +161,14 @@ class Attempts:
         What the search can still change there, with a free h or free accelerations, does not count.
         """
         start = self.plain_start
-        ends = sample_ends(self.model.nodes(0, start.variables.polynomials.form))
-        motion = trajectory(self.model, start.variables, ends, start.x).at_goal()
+        of_rows = self._starts_from(start).values_at_ends()
+        first = 0
         for block in self.constraints:
+            values = of_rows[first : first + len(block.labels)].T
+            first += len(block.labels)
             if changes_at_ends(start.variables, block):
                 continue
-            values = block.values(motion)[-2:]
-            exists = applies(block, motion.sampling.grid.s[-2:])
+            exists = applies(block, np.array([0.0, 1.0]))
             for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
                 row = int(np.argmin(values[end]))
                 if exists[end] and values[end, row] < -block.tolerance:
@@ -203,10 +182,8 @@ class Attempts:
         before = self.model.work
         if is_plain(self.problem):
             result = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif starts := self._starts_from(start):
-            result = self._follow_compiled(starts, range(1), most_work, expired=stop())
         else:
-            result = self._follow(start, lambda: self.model.work - before > most_work or stop())
+            result = self._follow_compiled(self._starts_from(start), range(1), most_work, expired=stop())
         result.work = self.model.work - before
         return result
 
@@ -235,13 +212,12 @@ class Attempts:
         if is_plain(self.problem):
             search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
             result = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif starts := self._starts_from(plain):
+        else:
+            starts = self._starts_from(plain)
             expired = stop()
             result = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
             if not result.starts and not self.impossible:
                 result = self._follow_compiled(starts, numbers, most_work, expired=expired)
-        else:
-            return self.attempt(plain, stop, most_work)
         result.work = self.model.work - before
         return result
 
@@ -252,22 +228,22 @@ class Attempts:
         result.work = self.model.work - before
         return result
 
-    def _starts_from(self, start: Start) -> PreparedStarts | None:
-        """Starts of which this one is number 0, prepared for the kernel; None where that knows no such flight."""
+    def _starts_from(self, start: Start) -> PreparedStarts:
+        """Starts of which this one is number 0, prepared for the kernel."""
         if not (self._starts and self._starts.plain is start.x):
-            self._starts = self.compiled.starts(start.variables, start.x, start.at_once) if self.compiled else None
+            self._starts = self.compiled.starts(start.variables, start.x, start.at_once)
         return self._starts
 
     def _follow_compiled(
         self, starts: PreparedStarts, numbers: range, most_work: float, *, asks: bool = False, expired: bool = False
     ) -> AttemptResult:
         """Follow starts in the kernel, unless the first one has been followed in a batch."""
-        if self._is_followed:
-            self._is_followed = False
-        else:
+        result = self._first
+        self._first = None
+        if result is None:
             starts.follow(numbers, most_work, self.seed, asks=asks, expired=expired)
-        self._learn(starts)
-        result = starts.result(self.problem, self.model)
+            self._learn(starts)
+            result = starts.result(self.problem, self.model)
         self.model.work += result.work
         return result
 
@@ -275,48 +251,6 @@ class Attempts:
         """Keep what the kernel said before it followed starts."""
         self._ends_hold |= starts.ends_hold
         self._path_is_clear |= starts.path_is_clear
-
-    def _follow(self, start: Start, stop: Callable[[], bool]) -> AttemptResult:
-        """Follow a start in space to the objective, and by way of a feasible motion where that fails."""
-        model, variables, blocks = self.model, start.variables, self.constraints
-
-        def make_objective(nodes: Sampling) -> Objective:
-            return objective(self.problem, model, variables, nodes)
-
-        def follow(x: Array) -> AttemptResult:
-            settings = batch.CAUTIOUS if blocks else batch.FINE
-            return judge(solve(model, variables, make_objective, blocks, x, settings, stop, self._level))
-
-        def judge(solution: Solution[Trajectory]) -> AttemptResult:
-            return self.judge(
-                variables,
-                solution.x,
-                solution.status,
-                iterations=solution.iterations,
-                evaluations=solution.evaluations,
-                known=solution.evaluation.detail,
-            )
-
-        def begins() -> Iterator[Array]:
-            """The start, and the best motion without limits."""
-            yield start.x
-            yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
-
-        result = follow(start.x)
-        if result.holds or stop() or not blocks:
-            return result
-        nodes = model.nodes(self._level, variables.polynomials.form)
-        sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
-        program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
-        for x in begins():
-            nearest = reduce_violations(program, x, stop)
-            unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-            promises = nearest.squared_violation < EXCHANGE.promising and not nearest.stuck
-            other = follow(nearest.x) if promises else judge(unsolved)
-            result = best([result, other])
-            if result.holds or stop():
-                break
-        return result
 
     def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> AttemptResult:
         """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
@@ -329,67 +263,27 @@ class Attempts:
             branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
             variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
-        nodes = model.nodes(EXCHANGE.compiled_level, variables.polynomials.form)
-        result = self.judge(
-            variables,
-            x,
-            followed.status,
-            iterations=counts["iterations"],
-            evaluations=counts["evaluations"],
-            known=trajectory(model, variables, nodes, x),
-        )
+        result = self.judge(Start(variables, x), followed.status)
+        result.iterations = counts["iterations"]
+        result.evaluations = counts["evaluations"]
         result.starts = counts["starts"]
         result.solved = max(counts["solved"], 1)
-        if result.holds:
-            result.coefficients = answers.coefficients[0]
+        result.coefficients = answers.coefficients[0] if result.holds else None
         return result
 
-    def judge(
-        self,
-        variables: DecisionVariables,
-        x: Array,
-        status: str,
-        *,
-        iterations: int = 0,
-        evaluations: int = 0,
-        known: Trajectory | None = None,
-    ) -> AttemptResult:
-        """Check (14) and the constraints of a motion x, between the instants too; it is ``known`` at some grid."""
-        counts = self.model.flight.node_counts
+    def judge(self, start: Start, status: str) -> AttemptResult:
+        """Check the attitude at landing and the constraints of a motion as it is, between the instants too.
 
-        def at_level(level: int) -> Trajectory:
-            nodes = self.model.nodes(level, variables.polynomials.form)
-            return trajectory(self.model, variables, nodes, x)
-
-        motion = known or at_level(max(self._level, EXCHANGE.compiled_level))
-        level = max(motion.flown.level_needed(QUADRATURE_ERROR), self._level)
-        if motion.model is not self.model or counts[level] > motion.sampling.grid.nodes:
-            motion = at_level(level)
-        while motion.flown.unresolved > SETTINGS.unresolved and level < len(counts) - 1:
-            level += 1
-            motion = at_level(level)
-        missed = motion.flown.missed
-        if motion.flown.unresolved > SETTINGS.unresolved:
-            missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, level, x)
-        violation = missed if missed > ORIENTATION else 0.0
-        if self.constraints:
-            kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
-            violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
-        if violation <= 0 and status == "infeasible":
-            status = "feasible"  # kept, though not as well inside as the search aims
-        result = AttemptResult(
-            problem=self.problem,
-            start_variables=variables,
-            model=self.model,
-            x=x,
-            status=status,
-            iterations=iterations,
-            evaluations=evaluations,
-            level=level,
-            violation=violation,
-            worst=worst,
-            missed=motion.residual,
-        )
-        result.__dict__["motion"] = motion  # as if it had been asked for
+        ``status`` is why it was stopped at; one that holds is "feasible" at least.
+        """
+        starts = self._starts_from(start)
+        starts.judge()
+        result = starts.result(self.problem, self.model)
+        self.model.work += result.work
+        result.starts = 1
+        result.status = status
+        if not result.holds:
+            result.status = "infeasible"
+        elif status == "infeasible":
+            result.status = "feasible"
         return result

@@ -1,4 +1,4 @@
-"""Plans of flights in space: lifted motions, made smaller where nothing else is asked, else followed by the SQP."""
+"""Plans of flights in space: lifted motions, made smaller where nothing else is asked, else followed by the kernel."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.spatial.attitude import IntegrationError
-from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.motion.spatial.attitude import IntegrationError, cells
+from floatplan.motion.spatial.flight import LEVELS, SpatialFlight
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, refined, starts
-from floatplan.planning.search import ANNOUNCED_EVERY, SearchOptions, SearchResult, expiry, log_attempt
+from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
+from floatplan.planning.search import (
+    ANNOUNCED_EVERY,
+    ATTEMPTS_FOR_THE_IMPOSSIBLE,
+    SearchOptions,
+    SearchResult,
+    expiry,
+    log_attempt,
+)
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.problem.problem import Problem
 
@@ -29,9 +35,8 @@ DEGREES = (9, 11)  # [-] of twists, of robots with few joints, and without momen
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
-OF_ONE = 0.3  # [-] of the work, that one start may do
+OF_ONE = 0.5  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
-LEVEL = 2  # of the grids that an result is evaluated on
 
 
 def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
@@ -45,7 +50,7 @@ def search_in_space(prepared: Attempts, options: SearchOptions) -> SearchResult:
     if prepared.momentum.free:
         return _tried(prepared, options, 1.0)
     result = _tried(prepared, options, WITH_GIVEN)
-    if result.holding or result.interrupted:
+    if result.holding or result.interrupted or prepared.impossible:
         return result
     flight = replace(prepared.problem.flight, angular_momentum="free")
     freed = Attempts(replace(prepared.problem, flight=flight), prepared.seed)
@@ -61,19 +66,21 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
     """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
     results: list[AttemptResult] = []
     expired, began = expiry(options.budget and share * options.budget), prepared.model.work
-    most_work = share * options.work
+    most_work, of_one = share * options.work, OF_ONE * share * replace(options, budget=None).work
     solved, announced, interrupted = 0, time.monotonic(), False
 
     def stop() -> bool:
         return expired() or prepared.model.work - began > most_work
 
     try:
-        for result in islice(_results(prepared, options.seed, stop, OF_ONE * most_work), MOST_STARTS):
+        for result in islice(_results(prepared, options.seed, stop, of_one), MOST_STARTS):
             if result:
                 results.append(result)
                 solved += result.holds
                 log_attempt(prepared, results)
             if solved >= options.starts or stop():
+                break
+            if not solved and len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and prepared.impossible:
                 break
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced = time.monotonic()
@@ -89,7 +96,7 @@ def _tried(prepared: Attempts, options: SearchOptions, share: float) -> SearchRe
 
 
 def _is_followed(prepared: Attempts) -> bool:
-    """Whether the SQP follows what lifting finds."""
+    """Whether the kernel follows what lifting finds."""
     return bool(prepared.constraints) or prepared.problem.motion.objective != "coefficients"
 
 
@@ -138,41 +145,61 @@ def _followed(
     None where that cannot be integrated.
     """
     model, before = prepared.model, prepared.model.work
-    motion, flight = close(start), start.lifted.flight
-    usable = motion.is_closed() and not flight.wrong(motion.turning.way)
+    motion = close(start)
+    usable = motion.is_closed() and motion.makes_right_turns
     if usable and _is_followed(prepared):
-        try:
-            result = _within_limits(prepared, descend(motion), lambda: stop() or model.work - before > most_work)
-        except IntegrationError:
-            result = _judged(prepared, motion, "infeasible")
+        smaller = descend(motion)
+        result = _within_limits(prepared, smaller, stop, before + most_work)
     else:
         final = refined(descend(motion)) if usable else None
         status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
         result = _judged(prepared, final or motion, status)
     result.work = model.work - before
-    return result if np.isfinite(result.motion.residual).all() else None
+    return result if np.isfinite(result.missed).all() else None
 
 
-def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool]) -> AttemptResult:
-    """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it."""
-    lifted = motion.lifted
+def follow_motion(prepared: Attempts, start: Start, stop: Callable[[], bool]) -> AttemptResult | None:
+    """Where a motion leads that is nearly one to the goal; None where it cannot be integrated."""
+    flight = prepared.model.flight
+    assert isinstance(flight, SpatialFlight), "the robot flies in space"
+    lifted = LiftedFlight(prepared.model, flight, start.variables)
+    try:
+        return _followed(prepared, nearby(lifted, start.x), stop, OF_ONE * SearchOptions().work)
+    except IntegrationError:
+        return None
+
+
+def _within_limits(prepared: Attempts, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
+    """Follow a closed motion with limits and objective; where that leads h out of its box, with h at the edge of it.
+
+    That may be done until the work of all starts is so much.
+    """
+    lifted, model = motion.lifted, prepared.model
     variables, free = lifted.variables, lifted.coefficients
-    result = prepared.attempt(Start(variables, motion.x, at_once=True), stop)
+    result = prepared.attempt(Start(variables, motion.x, at_once=True), stop, until - model.work)
     chosen = result.x[free:]
     if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
         return result
     h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
     given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
     fixed = LiftedFlight(lifted.model, lifted.flight, given)
-    nearest = close(fixed.fly(motion.turning.cells, motion.x[:free], motion.borders))
-    usable = nearest.is_closed() and not lifted.flight.wrong(nearest.turning.way)
+    try:
+        nearest = close(fixed.fly(motion.cells, motion.x[:free], motion.borders))
+    except IntegrationError:
+        return replace(result, violation=np.inf)
+    usable = nearest.is_closed() and nearest.makes_right_turns
     if not usable:
         return _judged(prepared, nearest, "infeasible")
-    return prepared.attempt(Start(given, nearest.x, at_once=True), stop)
+    return prepared.attempt(Start(given, nearest.x, at_once=True), stop, until - model.work)
 
 
 def _judged(prepared: Attempts, motion: LiftedMotion, status: str) -> AttemptResult:
-    variables, model = motion.lifted.variables, prepared.model
-    nodes = model.nodes(LEVEL, variables.polynomials.form)
-    known = trajectory(model, variables, nodes, motion.x)
-    return prepared.judge(variables, motion.x, status, known=known)
+    return prepared.judge(Start(motion.lifted.variables, motion.x), status)
+
+
+def wrong_way(result: AttemptResult) -> str:
+    """What is wrong with the way to the goal, its turns or its tilt; empty for nothing."""
+    flight, x = result.model.flight, result.x
+    assert isinstance(flight, SpatialFlight), "the robot flies in space"
+    lifted = LiftedFlight(result.model, flight, result.variables)
+    return flight.wrong(lifted.flown(cells(*LEVELS[result.level]), x).way)

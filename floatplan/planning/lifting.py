@@ -14,21 +14,26 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.compiled.in_space import cells_and_stages, spatial_body
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import JointMotion, SinePolynomials, basis
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.motion.spatial.attitude import (
+    OUT_OF_MEMORY,
     Cells,
     IntegrationError,
     Turning,
+    attitudes_at,
     cells,
     moved,
-    small_turns,
     turn,
 )
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
-from floatplan.planning.transcription.trajectory import FlightModel
+from floatplan.planning.transcription.compiled_attempt import motions_struct
 from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.work import FlightModel
 
 CELLS, STAGES = 16, 5  # of the grid that is searched on
 FINE_STAGES, FINER = 8, (16, 32, 64)  # [-] of the cells that a plan is closed in
@@ -77,42 +82,100 @@ class LiftedFlight:
         """Number of free coefficients of all joints."""
         return self.variables.coefficients
 
-    def momentum_along(self, cells: Cells, x: Array) -> tuple[JointMotion, Array, Array, Array]:
-        """The joints' motion at the stages, A (K, 3, n) and I (K, 3, 3) there, and A q' (K, 3)."""
-        self.model.evaluated(len(cells.s))
-        polynomials = self.polynomials
-        values = basis(polynomials.form).values(cells.s)
-        motion = polynomials.motion(self.variables.free_coefficients(x), values)
-        inertia, joint_map = self.flight.dynamics.momentum_maps(motion.positions)
-        return motion, joint_map, inertia, np.einsum("kan,kn->ka", joint_map, motion.velocities)
+    @cached_property
+    def _body(self) -> Struct:
+        return spatial_body(self.flight, self.momentum, needs_rates=True)
+
+    @cached_property
+    def _motions(self) -> Struct:
+        return motions_struct(self.flight, self.variables, of_coefficients=False)
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
-        motion, joint_map, inertia, relative = self.momentum_along(cells, x)
-        h = self.variables.angular_momentum(x)
-        turning = turn(cells, self.flight.duration, inertia, relative, h, borders)
-        targets = np.concatenate((borders[1:], self.flight.final_attitude[None]))
-        gaps = logarithm(targets @ np.swapaxes(turning.ends, 1, 2))
-        return LiftedMotion(self, x, borders, motion, joint_map, turning, gaps)
+        self.model.evaluated(len(cells.s))
+        self.model.differentiated(3 * cells.count * len(x))
+        count, size = cells.count, len(x)
+        ends = np.empty((count, 3, 3))
+        gaps = np.empty((count, 3))
+        carried = np.empty((count, 3, count, 3))
+        turns = np.empty((count, 3, size))
+        spun = np.empty((2, count, cells.stages, 4))
+        lifted = Struct(
+            "Lifted",
+            x=doubles(x),
+            borders=doubles(borders),
+            ends=ends,
+            gaps=gaps,
+            spun=spun,
+            carried=carried,
+            turns=turns,
+        )
+        grid, nodes = cells_and_stages(cells, self.polynomials.form)
+        compiled = kernel()
+        failed = compiled.lift(
+            self._body.pointer,
+            grid.pointer,
+            self._motions.pointer,
+            nodes.pointer,
+            lifted.pointer,
+            compiled.instructions,
+        )
+        if failed == OUT_OF_MEMORY:
+            raise MemoryError
+        if failed:
+            raise IntegrationError
+        return LiftedMotion(
+            lifted=self,
+            cells=cells,
+            x=x,
+            borders=borders,
+            ends=ends,
+            gaps=gaps,
+            carried=carried,
+            turns=turns,
+            spun=spun,
+            makes_right_turns=bool(lifted.pointer.is_right_way),
+        )
 
     def flown(self, cells: Cells, x: Array) -> Turning:
         """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
-        _, _, inertia, relative = self.momentum_along(cells, x)
+        self.model.evaluated(len(cells.s))
         flight, h = self.flight, self.variables.angular_momentum(x)
+        values = basis(self.polynomials.form).values(cells.s)
+        motion = self.polynomials.motion(self.variables.free_coefficients(x), values)
+        inertia, joint_map = flight.dynamics.momentum_maps(motion.positions)
+        relative = np.einsum("kan,kn->ka", joint_map, motion.velocities)
         return turn(cells, flight.duration, inertia, relative, h, flight.initial_attitude)
 
 
 @dataclass(frozen=True, eq=False)
 class LiftedMotion:
-    """A motion in cells; ``gaps`` (C, 3), rad, go from the cells' ends to the next borders, at last to the goal."""
+    """A motion in C cells that begin at ``borders`` (C, 3, 3).
+
+    Attributes
+    ----------
+    ends : (C, 3, 3)
+        Attitudes at the cells' ends.
+    gaps : (C, 3) rad
+        From there to the next borders, at last to the goal.
+    carried : (C, 3, C, 3)
+        Small turns of the ends that small turns at the cells' ends make.
+    turns : (C, 3, size)
+        Small turns of the ends by x, where no gap changes.
+    spun : (2, C, S, 4), see :class:`~floatplan.motion.spatial.attitude.Turning`
+    makes_right_turns : whether turns and tilt are those that are asked for
+    """
 
     lifted: LiftedFlight
+    cells: Cells
     x: Array
     borders: Array
-    motion: JointMotion
-    joint_map: Array
-    turning: Turning
+    ends: Array
     gaps: Array
+    carried: Array
+    turns: Array
+    spun: Array
+    makes_right_turns: bool
 
     @property
     def size(self) -> float:
@@ -121,46 +184,22 @@ class LiftedMotion:
 
     def is_closed(self, gap: float = CLOSED) -> bool:
         """Whether no gap is larger than so much, rad."""
-        return float(np.linalg.norm(self.gaps, axis=1).max()) < gap
+        return float(np.einsum("ca,ca->c", self.gaps, self.gaps).max()) < gap * gap
 
-    @cached_property
-    def slopes(self) -> Array:
-        """Derivatives (C, 3, size) of the cells' ends by x, as small turns."""
-        motion, lifted, turning = self.motion, self.lifted, self.turning
-        cells, polynomials = turning.cells, lifted.polynomials
-        _, weights = turning.carried
-        by_momentum = -(weights.reshape(-1, 3, 3) @ turning.attitudes @ turning.inverse_inertia)
-        slopes = lifted.flight.dynamics.momentum_slopes(motion.positions, motion.velocities, turning.rates)
-        by_rate = by_momentum @ self.joint_map
-        by_p = by_momentum @ slopes * motion.position_by_p[:, None] + by_rate * motion.velocity_by_p[:, None]
-        by_p_rate = by_rate * motion.velocity_by_rate[:, None]
-        value, first, _ = basis(polynomials.form).values(cells.s)
-        free = slice(value.shape[1] - polynomials.width, None)
-        n, width = by_p.shape[2], polynomials.width
-        both = np.stack((by_p, by_p_rate)).reshape(2, cells.count, cells.stages, 3 * n)
-        columns = np.stack((value[:, free], first[:, free])).reshape(2, cells.count, cells.stages, width)
-        by_z = (np.swapaxes(both, 2, 3) @ columns).sum(axis=0)  # (C, 3 n, width)
-        by_x = by_z.reshape(cells.count, 3, n * width)[..., polynomials.free_indices] @ lifted.variables.scaling
-        if not lifted.momentum.free:
-            return np.asarray(by_x)
-        mobile = weights.reshape(-1, 3, 3) @ turning.mobility
-        by_h = mobile.reshape(cells.count, cells.stages, 3, 3).sum(axis=1) @ lifted.momentum.axes
-        return np.concatenate((by_x, by_h), axis=2)
-
-    @cached_property
-    def condensed(self) -> Array:
-        """Turns (C + 1, 3, size) of the borders by x, where no gap changes."""
-        self.lifted.model.differentiated(self.slopes.size)
-        return small_turns(self.turning.carried[0], self.slopes)
+    def at(self, instants: Array) -> Array:
+        """Attitudes (K, 3, 3) at instants (K,) of [0, 1], each from the border before it."""
+        spun = self.spun if self.lifted.variables.angular_momentum(self.x).any() else self.spun[1:]
+        return attitudes_at(self.cells, self.lifted.flight.duration, self.borders, spun, instants)
 
     def step(self, gaps: Array, along: Array | float = 0.0) -> tuple[Array, Array]:
         """Shortest change of x (size,), from ``along``, with which the borders' turns (C, 3) close gaps (C, 3).
 
         Numbers of h that would leave [-1, 1] go to its edge.
         """
-        closing = small_turns(self.turning.carried[0], -gaps[..., None])[..., 0]
-        jacobian = self.condensed[-1]
-        along = np.array(np.broadcast_to(along, self.x.shape))
+        count = len(gaps)
+        closing = -(self.carried.reshape(3 * count, 3 * count) @ gaps.ravel()).reshape(count, 3)
+        jacobian = self.turns[-1]
+        along = np.full_like(self.x, along) if isinstance(along, float) else along.copy()
         movable, free = np.ones(len(self.x), bool), self.lifted.coefficients
         for _ in range(self.lifted.momentum.free + 1):
             columns, change = jacobian[:, movable], along.copy()
@@ -172,11 +211,13 @@ class LiftedMotion:
                 break
             along[beyond] = np.sign(self.x + change)[beyond] - self.x[beyond]
             movable &= ~beyond
-        return change, (closing + self.condensed @ change)[:-1]
+        turns = np.zeros_like(closing)  # none at takeoff
+        turns[1:] = closing[:-1] + self.turns[:-1] @ change
+        return change, turns
 
     def moved(self, change: Array, turns: Array) -> LiftedMotion:
         """Fly the motion that is changed by so much."""
-        return self.lifted.fly(self.turning.cells, self.x + change, moved(self.borders, turns))
+        return self.lifted.fly(self.cells, self.x + change, moved(self.borders, turns))
 
 
 def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) -> LiftedMotion:
@@ -212,7 +253,7 @@ def _size(change: Array, turns: Array) -> float:
 
 def descend(motion: LiftedMotion) -> LiftedMotion:
     """Make a closed motion's free part smaller, along closed motions with the same turns."""
-    radius, flight = TRUST, motion.lifted.flight
+    radius = TRUST
     for _ in range(DESCENTS):
         downhill = np.concatenate((-motion.x[: motion.lifted.coefficients], np.zeros(motion.lifted.momentum.free)))
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
@@ -225,7 +266,7 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
             other = close(motion.moved(*motion.step(motion.gaps, share * downhill)), most_steps=CORRECTIONS)
         except IntegrationError:
             other = motion
-        if other.is_closed() and other.size < motion.size * (1 - LEAST_GAIN) and not flight.wrong(other.turning.way):
+        if other.is_closed() and other.size < motion.size * (1 - LEAST_GAIN) and other.makes_right_turns:
             motion, radius = other, 2 * min(radius, share * length)
         else:
             radius = SHORTER * min(radius, share * length)
@@ -245,7 +286,7 @@ def refined(motion: LiftedMotion) -> LiftedMotion | None:
     """Close a motion in as many cells as its attitude at landing needs; None where none are enough."""
     for count in FINER:
         fine = cells(count, FINE_STAGES)
-        borders = motion.turning.at(np.arange(count) / count)
+        borders = motion.at(np.arange(count) / count)
         try:
             motion = close(motion.lifted.fly(fine, motion.x, borders), CLOSED_FINELY)
             if not motion.is_closed(CLOSED_FINELY):
@@ -253,7 +294,7 @@ def refined(motion: LiftedMotion) -> LiftedMotion | None:
             finer = motion.lifted.flown(cells(2 * count, FINE_STAGES), motion.x).ends[-1]
         except IntegrationError:
             return None
-        if np.linalg.norm(logarithm((finer @ motion.turning.ends[-1].T)[None])) < EXACT:
+        if np.linalg.norm(logarithm((finer @ motion.ends[-1].T)[None])) < EXACT:
             return motion
     return None
 
@@ -319,6 +360,14 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     angles[:, 1] = change[1] * steady + np.arcsin(sine * np.interp(s, fine, height))
     angles[:, 2] = change[2] * (np.interp(s, fine, area / area[-1]) if sine else steady)
     return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
+
+
+def nearby(lifted: LiftedFlight, x: Array) -> LiftedMotion:
+    """Lift the motion x, whose error at landing is taken away evenly; errors as of :func:`turn`."""
+    grid, s = cells(CELLS, STAGES), np.arange(CELLS) / CELLS
+    flown = lifted.flown(grid, x)
+    missed = logarithm((lifted.flight.final_attitude @ flown.ends[-1].T)[None])
+    return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * missed) @ flown.borders))
 
 
 def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:

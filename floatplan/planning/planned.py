@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import Search
+from floatplan.compiled.batch import Search, is_planar
 from floatplan.compiled.numbers import is_plain
 from floatplan.errors import refuse
 from floatplan.kernel.tolerances import SETTINGS
@@ -78,7 +78,7 @@ def searched_answer(result: SearchResult) -> Answer:
         status=best.status if best.holds else unsolved,
         objective=best.objective_value if best.holds else np.nan,
         angular_momentum=float(best.start_variables.angular_momentum(best.x)[0]),
-        residual=abs(best.missed.item()) if best.missed.size == 1 else best.motion.flown.missed,
+        residual=float(np.linalg.norm(best.missed)),
         coefficients=best.written,
         **counts,
         message=explain(result),
@@ -147,16 +147,16 @@ def _searched(
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
-    if problem.robot.in_plane is None:
-        from floatplan.planning.in_space import search_in_space  # here, since most problems do without
-
-        return search_in_space(prepared, options)
     result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
     if result is not None:
         return result
     if near and options.budget is not None:
         left = options.budget - (time.perf_counter() - began)
         options = replace(options, budget=max(left, SHARE * options.budget))
+    if problem.robot.in_plane is None:
+        from floatplan.planning.in_space import search_in_space  # here, since most problems do without
+
+        return search_in_space(prepared, options)
     return search(prepared, options, followed=followed)
 
 
@@ -177,8 +177,14 @@ def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> Sear
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
     start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
-    result = prepared.attempt(start, expiry(None if budget is None else SHARE * budget))
-    return SearchResult(prepared, [result]) if result.holds else None
+    stop = expiry(None if budget is None else SHARE * budget)
+    if prepared.problem.robot.in_plane is None:
+        from floatplan.planning.in_space import follow_motion  # here, since most problems do without
+
+        result = follow_motion(prepared, start, stop)
+    else:
+        result = prepared.attempt(start, stop)
+    return SearchResult(prepared, [result]) if result and result.holds else None
 
 
 def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Array | None]:
@@ -211,6 +217,15 @@ def explain(found: SearchResult) -> str:
     elif not reasons and found.best.start_variables.coefficients:
         sentences += _hardly_missed(found) or _more_freedom(problem)
     return " ".join(sentences)
+
+
+def _wrong_way(best: AttemptResult) -> str:
+    """What is wrong with the way to the goal in space, its turns or its tilt; empty for nothing."""
+    if is_planar(best.model.flight) or not np.isfinite(best.missed).all():
+        return ""
+    from floatplan.planning.in_space import wrong_way  # here, since most problems do without
+
+    return wrong_way(best)
 
 
 def _hardly_missed(found: SearchResult) -> list[str]:
@@ -267,8 +282,7 @@ def _nearest(found: SearchResult) -> list[str]:
     tried = found.counts["starts"]
     if not tried:
         return []
-    in_space = prepared.problem.robot.in_plane is None
-    wrong = best.motion.flown.wrong_way if in_space and np.isfinite(missed).all() else ""
+    wrong = _wrong_way(best)
     if missed.any():
         off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
         sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")

@@ -10,6 +10,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.batch import OPTIMAL, Rows, powers_of_basis
+from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.structs import Struct, StructRows, doubles
 from floatplan.motion.dynamics import MomentumSet
@@ -71,11 +72,9 @@ class BatchedStarts:
 
     def follow(self) -> None:
         """Follow the plain motion of each problem."""
-        compiled = self.like.compiled
-        assert compiled, "flights in space go alone"
-        kernel = compiled.watch.kernel
+        kernel = self.like.compiled.watch.kernel
         no_memory = kernel.attempt(
-            self.inputs.robot,
+            *self.inputs.flying,
             self.constraints.pointer,
             self.motions.pointer,
             self.inputs.levels,
@@ -104,7 +103,7 @@ class BatchedStarts:
             status="optimal",
             objective=float(np.linalg.norm(b)),
             angular_momentum=float(self.rows.momentum[row]),
-            residual=abs(attempt.missed),
+            residual=abs(attempt.missed[0]),
             coefficients=b,
             evaluations=attempt.evaluations,
             iterations=attempt.iterations,
@@ -116,7 +115,6 @@ class BatchedStarts:
     def prepared(self, row: int, problem: Problem, seed: int) -> Attempts:
         """One of the problems, prepared for attempts: the first, from the plain motion, is done."""
         compiled = self.like.compiled
-        assert compiled, "flights in space go alone"
         momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
         polynomials = replace(
             self.like.plain_start.variables.polynomials,
@@ -151,7 +149,8 @@ class BatchedStarts:
 def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedStarts:
     """Follow the plain motions of problems; each as if it were alone."""
     compiled, variables = like.compiled, like.plain_start.variables
-    assert compiled, "flights in space go alone"
+    watch = compiled.watch
+    assert isinstance(watch, CompiledConstraints), "flights in space go alone"
     rows, polynomials = numbers.rows(), variables.polynomials
     count, n = rows.boundary.shape[:2]
     durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
@@ -174,7 +173,7 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
     motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
     draws = StructRows(draws_struct(variables, True, branch[0]), count)
     draws.point_to(branch=branch, offset_map=offset_map)
-    constraints = StructRows(compiled.watch.struct, count)
+    constraints = StructRows(watch.struct, count)
     constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
 
     batch = BatchedStarts(
@@ -214,7 +213,9 @@ def _thickness(numbers: Numbers, count: int) -> Array:
 
 def _of_constraints(compiled: CompiledProblem, numbers: Numbers, count: int) -> dict[str, Array]:
     """What of the rows each problem has for itself: obstacles, the margins to them, limits."""
-    watch, found = compiled.watch, {}
+    watch = compiled.watch
+    assert isinstance(watch, CompiledConstraints), "flights in space go alone"
+    found: dict[str, Array] = {}
     if numbers.obstacles:
         margins = np.array([[each.margin for each in own] for own in numbers.obstacles])
         least = np.tile(watch.least, (count, 1))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+from sampled_flight import PlanarBaseMotion
 
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
@@ -17,7 +18,6 @@ from floatplan.inflight.update import RemainingMotion
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Ballistics, Dynamics
-from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares

@@ -11,18 +11,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from general_flight import general_flight
-from general_path import take_general_path
 from kernel_program import KernelProgram
+from looked_minima import local_minima
+from reduced_program import objective
+from sampled_flight import Partials, jacobian_of, nodes_of, sample_also, trajectory, values_of
 
 import floatplan as fp
 from floatplan.kernel import library
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.motion.dynamics import Partials
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import Limit, applies
-from floatplan.planning.transcription.exchange import local_minima
-from floatplan.planning.transcription.program import objective
-from floatplan.planning.transcription.trajectory import FlightModel, sample_also, trajectory
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.robot.planar.model import BASE_COORDINATES
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
@@ -79,23 +78,23 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     monkeypatch.setattr(kernel, "instructions", instructions)
     here, ready = program.whole(x), Attempts(problem, 0)
     model, variables = FlightModel(general_flight(problem)), program.of
-    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    nodes = nodes_of(LEVEL, variables.polynomials.form)
     motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
-    values = np.concatenate([block.values(motion) for block in ready.constraints], axis=1).T - EXCHANGE.back_off
+    values = np.concatenate([values_of(block, motion) for block in ready.constraints], axis=1).T - EXCHANGE.back_off
     known = np.isfinite(here["values"])
     when = np.array([applies(block, motion.sampling.grid.s) for block in ready.constraints for _ in block.labels])
     assert (known <= when).all()
     assert (known == when)[:, motion.sampling.grid.s % 1 > 0].all()
     close(here["values"][known], values[known])
-    close(here["equality"], motion.residual[0])
+    close(here["equality"][0], motion.residual[0])
     if variables.following:
         return
-    goal = objective(problem, ready.model, variables, ready.model.nodes(ready._level, variables.polynomials.form))
+    goal = objective(problem, ready.model, variables, nodes_of(EXCHANGE.constrained_level, variables.polynomials.form))
     assert here["objective"] == pytest.approx(goal.value(motion, x), rel=1e-12)
-    slopes = np.concatenate([block.jacobian(motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
+    slopes = np.concatenate([jacobian_of(block, motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
     assert np.abs(slopes).max() > 0
     close(here["slopes"][known], slopes[known])
-    close(here["row"], motion.residual_jacobian[0])
+    close(here["row"][0], motion.residual_jacobian[0])
     close(here["gradient"], goal.gradient(motion, x))
     close(here["hessian"], goal.hessian(motion))
 
@@ -109,11 +108,11 @@ def test_derivatives_are_those_of_differences(problem, aim, seed):
 
     def value(at):
         it = program.whole(at)
-        return np.concatenate((it["values"][known], [it["equality"], it["objective"]]))
+        return np.concatenate((it["values"][known], [it["equality"][0], it["objective"]]))
 
     here, step = program.whole(x), 1e-4
     known = np.isfinite(here["values"])
-    computed = np.concatenate((here["slopes"][known], here["row"][None], here["gradient"][None]))
+    computed = np.concatenate((here["slopes"][known], here["row"], here["gradient"][None]))
     smooth = np.ones(len(computed), np.bool_)
     for column in np.linalg.inv(program.of.metric).T:
         values = np.array([value(x + share * step * column) for share in (-2, -1, 0, 1, 2)])
@@ -140,7 +139,7 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
     (block,) = Attempts(problem, 0).constraints
     assert isinstance(block, Limit)
     model = FlightModel(general_flight(problem))
-    nodes = model.nodes(LEVEL, variables.polynomials.form)
+    nodes = nodes_of(LEVEL, variables.polynomials.form)
     motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
     joints, each = motion.motion, motion.each_joint
     q_x, v_x, a_x = (
@@ -190,7 +189,7 @@ def test_elastic_steps_are_the_least_of_their_program(problem, penalty):
         rows, values = it["slopes"][known], it["values"][known]
         left = values + rows @ step
         kinks += ((left < 0) != (values < 0)).sum()
-        pulls = penalty * np.append(np.minimum(left, 0), it["equality"] + it["row"] @ step)
+        pulls = penalty * np.append(np.minimum(left, 0), it["equality"][0] + it["row"][0] @ step)
         normals = np.vstack((rows, it["row"]))
         unbalanced = it["gradient"] + it["hessian"] @ step + normals.T @ pulls
         size = 1 + (np.abs(normals.T) @ np.abs(pulls)).max()
@@ -214,8 +213,7 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
     starts.follow(range(1), np.inf, 0, expired=True)
     ended = starts.result(problem, ready.model)
     here = ended.worst
-    take_general_path(monkeypatch)
-    model = Attempts(problem, 0).model
+    model = FlightModel(general_flight(problem))
     there = local_minima(model, variables, ready.constraints, ended.level, ended.x)
     order, other = (np.lexsort((each.s, each.row, each.block)) for each in (here, there))
     assert here.block[order].tolist() == there.block[other].tolist()

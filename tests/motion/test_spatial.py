@@ -12,18 +12,19 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import whole_motion
-from floatplan.motion.sine_polynomial import SinePolynomials, WrittenMotion, boundary_arguments
+from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, cells, moved, turn
-from floatplan.motion.spatial.flight import SpatialFlight, left_jacobian_inverse, spatial_dynamics
-from floatplan.motion.spatial.momentum import suggested_momentum
-from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm, of_angles, unwrapped_angles
-from floatplan.planning.transcription.constraints import constraints
-from floatplan.planning.transcription.program import FlightProgram, objective
-from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, sample_also, trajectory
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.motion.spatial.flight import spatial_dynamics
+from floatplan.motion.spatial.momentum import _PlainMotion, suggested_momentum
+from floatplan.motion.spatial.rotations import (
+    cross_matrix,
+    exponential,
+    left_jacobian_inverse,
+    logarithm,
+    of_angles,
+    unwrapped_angles,
+)
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 DURATION = 0.8
@@ -113,90 +114,20 @@ def test_a_motion_that_is_too_wild_is_an_error_of_its_own(swinging):
         turn(grid, DURATION, inertia, relative, 1e5 * h, start)
 
 
-def drawn_motion(diver, seed):
-    """A flight of the diver with a drawn goal, variables with h free, and a point in them."""
-    rng, n = np.random.default_rng(seed), len(diver.joints)
-    low, high = diver.position_limits.T
-    centre, amplitude, branch = (low + high) / 2, (high - low) / 2, np.zeros(n, int)
-    ends = []
-    for _ in range(2):
-        positions = centre + amplitude * rng.uniform(-0.5, 0.5, n)
-        rates, curvatures = rng.normal(size=(2, n))
-        p, rate, curvature = boundary_arguments(positions, rates, curvatures, centre, amplitude, branch)
-        ends += [p, DURATION * rate, DURATION**2 * curvature]
-    polynomials = SinePolynomials(centre, amplitude, DURATION, np.array(ends).T, (3,) * n)
-    start, goal = (fp.Attitude(quaternion_xyzw=tuple(rng.normal(size=4))) for _ in range(2))
-    flight = SpatialFlight(spatial_dynamics(diver), diver.transmission[6:], start, goal, DURATION, n)
-    momentum = MomentumSet(np.array([5.0, 30.0, -8.0]), np.diag([4.0, 9.0, 3.0])[:, :2])
-    size = 3 * n
-    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
-    return FlightModel(flight), variables, 0.3 * rng.normal(size=variables.size)
-
-
-@pytest.mark.parametrize("quantity", ["residual", "attitude", "rate", *QUANTITIES])
-def test_derivatives_are_those_of_differences(diver, quantity):
-    model, variables, x = drawn_motion(diver, 11)
-    sampling = sample_also(model.nodes(4, variables.polynomials.form), np.array([0.0, 0.37, 1.0]))
-    motion = trajectory(model, variables, sampling, x)
-    present = motion.flown.attitude
-
-    def value(x):
-        moved = trajectory(model, variables, sampling, x)
-        if quantity == "attitude":
-            return logarithm(moved.flown.attitude @ np.swapaxes(present, 1, 2))
-        if quantity in QUANTITIES:
-            return QUANTITIES[quantity].values(moved)
-        return moved.flown.residual if quantity == "residual" else moved.flown.rate
-
-    if quantity in QUANTITIES:
-        computed = QUANTITIES[quantity].jacobian(motion)
-    elif quantity == "rate":
-        computed = motion.jacobian(motion.differentiable.rate_partials)
-    else:
-        computed = motion.residual_jacobian if quantity == "residual" else motion.attitude_jacobian
-    chosen = [0, 7, 13, variables.size - 2, variables.size - 1]
-    steps = 1e-6 * np.eye(variables.size)[chosen]
-    differences = np.stack([(value(x + step) - value(x - step)) / 2e-6 for step in steps], axis=-1)
-    assert np.abs(differences - computed[..., chosen]).max() < 3e-6 * np.abs(computed).max()
-
-
-@pytest.mark.parametrize("name", OBJECTIVE_TABLE)
-def test_objectives_and_rows_of_every_limit_change_as_differences_say(diver, name):
-    model, variables, x = drawn_motion(diver, 4)
-    of_motor = {"left_flexion": fp.Motor(stall=300.0, slope=8.0)}
-    limits = fp.Limits(velocity=20.0, acceleration=900.0, torque=250.0, motor=of_motor, orientation_rate=9.0)
-    level = fp.Posture(LEVEL, diver.position_limits.mean(axis=1))
-    asked = fp.Problem(diver, level, level, fp.Flight(DURATION, (1.0, 9.0, 2.0)), fp.Motion(objective=name), limits)
-    nodes = model.nodes(2, variables.polynomials.form)
-    watched = sample_also(nodes, np.array([0.0, 0.41, 1.0]))
-    aim = objective(asked, model, variables, nodes)
-    rows = constraints(asked, model)
-    assert {each.labels[0].split(" of ")[0] for each in rows} == {
-        "torque",
-        "velocity",
-        "acceleration",
-        "speed-dependent torque",
-        "orientation rate",
-    }
-    program = FlightProgram(model, variables, watched, aim, rows)
-
-    def value(x):
-        it = program.evaluate(x)
-        return np.concatenate(([it.objective], it.equality, it.inequality))
-
-    it = program.evaluate(x)
-    computed = np.concatenate((it.gradient[None], it.equality_jacobian, it.inequality_jacobian))
-    chosen = [1, 8, variables.size - 1]
-    steps = 1e-6 * np.eye(variables.size)[chosen]
-    differences = np.stack([(value(x + step) - value(x - step)) / 2e-6 for step in steps], axis=-1)
-    assert np.abs(differences - computed[:, chosen]).max() < 3e-6 * np.abs(computed).max()
-
-
 def test_the_logarithm_changes_as_its_derivative_says():
     turn_vector, small = np.array([0.4, -1.1, 0.7]), 1e-6 * np.array([[0.2, 0.9, -0.4]])
     after = [logarithm(exponential(sign * small) @ exponential(turn_vector[None]))[0] for sign in (1, -1)]
     assert (after[0] - after[1]) / 2 == pytest.approx(left_jacobian_inverse(turn_vector) @ small[0], rel=1e-6)
     assert left_jacobian_inverse(np.zeros(3)) == pytest.approx(np.eye(3))
+
+
+def test_the_attitude_at_landing_changes_with_the_momentum_as_differences_say():
+    problem = fp.load_problem(URDF.parent / "problems" / "space" / "diver_half_twist.toml")
+    plain, h, step = _PlainMotion(problem), np.array([5.0, 30.0, -8.0]), 1e-4
+    slope = plain.residual_slope(plain.turned(h))
+    for axis, direction in enumerate(np.eye(3)):
+        ends = [plain.residual(plain.turned(h + sign * step * direction)) for sign in (1, -1)]
+        assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(slope[:, axis], rel=1e-5, abs=1e-8)
 
 
 @pytest.mark.parametrize("axes", ["yxz", "xyz", "zxz", "yzx"])

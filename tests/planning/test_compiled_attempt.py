@@ -1,4 +1,4 @@
-"""Starts that the kernel follows end where the same search in Python ends, and motions are measured alike."""
+"""Starts that the kernel follows: by number, alone or together, and what it says of them before and after."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from general_path import take_general_path
+from sampled_flight import nodes_of, trajectory, values_of
 
 import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
@@ -17,7 +17,6 @@ from floatplan.planning.transcription import compiled_attempt
 from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS
 from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.trajectory import trajectory
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 NAMES = ("obstacle", "torque_limited", "moving_hoop", "handstand_ground", "gallery/solo", "gallery/bolt")
@@ -31,17 +30,6 @@ def ready(request, root) -> Attempts:
     if PREFIX in path.read_text() and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     return Attempts(fp.load_problem(path), 0)
-
-
-def test_a_start_ends_where_the_general_path_ends(ready, monkeypatch):
-    compiled = ready.attempt(ready.plain_start)
-    take_general_path(monkeypatch)
-    general = Attempts(ready.problem, 0)
-    assert general.compiled is None
-    general = general.attempt(general.plain_start)
-    assert (compiled.holds, compiled.status) == (general.holds, general.status)
-    assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-6)
-    assert ready.judge(compiled.variables, compiled.x, compiled.status).violation == compiled.violation == 0
 
 
 def begun(ready: Attempts, number: int) -> AttemptResult:
@@ -63,10 +51,10 @@ def test_where_a_start_ends_hangs_little_on_which_rows_are_differentiated(reach,
     assert ended.objective_value == pytest.approx(428.7169660, rel=1e-8)
 
 
-def test_of_what_does_not_hold_both_judges_say_the_same(ready):
+def test_of_what_does_not_hold_it_says_the_same_again(ready):
     """The plain motion as it is: no work may be done."""
     ended = ready.attempt(ready.plain_start, most_work=0)
-    judged = ready.judge(ended.variables, ended.x, ended.status)
+    judged = ready.judge(Start(ended.variables, ended.x), ended.status)
     assert judged.violation == pytest.approx(ended.violation, abs=1e-9)
     assert len(judged.worst.s) == len(ended.worst.s)
     assert np.sort(judged.worst.value) == pytest.approx(np.sort(ended.worst.value), abs=1e-7)
@@ -74,14 +62,16 @@ def test_of_what_does_not_hold_both_judges_say_the_same(ready):
 
 @pytest.mark.parametrize("number", [17, 18])
 def test_of_more_motions_a_start_violates_less(ready, number, monkeypatch):
-    """By the general path's evaluations, on plain branches and on others."""
+    """By evaluations in NumPy, on plain branches and on others."""
     model, kept, violated = ready.model, ready.constraints, []
     for motions in (1, 3, 10):
         monkeypatch.setattr(compiled_attempt, "MOTIONS_PER_VARIABLE", motions)
         start = begun(Attempts(ready.problem, 0), number)
-        nodes = model.nodes(LEVEL_OF_DRAWS, start.variables.polynomials.form)
+        nodes = nodes_of(LEVEL_OF_DRAWS, start.variables.polynomials.form)
         at = trajectory(model, start.variables, nodes, start.x)
-        squares = [(np.minimum(block.values(at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept]
+        squares = [
+            (np.minimum(values_of(block, at), 0) ** 2)[applies(block, at.sampling.grid.s)].sum() for block in kept
+        ]
         violated.append(at.residual.item() ** 2 + sum(squares))
     assert violated == sorted(violated, reverse=True)
     assert violated[-1] < violated[0]
@@ -97,9 +87,9 @@ def test_starts_are_drawn_on_all_branches_and_not_twice(ready):
 
 
 @pytest.mark.parametrize("number", [2, 4])
-def test_where_a_start_on_other_branches_ends_both_judges_say_the_same(ready, number):
+def test_of_where_a_start_on_other_branches_ends_it_says_the_same_again(ready, number):
     ended = ready.attempts(ready.problem.degrees, [], range(number, number + 1), lambda: False)
-    judged = ready.judge(ended.variables, ended.x, ended.status)
+    judged = ready.judge(Start(ended.variables, ended.x), ended.status)
     assert judged.violation == pytest.approx(ended.violation, rel=1e-3)  # far from a plan, minima are not all found
     assert judged.objective_value == pytest.approx(ended.objective_value, rel=1e-9)
     start = begun(ready, number)

@@ -84,3 +84,17 @@ def test_a_budget_is_positive() -> None:
     problem = problem_of("obstacle")
     with pytest.raises(fp.InputError, match="not positive"):
         plan_near(problem, fp.plan(problem), 0.0)
+
+
+def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it() -> None:
+    problem = problem_of("space/free_ur5")
+    plan = fp.plan(problem)
+    again = plan_near(problem, plan, PATIENCE)
+    assert again.ok
+    assert again.solver["starts"] == 1
+    assert again.objective_value == pytest.approx(plan.objective_value, rel=1e-6)
+    changed = turned(problem, 0.02)
+    near, whole = plan_near(changed, plan, PATIENCE), fp.plan(changed)
+    assert near.ok
+    assert near.solver["starts"] == 1
+    assert near.objective_value <= whole.objective_value * (1 + 1e-5)

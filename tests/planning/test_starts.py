@@ -8,6 +8,7 @@ from itertools import count, islice, takewhile
 
 import numpy as np
 import pytest
+from sampled_flight import sample_nodes, trajectory
 
 import floatplan as fp
 from floatplan.motion.planar.flight import gauss_grid
@@ -15,7 +16,7 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS, MOTIONS_PER_VARIABLE
 from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
+from floatplan.planning.transcription.work import flight_model
 
 NODES = 96
 NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it

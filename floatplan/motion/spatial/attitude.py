@@ -16,6 +16,7 @@ S is the motion for h = 0, a linear equation for a quaternion; ``mu = Y^T B^T h`
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -25,7 +26,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, enumeration, integers, pointers
+from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import exponential, of_quaternions
 
@@ -105,13 +106,7 @@ class Turning:
 
     def at(self, instants: Array) -> Array:
         """Attitudes (L, 3, 3) at instants (L,) of [0, 1]."""
-        cell, integrals = self.cells.place(instants)
-        attitudes = self.borders[cell]
-        for rates in self.spun:
-            quaternions = self.step * np.einsum("ls,lsa->la", integrals, rates[cell])
-            quaternions[:, 3] += 1.0
-            attitudes = attitudes @ of_quaternions(quaternions)
-        return np.asarray(attitudes)
+        return attitudes_at(self.cells, self.duration, self.borders, self.spun, instants)
 
     @property
     def way(self) -> Array:
@@ -138,20 +133,6 @@ class Turning:
         self._asked("transitions", transitions=transitions, turn_weights=weights)
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
 
-    def transport(self, drifts: Array, cell: IntArray, integrals: Array) -> Array:
-        """Small turns (L, 3, c) in cells, after integrals (L, S), that c drifts (K, 3, c) at the stages make."""
-        turns = np.empty((len(cell), *drifts.shape[1:]))
-        self._asked(
-            "turns",
-            drifts=doubles(drifts),
-            turns=turns,
-            cell=integers(cell),
-            reached=doubles(integrals),
-            instants=len(cell),
-            columns=drifts.shape[2],
-        )
-        return turns
-
     def _asked(self, what: str, **given: Any) -> None:
         known = {
             "momentum": doubles(self.angular_momentum),
@@ -159,6 +140,17 @@ class Turning:
             "attitudes": self.attitudes,
         }
         _ask(what, self.cells, self.duration, **known, **given)
+
+
+def attitudes_at(cells: Cells, duration: float, borders: Array, spun: Iterable[Array], instants: Array) -> Array:
+    """Attitudes (L, 3, 3) at instants (L,) of [0, 1], from borders (C, 3, 3) and the quaternions' rates after them."""
+    cell, integrals = cells.place(instants)
+    attitudes = borders[cell]
+    for rates in spun:
+        quaternions = duration / cells.count * np.einsum("ls,lsa->la", integrals, rates[cell])
+        quaternions[:, 3] += 1.0
+        attitudes = attitudes @ of_quaternions(quaternions)
+    return np.asarray(attitudes)
 
 
 def _ask(what: str, cells: Cells, duration: float, **given: Any) -> None:
@@ -217,14 +209,6 @@ def turn(
     )
     first = 0 if angular_momentum.any() else 1
     return Turning(cells, duration, angular_momentum, begins, inverse, attitudes, rates, ends, tuple(spun[first:]))
-
-
-def small_turns(transitions: Array, drifts: Array) -> Array:
-    """Small turns (C + 1, 3, c) at the borders that c drifts (C, 3, c) of the cells make, from none at takeoff."""
-    turns = np.zeros((len(drifts) + 1, *drifts.shape[1:]))
-    for cell, (transition, drift) in enumerate(zip(transitions, drifts, strict=True)):
-        turns[cell + 1] = transition @ turns[cell] + drift
-    return turns
 
 
 def moved(attitudes: Array, turns: Array) -> Array:

@@ -48,7 +48,7 @@ class SpatialDynamics:
         return SpatialDynamics, (self.model, self.reference, self.selection)
 
     @cached_property
-    def _tree(self) -> Struct:
+    def tree(self) -> Struct:
         """The bodies as the kernel sees them."""
         model, data = self.model, self.model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -99,7 +99,7 @@ class SpatialDynamics:
         arrays = {name: doubles(values) for name, values in given.items()}
         moved = Struct("SpatialMotion", instants=count, **(NOTHING | arrays | found))
         compiled = kernel()
-        if compiled.space(self._tree.pointer, moved.pointer, compiled.instructions):
+        if compiled.space(self.tree.pointer, moved.pointer, compiled.instructions):
             raise MemoryError
         return found
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import JointMotion, SinePolynomials, basis, boundary_arguments
-from floatplan.motion.spatial.attitude import IntegrationError
-from floatplan.motion.spatial.flight import SpatialBaseMotion, attitude_of, spatial_flight
-from floatplan.motion.spatial.rotations import logarithm, of_angles, unwrapped_angles
+from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments
+from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
+from floatplan.motion.spatial.flight import LEVELS, attitude_of, spatial_flight
+from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
 from floatplan.problem.problem import Problem
 
 ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it and across
@@ -75,7 +75,7 @@ class _PlainMotion:
 
     def __init__(self, problem: Problem) -> None:
         self.flight = spatial_flight(problem)
-        self.grid = self.flight.grid(LEVEL)
+        self.cells = cells(*LEVELS[LEVEL])
         low, high = problem.position_limits.T
         centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration
         branch = np.zeros(len(centre), np.int64)
@@ -89,37 +89,53 @@ class _PlainMotion:
             ]
         ]
         polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
-        values = basis(polynomials.form).values(self.grid.s)
-        self.joints: JointMotion = polynomials.motion(polynomials.no_free_part, values)
+        values = basis(polynomials.form).values(self.cells.s)
+        joints = polynomials.motion(polynomials.no_free_part, values)
+        self._inertia, joint_map = self.flight.dynamics.momentum_maps(joints.positions)
+        self._relative = np.einsum("kan,kn->ka", joint_map, joints.velocities)
 
     @property
     def inertia(self) -> Array:
         """Inertia (3, 3) in the base's axes, the mean over the flight, kg m^2."""
-        return np.asarray(np.linalg.inv(np.linalg.inv(self.fly(np.zeros(3)).maps[0]).mean(axis=0)))
+        return np.asarray(np.linalg.inv(np.linalg.inv(self._inertia).mean(axis=0)))
 
     def mean_inertia(self, attitude: Array) -> Array:
         """The same in the world's axes."""
         return np.asarray(attitude @ self.inertia @ attitude.T)
 
-    def fly(self, h: Array) -> SpatialBaseMotion:
-        """Turn the base."""
-        return SpatialBaseMotion(self.flight, self.grid, self.joints, h)
+    def turned(self, h: Array) -> Turning:
+        """Turn the base; errors as of :func:`turn`."""
+        flight = self.flight
+        return turn(self.cells, flight.duration, self._inertia, self._relative, h, flight.initial_attitude)
+
+    def residual(self, turning: Turning) -> Array:
+        """Vector of rotation (3,), rad, from the attitude asked for at landing to that at landing."""
+        return np.asarray(logarithm((self.flight.final_attitude.T @ turning.ends[-1])[None])[0])
+
+    def residual_slope(self, turning: Turning) -> Array:
+        """Derivative (3, 3) of the residual by h, backwards through the cells."""
+        transitions, weights = turning.carried
+        mobility = turning.mobility.reshape(weights.shape)
+        onward = left_jacobian_inverse(self.residual(turning)) @ self.flight.final_attitude.T
+        slope = np.zeros((3, 3))
+        for cell in range(len(weights) - 1, -1, -1):
+            slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)
+            onward = onward @ transitions[cell]
+        return slope
 
     def reaching(self, h: Array) -> Array:
         """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""
         best, least = h, math.inf
         try:
             for _ in range(STEPS):
-                flown = self.fly(h)
-                missed = float(np.linalg.norm(flown.residual))
+                turning = self.turned(h)
+                residual = self.residual(turning)
+                missed = float(np.linalg.norm(residual))
                 if missed < least:
                     best, least = h, missed
                 if missed < ENOUGH:
                     break
-                by_h = flown.residual_partials.by_momentum
-                assert by_h is not None
-                slope = self.flight.duration * np.tensordot(self.grid.weights, by_h, 1)
-                step = -np.linalg.lstsq(slope, flown.residual, rcond=1e-9)[0]
+                step = -np.linalg.lstsq(self.residual_slope(turning), residual, rcond=1e-9)[0]
                 longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.inertia)) / self.flight.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:
@@ -133,7 +149,7 @@ class _PlainMotion:
         high = angle / self.flight.duration * float(axis @ self.mean_inertia(self.flight.initial_attitude) @ axis)
         try:
             for _ in range(STEPS):
-                angles = unwrapped_angles(axes, self.fly(high * axis).turning.way)
+                angles = unwrapped_angles(axes, self.turned(high * axis).way)
                 of_high = float(angles[-1, which] - angles[0, which])
                 if abs(of_high - angle) < 1e-6 or of_high == of_low:
                     break

@@ -6,6 +6,7 @@ A rotation matrix R (..., 3, 3) takes vectors of the body to the world. A small 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -57,3 +58,12 @@ def unwrapped_angles(axes: str, rotations: Array) -> Array:
     angles: Array = _rotation().from_matrix(rotations).as_euler(sequence, suppress_warnings=True)
     angles[:, [0, 2]] = np.unwrap(angles[:, [0, 2]], axis=0)
     return angles
+
+
+def left_jacobian_inverse(turn: Array) -> Array:
+    """Derivative (3, 3) of the vector of rotation (3,), rad, by a small turn that is done after it."""
+    angle = float(np.linalg.norm(turn))
+    across = cross_matrix(turn)
+    half = angle / 2
+    factor = 1 / 12 if angle < 1e-3 else (1 - half / math.tan(half)) / angle**2
+    return np.asarray(np.eye(3) - across / 2 + factor * across @ across)

@@ -1,4 +1,4 @@
-"""Starts of a problem with constraints in a plane, followed to their ends by the kernel: ``starts.hpp``.
+"""Starts of a problem, followed to their ends by the kernel: ``starts.hpp``.
 
 What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
 """
@@ -13,21 +13,20 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import knots, nodes_of_levels
+from floatplan.compiled.attempts import knots
 from floatplan.compiled.batch import STATUS, constrained_settings, is_planar, powers_of_basis
-from floatplan.compiled.constraints import CompiledConstraints
+from floatplan.compiled.constraints import CompiledConstraints, Watch
 from floatplan.kernel.structs import Pointer, Struct, doubles, integers
-from floatplan.kernel.tolerances import EXCHANGE
+from floatplan.kernel.tolerances import EXCHANGE, EXCHANGE_IN_SPACE, WORK_IN_SPACE
+from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import PlanarFlight, central_reach
-from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
-from floatplan.planning.transcription.constraints import Constraint, window_ends
-from floatplan.planning.transcription.exchange import Worst, cheap_level, where_to_look
-from floatplan.planning.transcription.program import changes_at_ends
+from floatplan.planning.transcription.constraints import Constraint, changes_at_ends, window_ends
+from floatplan.planning.transcription.minima import Worst, where_to_look
 from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.planning.transcription.variables import Boundary, DecisionVariables
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -35,6 +34,7 @@ MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the 
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
+CHEAP = 192  # [-] bodies times nodes, below which the time of an evaluation hardly depends on them
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
 
 
@@ -58,9 +58,15 @@ class MinimaArrays:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What the kernel reads of a problem, as pointers to structs."""
+    """What the kernel reads of a problem, as pointers to structs.
 
-    robot: Pointer
+    Attributes
+    ----------
+    flying : the robot; in space the body, with its angular momentum, and the cells of all levels
+    constraints, motions, levels, settings, rules
+    """
+
+    flying: tuple[Pointer, ...]
     constraints: Pointer
     motions: Pointer
     levels: Pointer
@@ -111,16 +117,15 @@ class PreparedStarts:
             Where they do not, none is followed.
         expired : whether there is no time left: the first start is judged as it is
         """
-        attempt, inputs = self.attempt, self.inputs
+        attempt, inputs, watch = self.attempt, self.inputs, self.compiled.watch
         self.x[:] = self.plain
         attempt.first = numbers.start
         attempt.count = len(numbers)
         attempt.most_work = EXPIRED if expired else most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
-        kernel = self.compiled.watch.kernel
-        no_memory = kernel.attempt(
-            inputs.robot,
+        no_memory = watch.attempt(
+            *inputs.flying,
             inputs.constraints,
             inputs.motions,
             inputs.levels,
@@ -130,10 +135,19 @@ class PreparedStarts:
             attempt,
             self.draws,
             1,
-            kernel.instructions,
+            watch.kernel.instructions,
         )
         if no_memory:
             raise MemoryError("no memory to follow a start")
+
+    def judge(self) -> None:
+        """Judge the plain motion as it is."""
+        self.follow(range(0), np.inf, 0)
+
+    def values_at_ends(self) -> Array:
+        """Values (rows, 2) of all rows at takeoff and landing, with the attitudes that are asked for there."""
+        self.follow(range(0), np.inf, 0, asks=True)
+        return self.compiled.end_values.copy()
 
     @property
     def ends_hold(self) -> bool:
@@ -151,6 +165,7 @@ class PreparedStarts:
         blocks, rows, _ = self.compiled.rows
         found = attempt.minima.found
         row = minima.row[:found]
+        missed = list(attempt.missed)[: model.flight.tangent]
         worst = Worst(block=blocks[row], row=rows[row], s=minima.s[:found].copy(), value=minima.least[:found].copy())
         return AttemptResult(
             problem=problem,
@@ -163,7 +178,7 @@ class PreparedStarts:
             level=attempt.judged_level,
             violation=attempt.violation,
             worst=worst,
-            missed=np.array([attempt.missed]),
+            missed=np.array(missed),
             work=attempt.work,
             starts=attempt.started,
             coefficients=None if self.coefficients is None else self.coefficients.copy(),
@@ -175,8 +190,9 @@ class PreparedStarts:
 class CompiledProblem:
     """A problem with constraints as the kernel takes it, whatever the class of motions."""
 
-    def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints) -> None:
+    def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: Watch) -> None:
         self._problem = problem
+        self._is_planar = is_planar(watch.flight)
         self._constraints = constraints
         self.watch = watch
         self.rows = where_to_look(constraints)
@@ -190,6 +206,7 @@ class CompiledProblem:
         self.most_minima = len(look.grid) * watch.rows
         self._arrays = MinimaArrays.empty(self.most_minima)
         self.minima = self.minima_struct(self._arrays)
+        self.end_values = np.empty((watch.rows, 2))  # written by whichever start asks first
 
     def minima_struct(self, arrays: MinimaArrays) -> Struct:
         """Return where the kernel looks for minima of rows, and writes those of one problem."""
@@ -246,10 +263,11 @@ class CompiledProblem:
             at_once=at_once,
             objective_sum=0 if watch.also is None else watch.first_also,
             objective_sums=0 if watch.also is None else len(watch.also),
-            bodies=watch.flight.bodies,
+            bodies=watch.flight.bodies * (1.0 if self._is_planar else WORK_IN_SPACE),
             entries=sum(watch.differentiated),
             thickness=self._thickness,
             plain=doubles(variables.plain_motion),
+            end_values=self.end_values,
             low=self._low,
             high=self._high,
             tolerance=self._tolerance,
@@ -264,32 +282,33 @@ class CompiledProblem:
     def inputs(self, variables: DecisionVariables) -> tuple[Inputs, Struct]:
         """Return what the kernel reads of a class of motions, and that class, which must live as long."""
         watch = self.watch
-        motions = _motions(watch.flight, variables, watch.also is None)
+        flight = watch.flight
+        motions = motions_struct(flight, variables, watch.also is None)
         inputs = Inputs(
-            robot=watch.robot.pointer,
+            flying=watch.flying(variables.momentum),
             constraints=watch.struct.pointer,
             motions=motions.pointer,
-            levels=nodes_of_levels(variables.polynomials.form).pointer,
-            settings=constrained_settings().pointer,
-            rules=_rules(watch.flight.bodies).pointer,
+            levels=watch.nodes(variables.polynomials.form).pointer,
+            settings=constrained_settings(len(flight.node_counts)).pointer,
+            rules=_rules(flight.node_counts, flight.bodies, self._is_planar).pointer,
         )
         return inputs, motions
 
     @cached_property
     def reach(self) -> float:
         """How far the point of the robot that stays nearest to the centre of mass is from it at most, m."""
-        return central_reach(self._problem.robot)
+        return central_reach(self._problem.robot) if self._is_planar else np.inf
 
 
-def compiled_problem(
-    problem: Problem, model: FlightModel, constraints: tuple[Constraint, ...]
-) -> CompiledProblem | None:
-    """Return a problem as the kernel takes it; None in space."""
-    if not is_planar(model.flight):
-        return None
+def compiled_problem(problem: Problem, flight: FlightDynamics, constraints: tuple[Constraint, ...]) -> CompiledProblem:
+    """Return a problem as the kernel takes it."""
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
-    blocks = [constraint.compiled(model.flight) for constraint in constraints]
-    return CompiledProblem(problem, constraints, CompiledConstraints(model.flight, blocks, quantity))
+    blocks = [constraint.compiled(flight) for constraint in constraints]
+    if is_planar(flight):
+        return CompiledProblem(problem, constraints, CompiledConstraints(flight, blocks, quantity))
+    from floatplan.compiled.in_space import SpatialConstraints  # here, since most problems do without
+
+    return CompiledProblem(problem, constraints, SpatialConstraints(flight, blocks, quantity))
 
 
 def draws_struct(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Struct:
@@ -308,14 +327,24 @@ def draws_struct(variables: DecisionVariables, constrained: bool, branch: IntArr
     )
 
 
+@lru_cache(maxsize=32)
+def cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
+    """Level of grids up to which fewer nodes would hardly be faster."""
+    return max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
+
+
 @lru_cache(maxsize=8)
-def _rules(bodies: int) -> Struct:
+def _rules(node_counts: tuple[int, ...], bodies: int, in_plane: bool) -> Struct:
     """Return every number of the search with constraints."""
-    return Struct.of_numbers(replace(EXCHANGE, cheap_level=cheap_level(NODE_COUNTS, bodies)))
+    cheap = cheap_level(node_counts, bodies)
+    if in_plane:
+        return Struct.of_numbers(replace(EXCHANGE, cheap_level=cheap))
+    finest = len(node_counts) - 1
+    return Struct.of_numbers(replace(EXCHANGE_IN_SPACE, cheap_level=cheap, watched_at_most=finest))
 
 
 @lru_cache(maxsize=64)
-def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients: bool) -> Struct:
+def motions_struct(flight: FlightDynamics, variables: DecisionVariables, of_coefficients: bool) -> Struct:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form = polynomials.form
@@ -326,6 +355,14 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
     if of_coefficients and following is not None:
         unit = whitening(form, (polynomials.duration,))[3]
         coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
+    # In space the attitudes at both ends and the angular momentum are the body's.
+    orientation = change = middle = 0.0
+    axis = np.zeros(momentum.free)
+    if isinstance(flight, PlanarFlight):
+        orientation = flight.initial_orientation
+        change = flight.change
+        middle = float(momentum.centre[0])
+        axis = doubles(momentum.axes.ravel())
     return Struct(
         "Motions",
         size=variables.size,
@@ -334,10 +371,10 @@ def _motions(flight: PlanarFlight, variables: DecisionVariables, of_coefficients
         given=len(given),
         terms=series.shape[1],
         duration=polynomials.duration,
-        orientation=flight.initial_orientation,
-        change=flight.change,
-        momentum=float(momentum.centre[0]),
-        axis=doubles(momentum.axes.ravel()),
+        orientation=orientation,
+        change=change,
+        momentum=middle,
+        axis=axis,
         centre=doubles(polynomials.centre),
         amplitude=doubles(polynomials.amplitude),
         first=integers(list(accumulate(polynomials.free, initial=0))),

@@ -1,4 +1,4 @@
-"""What must hold during the flight, as blocks of inequalities: values, exact Jacobians, labels and units.
+"""What must hold during the flight, as blocks of inequalities: what they are about, labels and units.
 
 A block has r rows at each of K instants; a row holds where its value is at least zero. Values are divided by the
 block's ``scale``, so that 1 is much in every row. Joint ranges need no block: they hold by construction of (12).
@@ -7,7 +7,7 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -16,8 +16,8 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray
 from floatplan.compiled.constraints import Block, DistanceRows, SumRows
 from floatplan.motion.dynamics import FlightDynamics
-from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
-from floatplan.planning.transcription.variables import AtEnds
+from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.tables import CLEARANCE, RELATIVE
@@ -26,7 +26,29 @@ LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a torque o
 
 Window: TypeAlias = tuple[float, float]  # fractions of the flight, within [0, 1], both included
 ALWAYS: Window = (0.0, 1.0)
+EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
 Pairs: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # indices of capsules: every first one with every second
+
+
+@dataclass(frozen=True)
+class MotionQuantity:
+    """What limits and objectives are about.
+
+    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing. ``sums`` : as what matrices
+    times the kernel's quantities it is written, where it is none of these itself.
+    """
+
+    depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
+    sums: Callable[[FlightDynamics], Mapping[str, Array]] = lambda flight: {}
+
+
+QUANTITIES: dict[str, MotionQuantity] = {
+    "velocities": MotionQuantity(frozenset({"velocities"})),
+    "accelerations": MotionQuantity(frozenset({"accelerations"})),
+    "torques": MotionQuantity(),
+    "motor_torques": MotionQuantity(),
+    "orientation_rate": MotionQuantity(frozenset({"velocities", "momentum"})),
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,14 +80,6 @@ class Constraint(ABC):
         """On what, beside the posture, the values at takeoff and landing depend."""
 
     @abstractmethod
-    def values(self, trajectory: Trajectory) -> Array:
-        """Values (K, r)."""
-
-    @abstractmethod
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size) of the values by x."""
-
-    @abstractmethod
     def compiled(self, flight: FlightDynamics) -> Block:
         """Return the rows as the kernel computes them."""
 
@@ -84,20 +98,6 @@ class Clearance(Constraint):
     def depends_at_ends_on(self) -> frozenset[AtEnds]:
         """On nothing else."""
         return frozenset()
-
-    def values(self, trajectory: Trajectory) -> Array:
-        """Distances less the margin (K, r)."""
-        flown, between = trajectory.flown, self.between
-        if isinstance(between, Obstacle):
-            return (flown.obstacle_distances(between) - self.margin) / LENGTH_SCALE
-        return (flown.pair_distances(*between) - self.margin) / LENGTH_SCALE
-
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        flown, between = trajectory.differentiable, self.between
-        if isinstance(between, Obstacle):
-            return trajectory.jacobian(flown.obstacle_partials(between)) / LENGTH_SCALE
-        return trajectory.jacobian(flown.pair_partials(*between)) / LENGTH_SCALE
 
     def compiled(self, flight: FlightDynamics) -> Block:
         """Return the same distances."""
@@ -137,16 +137,6 @@ class Limit(Constraint):
     def depends_at_ends_on(self) -> frozenset[AtEnds]:
         """As of the quantities."""
         return frozenset[AtEnds]().union(*(QUANTITIES[name].depends_at_ends_on for name in self.weights))
-
-    def values(self, trajectory: Trajectory) -> Array:
-        """What is left of the limits (K, r), as shares of them."""
-        used = [QUANTITIES[name].values(trajectory) @ weights.T for name, weights in self.weights.items()]
-        return np.asarray(1 - sum(used[1:], used[0]))
-
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        used = [weights @ trajectory.quantity_jacobian(name) for name, weights in self.weights.items()]
-        return -sum(used[1:], used[0])
 
     def compiled(self, flight: FlightDynamics) -> SumRows:
         """Return the same sums."""
@@ -211,3 +201,8 @@ def applies(block: Constraint, s: Array) -> BoolArray:
 def window_ends(blocks: Iterable[Constraint]) -> tuple[float, ...]:
     """Ends of the blocks' windows, rising, the ends of the flight left out."""
     return tuple(sorted({end for block in blocks for end in block.window if end not in ALWAYS}))
+
+
+def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
+    """Whether the values of a block at takeoff or landing depend on what the search chooses."""
+    return bool(variables.chosen_at_ends and variables.chosen_at_ends & block.depends_at_ends_on)

@@ -11,12 +11,10 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.batch import is_planar
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.transcription.exchange import Worst
-from floatplan.planning.transcription.program import objective_value
-from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectory
+from floatplan.planning.transcription.minima import Worst
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.problem.problem import Problem
-from floatplan.tables import OBJECTIVE_TABLE
 from floatplan.tables import Objective as ObjectiveName
 
 
@@ -98,12 +96,6 @@ class AttemptResult:
         return decision_variables(self.problem, self.start_variables.degrees, branches, self.start_variables.momentum)
 
     @cached_property
-    def motion(self) -> Trajectory:
-        """The motion at the nodes of the grid that it was judged on."""
-        nodes = self.model.nodes(self.level, self.variables.polynomials.form)
-        return trajectory(self.model, self.variables, nodes, self.x)
-
-    @cached_property
     def written(self) -> Array:
         """Coefficients b (n, k+1) of (12), powers of t in seconds."""
         if self.coefficients is not None:
@@ -115,9 +107,11 @@ class AttemptResult:
     @cached_property
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
-        if OBJECTIVE_TABLE[self.objective].quantity is None and is_planar(self.model.flight):
+        if self.integral is not None:
+            return self.integral
+        if is_planar(self.model.flight):
             return float(np.linalg.norm(self.written))
-        return self.integral or objective_value(self.objective, self.motion, self.x)
+        return float(np.linalg.norm(self.x[: self.variables.coefficients]))
 
 
 def best(results: Sequence[AttemptResult]) -> AttemptResult:

@@ -1,6 +1,5 @@
 """The numbers that the search chooses, the motions they stand for, and the conditions (13) at both ends of these."""
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -175,18 +174,6 @@ class DecisionVariables:
     def plain_motion(self) -> Array:
         """The x of the Hermite motion with no free part, and the h in the middle."""
         return self.variables(self.polynomials.no_free_part, self.momentum.centre)
-
-    def gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
-        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros."""
-        assert not self.following, "conditions follow h in a plane alone, where derivatives are the kernel's"
-        *shape, joints, width = by_z.shape
-        flat = by_z.reshape(math.prod(shape), joints * width)  # one product of matrices is faster than many
-        by_x = (flat if flat.shape[1] == len(self.offset) else flat[:, self.polynomials.free_indices]) @ self.scaling
-        if self.momentum.free:
-            free = self.momentum.free
-            chosen = np.zeros((len(flat), free)) if by_momentum is None else by_momentum @ self.momentum.axes
-            by_x = np.concatenate((by_x, chosen.reshape(-1, free)), axis=1)
-        return by_x.reshape(*shape, self.size)
 
 
 def decision_variables(

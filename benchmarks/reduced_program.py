@@ -1,43 +1,159 @@
-"""Transcription: a flight with its constraints as a nonlinear program in a few well-scaled numbers.
+"""Flights in a plane as programs in NumPy, for other solvers and tests; and the kernel's quadratic programs."""
 
-It minimises (17), or the time integral of a squared quantity. The search scales every objective to about 1 at a
-sensible motion of its class; :func:`objective_value` is the user's own, by which motions of different classes compare.
-"""
+from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeAlias
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-
-from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.optimization.programs import Derivatives, Evaluation
-from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
-from floatplan.planning.transcription.trajectory import (
+from sampled_flight import (
     QUANTITIES,
-    FlightModel,
     Sampling,
     Trajectory,
+    jacobian_of,
+    nodes_of,
     sample_also,
     trajectory,
+    values_of,
 )
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, doubles
+from floatplan.kernel.tolerances import EXCHANGE
+from floatplan.planning.transcription.constraints import Constraint, applies, changes_at_ends, window_ends
 from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.work import FlightModel
 from floatplan.problem.problem import Problem
-from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION
+from floatplan.tables import OBJECTIVE_TABLE
 from floatplan.tables import Objective as ObjectiveName
 
+Detail = TypeVar("Detail")
 EXACT_LEVEL = -1  # of the grids: the finest, for the number that the user sees
-RANK = 1e-7  # singular values below this, relative to the largest, are rounding
-MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
+
+
+class Derivatives(NamedTuple):
+    """Of a program at a point: ``gradient`` (m,), ``equality_jacobian`` (e, m), ``inequality_jacobian`` (k, m)."""
+
+    gradient: Array
+    equality_jacobian: Array
+    inequality_jacobian: Array
+
+
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
+class Evaluation(Generic[Detail]):
+    """A program at a point of m variables; the derivatives are computed when asked for.
+
+    ``equality`` (e,), ``inequality`` (k,) with >= 0 wanted. ``detail`` is what the program remembers of the point.
+    """
+
+    objective: float
+    equality: Array
+    inequality: Array
+    differentiate: Callable[[], Derivatives]
+    detail: Detail
+
+    @cached_property
+    def _derivatives(self) -> Derivatives:
+        return self.differentiate()
+
+    @property
+    def gradient(self) -> Array:
+        """Gradient (m,) of the objective."""
+        return self._derivatives.gradient
+
+    @property
+    def equality_jacobian(self) -> Array:
+        """Derivatives (e, m) of the equalities."""
+        return self._derivatives.equality_jacobian
+
+    @property
+    def inequality_jacobian(self) -> Array:
+        """Derivatives (k, m) of the inequalities."""
+        return self._derivatives.inequality_jacobian
+
+    @cached_property
+    def violation(self) -> float:
+        """Sum of what the constraints lack."""
+        return total_violation(self.equality, self.inequality)
+
+    @cached_property
+    def worst_violation(self) -> float:
+        """Largest amount by which one constraint fails."""
+        worst = max(map(abs, self.equality.tolist()), default=0.0)
+        return max(worst, -float(self.inequality.min())) if self.inequality.size else worst
+
+
+def total_violation(equality: Array, inequality: Array) -> float:
+    """Sum of what equalities (e,) and inequalities (k,) lack."""
+    violation: float = sum(map(abs, equality.tolist()))
+    return violation - float(np.minimum(inequality, 0).sum()) if inequality.size else violation
+
+
+AnyEvaluation: TypeAlias = Evaluation[Any]  # whose detail does not matter
+
+
+class Multipliers(NamedTuple):
+    """Lagrange multipliers ``equality`` (e,) and ``inequality`` (k,) >= 0 of a program."""
+
+    equality: Array
+    inequality: Array
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude."""
+        largest = max(map(abs, self.equality.tolist()), default=0.0)
+        return max(largest, float(self.inequality.max())) if self.inequality.size else largest
+
+
+class Step(NamedTuple):
+    """Solution of a QP."""
+
+    direction: Array
+    multipliers: Multipliers
+
+
+def dual_step(current: AnyEvaluation, hessian: Array) -> Step | None:
+    """Make violated rows active one by one: None where rows contradict one another, or it takes too many changes."""
+    size, equalities = len(hessian), len(current.equality)
+    count = len(current.inequality)
+    rows = -(-count // 8) * 8
+    inequality = np.full(rows, np.inf)
+    inequality[:count] = current.inequality
+    packs = np.zeros((rows, size))
+    packs[:count] = current.inequality_jacobian
+    active = np.empty(size, dtype=np.int64)
+    solution = np.empty(2 * size + equalities)
+    program = Struct(
+        "Quadratic",
+        size=size,
+        equalities=equalities,
+        rows=rows,
+        changes=EXCHANGE.qp_changes,
+        tolerance=EXCHANGE.qp_tolerance,
+        hessian=doubles(hessian),
+        gradient=doubles(current.gradient),
+        equality=doubles(current.equality),
+        equality_rows=doubles(current.equality_jacobian),
+        inequality=inequality,
+        inequality_rows=doubles(packs.reshape(-1, 8, size).swapaxes(1, 2)),
+        active=active,
+        solution=solution,
+    )
+    compiled = kernel()
+    if not compiled.quadratic(program.pointer, compiled.instructions):
+        return None
+    found = program.pointer.count
+    multipliers = np.zeros(count)
+    multipliers[active[:found]] = solution[size + equalities : size + equalities + found]
+    return Step(solution[:size], Multipliers(solution[size : size + equalities], multipliers))
 
 
 @dataclass(frozen=True, eq=False)
 class CoefficientNorm:
-    """(17). The variables are whitened so that ``|b|^2 = least^2 + unit^2 |x|^2``: here ``|x|^2 / 2``.
-
-    In space, where |b| is 1e3 to 1e5, x is z, and this is the mean square of p's free part.
-    """
+    """(17). The variables are whitened so that ``|b|^2 = least^2 + unit^2 |x|^2``: here ``|x|^2 / 2``."""
 
     coefficients: int
 
@@ -108,11 +224,9 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
     """
     model, variables = motion.model, motion.variables
     if OBJECTIVE_TABLE[name].quantity is None:
-        if model.flight.tangent > 1:
-            return float(np.linalg.norm(x[: variables.coefficients]))
         motions = variables.motion_class(motion.angular_momentum)
         return float(np.linalg.norm(motions.powers_of_seconds(variables.free_coefficients(x))))
-    exact = trajectory(model, variables, model.nodes(EXACT_LEVEL, variables.polynomials.form), x)
+    exact = trajectory(model, variables, nodes_of(EXACT_LEVEL, variables.polynomials.form), x)
     return objective_term(name, variables).value(exact, x)
 
 
@@ -143,10 +257,7 @@ def watching(nodes: Sampling, constraints: tuple[Constraint, ...], extra: Array)
 
 @dataclass(frozen=True, eq=False)
 class FlightProgram:
-    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling.
-
-    ``combinations`` (r, e) of the e residuals at landing are the equalities; None for the residuals themselves.
-    """
+    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
 
     model: FlightModel
     variables: DecisionVariables
@@ -154,7 +265,6 @@ class FlightProgram:
     objective: Objective
     constraints: tuple[Constraint, ...] = ()
     back_off: float = EXCHANGE.back_off
-    combinations: Array | None = None
 
     @property
     def metric(self) -> Array:
@@ -191,49 +301,16 @@ class FlightProgram:
         motion = self.trajectory(x)
         inequality = np.empty(self._count)
         for block, target in zip(self.constraints, self._targets, strict=True):
-            inequality[target[target >= 0]] = (block.values(motion) - self.back_off)[target >= 0]
-        equality, differentiate = self._combined(motion.residual), partial(self._derivatives, motion, x)
+            inequality[target[target >= 0]] = (values_of(block, motion) - self.back_off)[target >= 0]
+        equality, differentiate = motion.residual, partial(self._derivatives, motion, x)
         return Evaluation(self.objective.value(motion, x), equality, inequality, differentiate, motion)
 
     def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
         return self.objective.hessian(evaluation.detail)
 
-    def _combined(self, residual: Array) -> Array:
-        """Equalities (r, ...) of residuals (e, ...)."""
-        return residual if self.combinations is None else self.combinations @ residual
-
     def _derivatives(self, motion: Trajectory, x: Array) -> Derivatives:
         jacobian = np.empty((self._count, len(x)))
         for block, target in zip(self.constraints, self._targets, strict=True):
-            jacobian[target[target >= 0]] = block.jacobian(motion)[target >= 0]
-        return Derivatives(self.objective.gradient(motion, x), self._combined(motion.residual_jacobian), jacobian)
-
-
-def scaled(program: FlightProgram, x: Array) -> FlightProgram:
-    """Return the program with equalities whose derivatives at x have rows orthogonal in the metric, of like size.
-
-    By their singular values: in space some turns are much harder to make than others, and turns that nothing makes, as
-    those out of the plane of a planar flight, are left out where they are not wanted either.
-    """
-    if program.model.flight.tangent == 1:
-        return program
-    motion = program.trajectory(x)
-    by_step = motion.residual_jacobian @ np.linalg.inv(program.metric)
-    sizes, turns = np.linalg.eigh(by_step @ by_step.T)
-    sizes = np.sqrt(np.maximum(sizes, 0))
-    largest = sizes[-1] or 1.0
-    raised = largest / np.maximum(sizes, largest / MOST_RAISED)
-    kept = (sizes > RANK * largest) | (np.abs(turns.T @ motion.residual) > ORIENTATION)
-    return replace(program, combinations=(turns * raised).T[kept])
-
-
-def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Constraint, ...]) -> Array:
-    """Instants, in [0, 1], to watch beside the quadrature nodes from the beginning: the ends, where they can change."""
-    matter = any(changes_at_ends(variables, block) for block in constraints)
-    return np.array([0.0, 1.0]) if matter else np.empty(0)
-
-
-def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
-    """Whether the values of a block at takeoff or landing depend on what the search chooses."""
-    return bool(variables.chosen_at_ends and variables.chosen_at_ends & block.depends_at_ends_on)
+            jacobian[target[target >= 0]] = jacobian_of(block, motion)[target >= 0]
+        return Derivatives(self.objective.gradient(motion, x), motion.residual_jacobian, jacobian)

@@ -1,0 +1,160 @@
+"""What the kernel is given of flights in space, to follow starts of them: ``spatial_flight.hpp``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from itertools import accumulate, pairwise
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.compiled.constraints import SUM, Block, SumRows, Sums, opposite_rows
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, integers
+from floatplan.motion.dynamics import FlightDynamics, MomentumSet
+from floatplan.motion.sine_polynomial import Form, basis
+from floatplan.motion.spatial.attitude import TOLERANCES, Cells, cells
+from floatplan.motion.spatial.flight import A_TURN_OFF, LEVELS, SLOWEST, SpatialFlight
+from floatplan.problem.attitude import STEEPEST
+
+OF_DISTANCES: dict[str, Any] = {  # there are none in space
+    "capsules": 0,
+    "needs_places": False,
+    "turn": 1.0,
+    "ends_real": None,
+    "ends_imaginary": None,
+    "radius": None,
+    "path": None,
+    "obstacles": None,
+}
+
+
+class SpatialConstraints:
+    """Blocks of rows of a flight in space, and the quantity ``also``: as :class:`CompiledConstraints` of a plane."""
+
+    def __init__(self, flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> None:
+        assert isinstance(flight, SpatialFlight), "these rows are of flights in space"
+        self.kernel, self.flight = kernel(), flight
+        self.attempt, self.evaluate = self.kernel.attempt_in_space, self.kernel.evaluate_in_space
+        self._bodies: dict[MomentumSet, Struct] = {}
+        sums = Sums(flight.dynamics.selection, flight.transmission)
+        written = [sums.rows(block) for block in blocks if isinstance(block, SumRows)]
+        assert len(written) == len(blocks), "there are no distances in space"
+        self.block_first = list(accumulate(map(len, written), initial=0))
+        self.rows = self.first_also = self.block_first[-1]
+        self.also = sums.each_of(also) if also else None
+        others = () if self.also is None else (self.also,)
+        all_sums = np.concatenate((np.empty((0, sums.terms)), *written, *others))
+        needs_moments = bool(all_sums[:, sums.of_moments].any())
+        self.needs_rates = needs_moments or bool(all_sums[:, 1].any())
+        kind, first = [SUM] * self.rows, list(range(self.rows))
+        opposite = opposite_rows(kind, first, all_sums[: self.rows])
+        self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
+        self.struct = Struct(
+            "Constraints",
+            **OF_DISTANCES,
+            rows=self.rows,
+            kind=integers(kind),
+            first=integers(first),
+            second=integers([-1] * self.rows),
+            opposite=integers(opposite),
+            least=np.zeros(self.rows),
+            per_scale=np.ones(self.rows),
+            sums=doubles(all_sums),
+            needs_moments=needs_moments,
+            needs_accelerations=needs_moments or bool(all_sums[:, sums.of_accelerations].any()),
+        )
+
+    def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
+        """Return what flies, with an angular momentum of a set, and the cells of all levels."""
+        if momentum not in self._bodies:
+            self._bodies[momentum] = spatial_body(self.flight, momentum, self.needs_rates)
+        return self._bodies[momentum].pointer, cells_of_levels().pointer
+
+    def nodes(self, form: Form) -> StructArray:
+        """Return the stages of all levels, for motions of a form."""
+        return nodes_in_space(form)
+
+
+def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Struct:
+    """Return the tree with its planned joints, attitudes at both ends, and the angular momentum."""
+    selection, goal = flight.dynamics.selection, flight.goal
+    tree_joint, planned = selection.nonzero()
+    return Struct(
+        "SpatialBody",
+        tree=flight.dynamics.tree,
+        joints=selection.shape[1],
+        first=integers(np.searchsorted(tree_joint, np.arange(len(selection) + 1))),
+        planned=integers(planned),
+        ratio=doubles(selection[tree_joint, planned]),
+        reference=doubles(flight.dynamics.reference),
+        start=doubles(flight.initial_attitude),
+        goal=doubles(flight.final_attitude),
+        angles=None if goal.axes is None else integers(["xyz".index(letter) for letter in goal.axes]),
+        change=doubles(flight.change),
+        wrong_turn=A_TURN_OFF,
+        most_tilt=STEEPEST,
+        slowest=SLOWEST,
+        momentum=doubles(momentum.centre),
+        axes=doubles(momentum.axes),
+        needs_rates=needs_rates,
+        sweeps=int(TOLERANCES["sweeps"]),
+        settled=TOLERANCES["settled"],
+        largest=TOLERANCES["largest"],
+    )
+
+
+@cache
+def cells_of_levels() -> StructArray:
+    """Return the cells of all levels."""
+    return StructArray("Cells", [_cells(cells(*level)) for level in LEVELS])
+
+
+def _cells(of: Cells) -> Struct:
+    gauss = of.gauss
+    return Struct(
+        "Cells",
+        cells=of.count,
+        stages=of.stages,
+        integrals=doubles(of.integrals),
+        weights=doubles(gauss.weights),
+        tail=doubles(gauss.transform[-2:]),
+        antiderivative=doubles(gauss.antiderivative),
+    )
+
+
+@lru_cache(maxsize=32)
+def nodes_in_space(form: Form) -> StructArray:
+    """Return the stages of all levels, for motions of a form."""
+    levels = []
+    for level in LEVELS:
+        of_level = cells(*level)
+        weights = np.tile(of_level.gauss.weights, of_level.count) / of_level.count
+        levels.append(_nodes(of_level.s, weights, form))
+    return StructArray("Nodes", levels)
+
+
+@lru_cache(maxsize=64)
+def cells_and_stages(of: Cells, form: Form) -> tuple[Struct, Struct]:
+    """Return cells, and their stages for motions of a form: stage by stage, those of all cells side by side."""
+    s = of.s.reshape(of.count, of.stages).T.ravel()
+    weights = np.repeat(of.gauss.weights, of.count) / of.count
+    return _cells(of), _nodes(s, weights, form)
+
+
+def _nodes(s: Array, weights: Array, form: Form) -> Struct:
+    value, first, second = basis(form).values(s)
+    return Struct(
+        "Nodes",
+        nodes=len(s),
+        s=doubles(s),
+        weights=doubles(weights),
+        tail=None,  # those of the cells count
+        value=doubles(value.T),
+        first=doubles(first.T),
+        second=doubles(second.T),
+        integrals=None,
+        antiderivative=None,
+    )

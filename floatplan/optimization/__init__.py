@@ -1,1 +1,0 @@
-"""Nonlinear programming, independent of robots."""

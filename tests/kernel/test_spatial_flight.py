@@ -1,0 +1,220 @@
+"""The kernel's program of flights in space: derivatives, values against Pinocchio, minima, and lifted motions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from kernel_program import KernelProgram
+from scipy.spatial.transform import Rotation
+
+import floatplan as fp
+from floatplan import tables
+from floatplan.kernel import library
+from floatplan.motion.sine_polynomial import basis
+from floatplan.motion.spatial.attitude import cells
+from floatplan.motion.spatial.flight import LEVELS, spatial_flight
+from floatplan.motion.spatial.rotations import exponential, logarithm
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.lifting import LiftedFlight, close, starts
+
+LEVEL = 2  # of grids
+EXTRA = (0.0, 0.123, 0.5, 0.77, 1.0)
+OBJECTIVES = ("coefficients", "torque", "acceleration")
+LIMITS = {"torque": 40.0, "velocity": 9.0, "acceleration": 200.0, "orientation_rate": 12.0}
+TIGHT = {"torque": 8.0, "velocity": 1.5, "acceleration": 20.0, "orientation_rate": 1.0}
+MOMENTA = {"given": (3.0, 25.0, -5.0), "free": "free", "none": 0.0}
+
+
+def diver(root, momentum="free", objective="coefficients", limits=LIMITS, degree=7, **of_robot):
+    """Ask for one somersault and a half with half a twist, of a robot with what all features need."""
+    robot = fp.Robot.from_urdf(root / "urdf" / "diver.urdf", base="free-flyer", armature=0.02, **of_robot)
+    n, rng = len(robot.joints), np.random.default_rng(3)
+    low, high = robot.position_limits.T
+    ends = low + (high - low) * rng.uniform(0.3, 0.7, (2, n))
+    start = fp.Posture(fp.Attitude(angles=(0, 0, 0), axes="yxz"), ends[0], *(rng.normal(size=(2, n)) * [[0.3], [2.0]]))
+    goal = fp.Posture(fp.Attitude(angles=(3 * math.pi, 0, math.pi), axes="yxz"), ends[1])
+    motion = fp.Motion(degree=degree, objective=objective)
+    motors = {"left_flexion": fp.Motor(stall=300.0, slope=8.0)} if limits else {}
+    return fp.Problem(robot, start, goal, fp.Flight(1.3, momentum), motion, fp.Limits(**limits, motor=motors))
+
+
+@pytest.fixture
+def kernel():
+    return library.kernel()
+
+
+def program_and_point(problem, seed, size=0.2):
+    program = KernelProgram(problem, LEVEL, EXTRA)
+    variables = program.of
+    return program, variables.plain_motion + size * np.random.default_rng(seed).normal(size=variables.size)
+
+
+def test_every_limit_and_objective_of_the_tables_is_among_them():
+    assert set(LIMITS) == set(tables.LIMIT_TABLE)
+    assert set(OBJECTIVES) == set(tables.OBJECTIVES)
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_derivatives_are_those_of_differences(root, kernel, momentum, objective, instructions, monkeypatch):
+    """Of fourth order, of the attitude at landing, all limits at all instants, and the objective, by each variable."""
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    coupled = {"right_abduction": "left_abduction"}
+    problem = diver(root, MOMENTA[momentum], objective, coupled=coupled)
+    program, x = program_and_point(problem, 1)
+    assert program.of.momentum.free == 3 * (momentum == "free")
+
+    def value(at):
+        it = program.whole(at)
+        return np.concatenate((it["values"][known], it["equality"], [it["objective"]]))
+
+    here, step = program.whole(x), 2e-4
+    known = np.isfinite(here["values"])
+    assert known.any(axis=1).all()
+    computed = np.concatenate((here["slopes"][known], here["row"], here["gradient"][None]))
+    for column in np.linalg.inv(program.of.metric).T:
+        ahead, behind, far_ahead, far_behind = (value(x + share * step * column) for share in (1, -1, 2, -2))
+        expected = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * step)
+        assert np.abs(computed @ column - expected).max() < 1e-6 * (1 + np.abs(expected).max())
+    eigenvalues = np.linalg.eigvalsh(here["hessian"])
+    assert eigenvalues.min() > 1e-7 * eigenvalues.max()
+
+
+def test_torques_and_rates_are_pinocchio_s(root):
+    """RNEA of the free flyer whose base moves so that no force acts on it, at the attitude that the kernel says."""
+    problem = diver(root, limits=LIMITS)
+    program, x = program_and_point(problem, 2)
+    values, ready = program.whole(x)["values"], Attempts(problem, 0)
+    lifted = LiftedFlight(ready.model, spatial_flight(problem), program.of)
+    turning = lifted.flown(cells(16, 8), x)
+    variables, model = program.of, problem.robot.model
+    data = model.createData()
+    form, h = variables.polynomials.form, variables.angular_momentum(x)
+    s = np.concatenate((cells(*LEVELS[LEVEL]).s, EXTRA))
+    motion = variables.motion_class(h).motion(variables.free_coefficients(x), basis(form).values(s))
+    attitudes, selection = turning.at(s), problem.robot.selection
+    rows = np.cumsum([0, *(len(block.labels) for block in ready.constraints)])
+    alone = {number: block for number, block in enumerate(ready.constraints) if len(block.weights) == 1}
+    of = {next(iter(block.weights)): number for number, block in alone.items()}
+    assert set(of) == {"motor_torques", "velocities", "accelerations", "orientation_rate"}
+    checked = 0
+    for k in range(0, len(s), 7):
+        q = np.zeros(model.nq)
+        q[3:7] = Rotation.from_matrix(attitudes[k]).as_quat()
+        q[7:] = problem.robot.reference[7:] + selection[6:] @ motion.positions[k]
+        v, a = selection @ motion.velocities[k], selection @ motion.accelerations[k]
+        pin.computeCentroidalMap(model, data, q)
+        inertia, momentum = data.Ag[:, :6].copy(), data.Ag @ v
+        v[:6] = np.linalg.solve(inertia, np.concatenate((np.zeros(3), h)) - momentum)
+        mass = pin.crba(model, data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        gravity = model.gravity.linear.copy()
+        model.gravity.linear[:] = 0
+        a[:6] = np.linalg.solve(mass[:6, :6], -pin.rnea(model, data, q, v, a)[:6])
+        torques = problem.robot.transmission.T @ pin.rnea(model, data, q, v, a)
+        model.gravity.linear[:] = gravity
+        expected = {"motor_torques": torques, "orientation_rate": [np.linalg.norm(v[3:6])]}
+        for name, own in expected.items():
+            number = of[name]
+            weights = ready.constraints[number].weights[name]
+            here = values[rows[number] : rows[number + 1], k]
+            if np.isfinite(here).all():
+                assert here == pytest.approx(1 - weights @ own, abs=1e-8 * (1 + np.abs(weights @ own).max()))
+                checked += 1
+    assert checked > 20
+
+
+@pytest.mark.parametrize("momentum", MOMENTA)
+def test_minima_between_the_stages_are_those_of_a_fine_look(root, momentum):
+    problem = diver(root, MOMENTA[momentum], limits=TIGHT)
+    _, x = program_and_point(problem, 4)
+    ready = Attempts(problem, 0)
+    variables = ready.plain_start.variables
+    ended = ready.judge(replace(ready.plain_start, x=x), "infeasible")
+    worst = ended.worst
+    assert worst.least < 0
+    fine = np.linspace(0.002, 0.998, 180)
+    look = KernelProgram(problem, ended.level, tuple(fine), variables).whole(x)["values"][:, -len(fine) :]
+    rows = np.cumsum([0, *(len(block.labels) for block in ready.constraints)])
+    row = rows[worst.block] + worst.row
+    for number in np.flatnonzero(look.min(axis=1) < 0):
+        found = worst.value[row == number]
+        assert found.size
+        assert found.min() < look[number].min() + 1e-9
+        assert found.min() > look[number].min() - 0.1 * (1 + np.abs(look[number]).max())
+
+
+def test_what_cannot_be_integrated_is_no_number_and_no_crash(root):
+    problem = diver(root, (1e6, 0.0, 0.0))
+    program, x = program_and_point(problem, 0)
+    assert not np.isfinite(program.whole(x)["equality"]).any()
+    ready = Attempts(problem, 0)
+    result = ready.attempt(replace(ready.plain_start, x=x))
+    assert result.violation == np.inf
+    assert not result.holds
+
+
+def test_other_turns_than_those_asked_for_are_not_the_goal(root):
+    """The same attitude at landing, after another number of turns, is missed."""
+    problem = diver(root, limits={})
+    ready = Attempts(problem, 0)
+    lifted = LiftedFlight(ready.model, spatial_flight(problem), ready.plain_start.variables)
+    closed = next(each for each in map(close, starts(lifted, 0)) if each.is_closed() and each.makes_right_turns)
+    start = replace(ready.plain_start, x=closed.x)
+    assert ready.judge(start, "feasible").violation < 1e-4
+    once_less = fp.Attitude(angles=(math.pi, 0, math.pi), axes="yxz")
+    other = Attempts(replace(problem, goal=replace(problem.goal, orientation=once_less)), 0)
+    judged = other.judge(replace(start, variables=ready.plain_start.variables), "feasible")
+    assert judged.violation == np.inf
+    assert np.linalg.norm(judged.missed) < 1e-4
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize("grid", [(16, 5), (16, 8), (32, 8)])
+def test_lifted_motions_are_those_of_one_cell_after_the_other(root, kernel, momentum, grid, instructions, monkeypatch):
+    """Ends and gaps against the collocation of each cell, and turns against differences of what cells make together."""
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    problem = diver(root, MOMENTA[momentum])
+    ready, rule = Attempts(problem, 0), cells(*grid)
+    flight, variables = spatial_flight(problem), ready.plain_start.variables
+    lifted, rng = LiftedFlight(ready.model, flight, variables), np.random.default_rng(7)
+    x = variables.plain_motion + 0.2 * rng.normal(size=variables.size)
+    flown = lifted.flown(rule, x)
+    borders = exponential(0.1 * rng.normal(size=(rule.count, 3))) @ flown.borders
+    motion = lifted.fly(rule, x, borders)
+    own = lifted.fly(rule, x, flown.borders)
+    assert np.abs(own.ends - flown.ends).max() < 1e-11
+    assert np.abs(own.at(np.array([0.0, 0.3, 1.0])) - flown.at(np.array([0.0, 0.3, 1.0]))).max() < 1e-11
+    targets = np.concatenate((borders[1:], flight.final_attitude[None]))
+    assert np.abs(motion.gaps - logarithm(targets @ np.swapaxes(motion.ends, 1, 2))).max() < 1e-12
+
+    def end(step, column):
+        """Attitudes at the ends of cells without new gaps, after a change of x."""
+        changed, before, ends = x + step * column, borders[0], []
+        for cell in range(rule.count):
+            moved = borders.copy()
+            moved[cell] = before
+            there = lifted.fly(rule, changed, moved).ends[cell]
+            ends.append(there)
+            if cell + 1 < rule.count:
+                before = there @ motion.ends[cell].T @ borders[cell + 1]
+        return np.array(ends)
+
+    column, step = rng.normal(size=variables.size), 1e-5
+    difference = logarithm(end(step, column) @ np.swapaxes(end(-step, column), 1, 2)) / (2 * step)
+    assert np.abs(motion.turns @ column - difference).max() < 1e-6 * (1 + np.abs(difference).max())
+    turn, cell = 1e-6 * rng.normal(size=3), 2
+    moved = borders.copy()
+    moved[cell + 1] = exponential(turn[None])[0] @ borders[cell + 1]
+    after = logarithm((lifted.fly(rule, x, moved).ends @ np.swapaxes(motion.ends, 1, 2))[cell + 1 : cell + 2])[0]
+    assert np.abs(motion.carried[cell + 1, :, cell] @ turn - after).max() < 1e-5 * np.linalg.norm(turn)
