@@ -177,7 +177,8 @@ template <typename Flight> class Constrained {
     double equality_pulls[MOST] = {}, step_equality_pulls[MOST] = {};
     bool elastic = false, is_tried = false;  // the latter: whether the trial is where the whole step leads
     double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
-    double *squares_of_rows, *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
+    // Of the differentiated rows: their values, those after a step, and how they change.
+    double *squares_of_rows, *gathered, *linear, *slope;
     // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
     Index pull_count = 0, step_count = 0, *pulled, *pulling, *taken;
     double *pulls, *step_pulls, *pull_of;
@@ -216,8 +217,8 @@ template <typename Flight> class Constrained {
     }
 
     Quadratic quadratic(const double *by, const double *gradient, const double *equality) {
-        return {size, program.equalities, near(), rules.qp_changes, rules.qp_tolerance, by, gradient, equality, now->row, gathered,
-                now->slopes, 0, nullptr, nullptr};
+        return {size, program.equalities, near(), rules.qp_changes, rules.qp_tolerance, by, gradient, equality,
+                now->row, gathered, now->slopes, 0, nullptr, nullptr};
     }
 
     // Operations of the dual method: its factors, and what each change of the active rows takes.

@@ -1,6 +1,6 @@
 // One start followed to its end, by the exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Review 35
-// (1993), section 7): the program at some instants is solved; where rows are low between them, instants join, until none is violated; nodes become more as the
-// motion asks for them.
+// (1993), section 7): the program at some instants is solved; where rows are low between them, instants join, until none is
+// violated; nodes become more as the motion asks for them.
 
 template <typename Flight> class Follower {
   public:

@@ -1,6 +1,6 @@
 // A lifted motion (multiple shooting): cells that each begin with an attitude of their own, see
-// floatplan/planning/lifting.py. All cells are integrated at once, as turning.hpp does one after the other: a vector holds one
-// number of as many cells. What that cannot integrate well is left to turning.hpp.
+// floatplan/planning/lifting.py. All cells are integrated at once, as turning.hpp does one after the other: a vector holds
+// one number of as many cells. What that cannot integrate well is left to turning.hpp.
 
 // As Turning, of the cells from one on that are computed at once; arrays (.., stages, cells), stage by stage.
 class CellsAtOnce {
@@ -100,7 +100,11 @@ class CellsAtOnce {
     }
 
     static void place(const Nines &block, Vector *of) {
-        for (Index a = 0; a < 3; ++a) of[3 * a] = block.row[a].x, of[3 * a + 1] = block.row[a].y, of[3 * a + 2] = block.row[a].z;
+        for (Index a = 0; a < 3; ++a) {
+            of[3 * a] = block.row[a].x;
+            of[3 * a + 1] = block.row[a].y;
+            of[3 * a + 2] = block.row[a].z;
+        }
     }
 
     template <typename Rate> bool spin(Rate rate, Quaternion *rates, Nines &last) {
@@ -186,7 +190,8 @@ class LiftedMotion {
   public:
     LiftedMotion(const InSpace &body, const Motions &motions, const Nodes &nodes, Lifted &of)
         : body(body), given(body.given), motions(motions), nodes(nodes), of(of), rule(*body.cells), C(rule.cells),
-          S(rule.stages), K(C * S), n(body.joints), size(motions.size), free(motions.first[n]), at_once(rule, motions.duration, h_W) {}
+          S(rule.stages), K(C * S), n(body.joints), size(motions.size), free(motions.first[n]),
+          at_once(rule, motions.duration, h_W) {}
 
     void lay_out(Arena &arena) {
         lay_out_in_space(arena, at, body, K);
@@ -201,7 +206,8 @@ class LiftedMotion {
         rates.lay_out(arena, n, K);
         at_once.lay_out(arena);
         room.lay_out(arena, S, 3);
-        for (double **each : {&stage_inertia, &stage_inverse, &stage_attitudes, &stage_weights}) arena.take(*each, 9 * LANES * S);
+        for (double **each : {&stage_inertia, &stage_inverse, &stage_attitudes, &stage_weights})
+            arena.take(*each, 9 * LANES * S);
         for (double **each : {&stage_relative, &stage_rates}) arena.take(*each, 3 * LANES * S);
         for (double **each : {&stage_still, &stage_carried}) arena.take(*each, 4 * LANES * S);
         for (double **each : {&stage_borders, &stage_ends, &stage_transitions}) arena.take(*each, 9 * LANES);
@@ -260,20 +266,12 @@ class LiftedMotion {
 
     static Nines gathered(const double *matrices) {  // of as many cells, side by side
         Nines value;
-        for (Index lane = 0; lane < LANES; ++lane)
-            for (Index row = 0; row < 3; ++row) {
-                const double *from = matrices + 9 * lane + 3 * row;
-                value.row[row].x[lane] = from[0], value.row[row].y[lane] = from[1], value.row[row].z[lane] = from[2];
-            }
+        for (Index lane = 0; lane < LANES; ++lane) set_lane(value, lane, matrices + 9 * lane);
         return value;
     }
 
     static void scatter(const Nines &value, double *matrices) {
-        for (Index lane = 0; lane < LANES; ++lane)
-            for (Index row = 0; row < 3; ++row) {
-                double *to = matrices + 9 * lane + 3 * row;
-                to[0] = value.row[row].x[lane], to[1] = value.row[row].y[lane], to[2] = value.row[row].z[lane];
-            }
+        for (Index lane = 0; lane < LANES; ++lane) store(matrices + 9 * lane, lane_of(value, lane));
     }
 
     // The cells from one on that are computed at once.
@@ -291,7 +289,7 @@ class LiftedMotion {
             for (Index lane = 0; lane < LANES; ++lane) {
                 double *to = of.spun + 4 * ((first + lane) * S + s);
                 for (const CellsAtOnce::Quaternion *rates : {at_once.carried + s, at_once.still + s}) {
-                    to[0] = rates->along.x[lane], to[1] = rates->along.y[lane], to[2] = rates->along.z[lane];
+                    store(to, lane_of(rates->along, lane));
                     to[3] = rates->w[lane];
                     to += 4 * K;
                 }
@@ -305,44 +303,48 @@ class LiftedMotion {
     // The same with exchanges of rows and as many sweeps as are allowed.
     bool turn_one_by_one(Index first) {
         Turning t{};
-        t.cells = LANES, t.stages = S;
-        t.sweeps = given.sweeps, t.settled = given.settled, t.largest = given.largest;
+        t.cells = LANES;
+        t.stages = S;
+        t.integrals = rule.integrals;
+        t.weights = rule.weights;
+        t.sweeps = given.sweeps;
+        t.settled = given.settled;
+        t.largest = given.largest;
         t.duration = motions.duration / C * LANES;
-        t.integrals = rule.integrals, t.weights = rule.weights;
-        t.momentum = h_W, t.inertia = stage_inertia, t.relative = stage_relative;
-        t.borders = stage_borders, t.ends = stage_ends, t.transitions = stage_transitions;
-        t.inverse = stage_inverse, t.attitudes = stage_attitudes, t.turn_weights = stage_weights, t.rates = stage_rates;
-        t.still_rates = stage_still, t.carried_rates = stage_carried;
+        t.momentum = h_W;
+        t.inertia = stage_inertia;
+        t.relative = stage_relative;
+        t.borders = stage_borders;
+        t.ends = stage_ends;
+        t.inverse = stage_inverse;
+        t.attitudes = stage_attitudes;
+        t.rates = stage_rates;
+        t.still_rates = stage_still;
+        t.carried_rates = stage_carried;
+        t.transitions = stage_transitions;
+        t.turn_weights = stage_weights;
         copy(stage_borders, of.borders + 9 * first, 9 * LANES);
-        for (Index lane = 0; lane < LANES; ++lane)
-            for (Index s = 0; s < S; ++s) {
-                double whole[9 * LANES];
-                scatter(inverse(at_once.inverse_inertia[s]), whole);
-                copy(stage_inertia + 9 * (lane * S + s), whole + 9 * lane, 9);
-                const Threes own = at_once.relative[s];
-                store(stage_relative + 3 * (lane * S + s), Vector3{own.x[lane], own.y[lane], own.z[lane]});
-            }
-        if (!turn_cells(t, Asked::attitudes, room) || !turn_cells(t, Asked::transitions, room)) return false;
-        const double *h = h_W;
-        const bool carries = h[0] != 0 || h[1] != 0 || h[2] != 0;
         for (Index s = 0; s < S; ++s) {
-            double attitudes[9 * LANES], turn_weights[9 * LANES];
+            const Nines inertia = inverse(at_once.inverse_inertia[s]);
+            for (Index lane = 0; lane < LANES; ++lane) {
+                store(stage_inertia + 9 * (lane * S + s), lane_of(inertia, lane));
+                store(stage_relative + 3 * (lane * S + s), lane_of(at_once.relative[s], lane));
+            }
+        }
+        if (!turn_cells(t, Asked::attitudes, room) || !turn_cells(t, Asked::transitions, room)) return false;
+        const bool carries = dot(vector3(h_W), vector3(h_W)) > 0;
+        for (Index s = 0; s < S; ++s)
             for (Index lane = 0; lane < LANES; ++lane) {
                 const Index from = lane * S + s;
-                copy(attitudes + 9 * lane, stage_attitudes + 9 * from, 9);
-                copy(turn_weights + 9 * lane, stage_weights + 9 * from, 9);
-                const double *w = stage_rates + 3 * from, *still = stage_still + 4 * from, *carried = stage_carried + 4 * from;
-                at_once.w_B[s].x[lane] = w[0], at_once.w_B[s].y[lane] = w[1], at_once.w_B[s].z[lane] = w[2];
-                CellsAtOnce::Quaternion &one = at_once.still[s], &other = at_once.carried[s];
-                one.along.x[lane] = still[0], one.along.y[lane] = still[1], one.along.z[lane] = still[2];
-                one.w[lane] = still[3];
+                set_lane(at_once.attitude[s], lane, stage_attitudes + 9 * from);
+                set_lane(at_once.weight[s], lane, stage_weights + 9 * from);
+                set_lane(at_once.w_B[s], lane, stage_rates + 3 * from);
+                set_lane(at_once.still[s].along, lane, stage_still + 4 * from);
+                at_once.still[s].w[lane] = stage_still[4 * from + 3];
                 if (!carries) continue;
-                other.along.x[lane] = carried[0], other.along.y[lane] = carried[1], other.along.z[lane] = carried[2];
-                other.w[lane] = carried[3];
+                set_lane(at_once.carried[s].along, lane, stage_carried + 4 * from);
+                at_once.carried[s].w[lane] = stage_carried[4 * from + 3];
             }
-            at_once.attitude[s] = gathered(attitudes);
-            at_once.weight[s] = gathered(turn_weights);
-        }
         at_once.end = gathered(stage_ends);
         at_once.transition = gathered(stage_transitions);
         return true;

@@ -10,10 +10,15 @@
 //     most_equalities      numbers of which the attitude at landing may lack some
 //     look_at              nodes of a level, and other instants, are those of all calls from now on
 //     choose_momentum      h of some variables; the conditions (13) may follow it, follow_conditions
-//     turn_base            how the joints' motion turns the base, and what the attitude at landing lacks
-//     combine              equalities of what is lacking; scale_equalities chooses which
-//     move_links           what rows and sums need beside
-//     differentiate        derivatives of what is lacking; after it those of rows and sums may be asked for
+//     turn_base            how the joints' motion turns the base, and what the attitude at landing lacks; in space some
+//                          motions cannot be integrated, of which nothing is_known
+//     missed               what is lacking in all, infinite where the way there is wrong
+//     combine              equalities of what is lacking, and combine_rows their derivatives; scale_equalities chooses them
+//     move_links           what rows and sums need beside; then write_row and write_sum give their values
+//     differentiate        derivatives of what is lacking; then row_slopes and add_sum_slopes give those of rows and sums
+//     unresolved           what the nodes may miss of the motion, and level_needed how many more would not
+//     rows_between         rows at any instants, as minima.hpp looks at them
+//     chance, longest_way  what a motion tells before a search
 
 // What is known before a search.
 struct Chance {

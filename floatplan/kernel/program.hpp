@@ -112,6 +112,7 @@ template <typename Flight> class Program {
             for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
         for (Index k = N; k < stride; k += LANES) add_instants(k);
         flight.look_at(level, s, stride, watches);
+        equalities = Flight::most_equalities;
         has_basis = false;
         if (watches) find_outside();
         for (At &each : two) {
@@ -122,7 +123,7 @@ template <typename Flight> class Program {
         }
     }
 
-    // Values at each.x.
+    // Values at at.x.
     void evaluate(At &at) {
         move(at);
         at.differentiated = false;
@@ -146,7 +147,8 @@ template <typename Flight> class Program {
         return missed + at.squares;
     }
 
-    // Makes equalities of what the attitude at landing lacks that are changed about as easily as one another.
+    // Makes equalities of what the attitude at landing lacks that are changed about as easily as one another, by steps
+    // that are as long in the metric; in space x are z, and that is diagonal.
     void scale_equalities(At &at) {
         if (!Flight::scales_equalities || !is_known(at)) return;
         differentiate(at);

@@ -59,6 +59,20 @@ static inline void store(double *to, Index stride, Index k, const Nines &value) 
 }
 static inline Threes everywhere(const double *vector) { return triple<Vector>(vector); }
 
+// One of the instants that are computed at once.
+static inline Vector3 lane_of(Threes value, Index lane) { return {value.x[lane], value.y[lane], value.z[lane]}; }
+static inline Matrix3 lane_of(const Nines &value, Index lane) {
+    return {{lane_of(value.row[0], lane), lane_of(value.row[1], lane), lane_of(value.row[2], lane)}};
+}
+static inline void set_lane(Threes &to, Index lane, const double *from) {
+    to.x[lane] = from[0];
+    to.y[lane] = from[1];
+    to.z[lane] = from[2];
+}
+static inline void set_lane(Nines &to, Index lane, const double *from) {
+    for (Index row = 0; row < 3; ++row) set_lane(to.row[row], lane, from + 3 * row);
+}
+
 static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &body, Index instants) {
     const Index n = body.joints, J = body.given.tree.joints;
     Motion &m = at.motion;
@@ -343,7 +357,8 @@ class SpatialFlight {
     }
 
     void choose_momentum(State &state, const double *x) const {
-        for (Index a = 0; a < 3; ++a) state.h_W[a] = given.momentum[a] + dot(given.axes + a * motions.axes, x + free, motions.axes);
+        for (Index a = 0; a < 3; ++a)
+            state.h_W[a] = given.momentum[a] + dot(given.axes + a * motions.axes, x + free, motions.axes);
     }
 
     bool conditions_follow() const { return false; }
@@ -361,25 +376,27 @@ class SpatialFlight {
             const MomentumMaps maps(at.bodies);
             const Nines inertia = maps.inertia();
             const Threes relative = maps.momentum();
-            for (Index lane = 0; lane < LANES; ++lane)
-                for (Index a = 0; a < 3; ++a) {
-                    double *row = turned.inertia + 9 * (k + lane) + 3 * a;
-                    row[0] = inertia.row[a].x[lane], row[1] = inertia.row[a].y[lane], row[2] = inertia.row[a].z[lane];
-                }
             for (Index lane = 0; lane < LANES; ++lane) {
-                double *to = turned.relative + 3 * (k + lane);
-                to[0] = relative.x[lane], to[1] = relative.y[lane], to[2] = relative.z[lane];
+                store(turned.inertia + 9 * (k + lane), lane_of(inertia, lane));
+                store(turned.relative + 3 * (k + lane), lane_of(relative, lane));
             }
         }
         const Cells &rule = body.cells[level];
         Turning &t = turned.cells;
-        t.cells = rule.cells, t.stages = rule.stages;
-        t.is_chained = 1;
+        t.cells = rule.cells;
+        t.stages = rule.stages;
+        t.integrals = rule.integrals;
+        t.weights = rule.weights;
         t.sweeps = given.sweeps;
-        t.duration = motions.duration, t.settled = given.settled, t.largest = given.largest;
-        t.integrals = rule.integrals, t.weights = rule.weights;
-        t.momentum = state.h_W, t.inertia = turned.inertia, t.relative = turned.relative;
-        t.columns = t.instants = 0;
+        t.settled = given.settled;
+        t.largest = given.largest;
+        t.duration = motions.duration;
+        t.momentum = state.h_W;
+        t.inertia = turned.inertia;
+        t.relative = turned.relative;
+        t.is_chained = 1;
+        t.columns = 0;
+        t.instants = 0;
         copy(t.borders, given.start, 9);
         turned.is_known = turn_cells(t, Asked::attitudes, room);
         if (!turned.is_known) return std::fill(lacking, lacking + 3, HUGE_VAL);
@@ -423,7 +440,8 @@ class SpatialFlight {
         if (!(largest > 0)) largest = 1;
         combined = 0;
         for (Index a = 0; a < 3; ++a) {
-            if (values[a] <= rounding * largest && std::fabs(dot(vectors + 3 * a, lacking, 3)) <= settings.tolerance) continue;
+            const double lacks = std::fabs(dot(vectors + 3 * a, lacking, 3));
+            if (values[a] <= rounding * largest && lacks <= settings.tolerance) continue;
             const double raised = largest / larger(values[a], largest / most_raised);
             for (Index b = 0; b < 3; ++b) combinations[3 * combined + b] = raised * vectors[3 * a + b];
             ++combined;
@@ -476,10 +494,8 @@ class SpatialFlight {
             const Nines attitude = nines(at.attitude, stride, k), inverse_inertia = nines(at.inverse, stride, k);
             for (Index row = 0; row < 3; ++row) {
                 Threes weight;
-                for (Index lane = 0; lane < LANES; ++lane) {
-                    const double *w = to_landing + 9 * (k + lane) + 3 * row;
-                    weight.x[lane] = w[0], weight.y[lane] = w[1], weight.z[lane] = w[2];
-                }
+                for (Index lane = 0; lane < LANES; ++lane)
+                    set_lane(weight, lane, to_landing + 9 * (k + lane) + 3 * row);
                 const Threes of_rates = weight * attitude;
                 state.slopes.weigh(k, of_rates, by_joint);
                 chain_joints(variables, at.motion, joints, k, 1, by_joint, (double *)(slopes + row * size), LANES);
@@ -515,7 +531,8 @@ class SpatialFlight {
     }
 
     // Adds the derivatives (size, 8) of a sum of so much of each term at the instants computed at once.
-    void add_sum_slopes(Motion &, State &state, const Variables &variables, Index k, const Vector *weights, double *slopes) {
+    void add_sum_slopes(Motion &, State &state, const Variables &variables, Index k, const Vector *weights,
+                        double *slopes) {
         SpatialAt &at = state.at;
         if (given.needs_rates && state.turned.is_pulled() && !std::exchange(state.has_turns, true))
             carry_all_turns(state, variables);
@@ -661,7 +678,8 @@ class SpatialFlight {
             for (Index from = begin; from < begin + 8; from += LANES) {
                 drive_tree(body, state.at, from);
                 torque_slopes(given.tree, state.at.bodies);
-                for (Index e = 0; e < entries; ++e) store(state.torque_slopes + e * stride + from, state.at.bodies.slopes[e]);
+                for (Index e = 0; e < entries; ++e)
+                    store(state.torque_slopes + e * stride + from, state.at.bodies.slopes[e]);
             }
             state.has_slopes[k / 8] = 1;
         }
@@ -721,8 +739,12 @@ class SpatialFlight {
                 for (Index lane = 0; lane < LANES; ++lane) drifts[(k + lane) * 3 * size + c] = slopes[c][lane];
         }
         Turning t = state.turned.cells;
-        t.columns = size, t.instants = stride;
-        t.cell = cell, t.reached = reached, t.drifts = drifts, t.turns = turns;
+        t.columns = size;
+        t.instants = stride;
+        t.cell = cell;
+        t.reached = reached;
+        t.drifts = drifts;
+        t.turns = turns;
         turn_cells(t, Asked::turns, room);
         for (Index k = 0; k < stride; ++k)
             for (Index c = 0; c < 3 * size; ++c) state.turns[c * stride + k] = turns[k * 3 * size + c];

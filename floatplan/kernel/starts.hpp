@@ -188,8 +188,8 @@ Index follow_rows(const Robot &robot, const Constraints *constraints, const Moti
                   const Nodes *levels, const Settings &settings, const Exchange &rules,
                   const Powers *powers, Attempt *attempts, Draws *draws, Index count) {
     for (Index row = 0; row < count; ++row)
-        if (follow_starts<PlanarFlight>(robot, constraints[row], motions[row], levels, settings, rules, powers, attempts[row],
-                          draws[row]))
+        if (follow_starts<PlanarFlight>(robot, constraints[row], motions[row], levels, settings, rules, powers,
+                                        attempts[row], draws[row]))
             return 1;
     return 0;
 }

@@ -26,6 +26,7 @@ EXTRA = (0.0, 0.123, 0.5, 0.77, 1.0)
 OBJECTIVES = ("coefficients", "torque", "acceleration")
 LIMITS = {"torque": 40.0, "velocity": 9.0, "acceleration": 200.0, "orientation_rate": 12.0}
 TIGHT = {"torque": 8.0, "velocity": 1.5, "acceleration": 20.0, "orientation_rate": 1.0}
+FAST = (45.0, 375.0, -75.0)  # [kg m^2/s] with which cells of few stages are integrated one by one
 MOMENTA = {"given": (3.0, 25.0, -5.0), "free": "free", "none": 0.0}
 
 
@@ -177,14 +178,14 @@ def test_other_turns_than_those_asked_for_are_not_the_goal(root):
 
 
 @pytest.mark.parametrize("instructions", range(3))
-@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize("momentum", MOMENTA.values())
 @pytest.mark.parametrize("grid", [(16, 5), (16, 8), (32, 8)])
 def test_lifted_motions_are_those_of_one_cell_after_the_other(root, kernel, momentum, grid, instructions, monkeypatch):
     """Ends and gaps against the collocation of each cell, and turns against differences of what cells make together."""
     if instructions > kernel.instructions:
         pytest.skip("the processor has no such instructions")
     monkeypatch.setattr(kernel, "instructions", instructions)
-    problem = diver(root, MOMENTA[momentum])
+    problem = diver(root, momentum)
     ready, rule = Attempts(problem, 0), cells(*grid)
     flight, variables = spatial_flight(problem), ready.plain_start.variables
     lifted, rng = LiftedFlight(ready.model, flight, variables), np.random.default_rng(7)
@@ -218,3 +219,24 @@ def test_lifted_motions_are_those_of_one_cell_after_the_other(root, kernel, mome
     moved[cell + 1] = exponential(turn[None])[0] @ borders[cell + 1]
     after = logarithm((lifted.fly(rule, x, moved).ends @ np.swapaxes(motion.ends, 1, 2))[cell + 1 : cell + 2])[0]
     assert np.abs(motion.carried[cell + 1, :, cell] @ turn - after).max() < 1e-5 * np.linalg.norm(turn)
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("grid", [(16, 5), (16, 8), (32, 8)])
+def test_cells_that_are_not_integrated_together_are_one_by_one(root, kernel, grid, instructions, monkeypatch):
+    """So fast that exchanges of rows are needed in elimination, or more sweeps of Newton's method."""
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    problem = diver(root, FAST)
+    ready, rule = Attempts(problem, 0), cells(*grid)
+    variables, rng = ready.plain_start.variables, np.random.default_rng(7)
+    lifted = LiftedFlight(ready.model, spatial_flight(problem), variables)
+    x = variables.plain_motion + 0.2 * rng.normal(size=variables.size)
+    flown = lifted.flown(rule, x)
+    motion = lifted.fly(rule, x, flown.borders)
+    assert np.abs(motion.ends - flown.ends).max() < 1e-12
+    instants = np.linspace(0, 1, 9)
+    assert np.abs(motion.at(instants) - flown.at(instants)).max() < 1e-11
+    transitions = flown.carried[0]
+    assert np.abs(motion.carried[5, :, 4] - transitions[5]).max() < 1e-9 * (1 + np.abs(transitions[5]).max())

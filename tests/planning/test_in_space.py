@@ -365,6 +365,23 @@ def test_of_a_twist_the_least_torque_is_found_too():
     assert "misses" in plan.explanation or plan.ok
 
 
+@pytest.mark.parametrize("momentum", ["free", "suggested"])
+def test_what_never_leaves_a_plane_is_planned_within_limits_too(momentum):
+    """Two of the three turns at landing nothing changes: they are no equalities."""
+    robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf", base="free-flyer")
+    start, goal = (fp.Attitude(angles=(angle, 0, 0), axes="yxz") for angle in (0.0, 2 * math.pi))
+    ends = fp.Posture(start, 0.1), fp.Posture(goal, [0.4, -0.3])
+    problem = fp.Problem(robot, *ends, fp.Flight(1.0, momentum), fp.Motion(degree=9), fp.Limits(velocity=4.0))
+    wide, plan = fp.plan(replace(problem, limits=fp.Limits())), fp.plan(problem)
+    assert wide.ok
+    assert plan.ok, plan.explanation
+    tight = replace(problem, limits=fp.Limits(velocity=(0.95 * wide.peaks.velocity).tolist()))
+    within = fp.plan(tight)
+    assert within.ok, within.explanation
+    assert (within.peaks.velocity <= tight.velocity_limits * (1 + 1e-9)).all()
+    assert within.objective_value >= wide.objective_value * (1 - 1e-9)
+
+
 def test_what_fails_at_takeoff_already_is_said_and_not_searched_for():
     problem = fp.load_problem(SPACE / "free_ur5.toml")
     fast = replace(problem.start, velocities=[2.0, *[0.0] * 5])

@@ -85,8 +85,8 @@ class SpatialDynamics:
         full[:, ANGULAR], full[:, BASE:] = rates, velocities @ self.selection.T
         return full
 
-    def _computed(self, *state: Array, **shapes: tuple[int, ...]) -> dict[str, Array]:
-        """What the kernel writes, by names and shapes of one instant.
+    def computed(self, *state: Array, **shapes: tuple[int, ...]) -> dict[str, Array]:
+        """What the kernel writes, by names of ``SpatialMotion`` and shapes of one instant.
 
         The state is planned positions, velocities and accelerations, (K, n) each, and the base's rates (K, 3).
         """
@@ -106,18 +106,11 @@ class SpatialDynamics:
     def momentum_maps(self, positions: Array) -> tuple[Array, Array]:
         """I (K, 3, 3) and A (K, 3, n), kg m^2: angular momentum by the base's and by the joints' rates."""
         still, joints = np.zeros_like(positions), len(self.selection)
-        found = self._computed(positions, still, inertia=(3, 3), joint_map=(3, joints))
+        found = self.computed(positions, still, inertia=(3, 3), joint_map=(3, joints))
         return found["inertia"], found["joint_map"] @ self.selection
 
-    def momentum_slopes(self, positions: Array, velocities: Array, rates: Array) -> Array:
-        """L (K, 3, n): derivatives of ``I omega + A q'`` by the planned positions, at rates omega (K, 3)."""
-        joints = len(self.selection)
-        shapes = {"inertia": (3, 3), "joint_map": (3, joints), "slopes": (3, joints)}
-        still = np.zeros_like(velocities)
-        return np.asarray(self._computed(positions, velocities, still, rates, **shapes)["slopes"] @ self.selection)
-
     def _free(self, *state: Array) -> dict[str, Array]:
-        return self._computed(*state, torques=(len(self.selection),), base_acceleration=(BASE,))
+        return self.computed(*state, torques=(len(self.selection),), base_acceleration=(BASE,))
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
         """Each joint's own torque (K, J), N m (force, N, where it slides), in free flight."""
@@ -126,19 +119,6 @@ class SpatialDynamics:
     def base_accelerations(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
         """Spatial accelerations (K, 6) of the base in free flight but for gravity: those of no wrench on it."""
         return self._free(positions, velocities, accelerations, rates)["base_acceleration"]
-
-    def torque_slopes(
-        self, positions: Array, velocities: Array, accelerations: Array, rates: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Derivatives of :meth:`torques` by the planned positions, velocities, accelerations, and by the base's rates.
-
-        (K, J, n) three times, and (K, J, 3).
-        """
-        joints = len(self.selection)
-        shapes = {"torques": (joints,), "base_acceleration": (BASE,), "torque_slopes": (joints, 3 * joints + 3)}
-        by_all = self._computed(positions, velocities, accelerations, rates, **shapes)["torque_slopes"]
-        by_q, by_v, by_a = (by_all[..., d * joints : (d + 1) * joints] @ self.selection for d in range(3))
-        return by_q, by_v, by_a, by_all[..., 3 * joints :]
 
 
 def _second_moment(body: Any) -> Array:
