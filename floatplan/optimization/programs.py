@@ -9,17 +9,16 @@ method, by ProxQP where that gives up, else elastic; see :mod:`floatplan.optimiz
 from __future__ import annotations
 
 import contextlib
-import sys
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.proxqp import proxqp
 
 Detail = TypeVar("Detail")
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
@@ -129,28 +128,6 @@ class Settings:
     iterations: int = 100
     longest_step: float = 0.5
     polish: bool = True
-
-
-def _reproducible_proxqp() -> Any:
-    """Import ProxQP as built for the instructions that every processor has.
-
-    Its builds for AVX add up in an order that depends on where memory happens to lie, so that the last digit differs
-    from call to call, and with it, in the end, the solution. For our small QPs they are no faster. Where something
-    else has imported ProxSuite before, it stays as it is: two builds in one process crash it.
-    """
-    if "proxsuite" not in sys.modules:
-        checks = "proxsuite.instructionset"
-        sys.modules[checks] = SimpleNamespace(has_AVX512F=lambda: False, has_AVX2=lambda: False)  # type: ignore[assignment]
-        try:
-            import proxsuite
-        finally:
-            del sys.modules[checks]
-    import proxsuite
-
-    return proxsuite.proxqp
-
-
-proxqp = _reproducible_proxqp()
 
 
 class Multipliers(NamedTuple):
