@@ -1,4 +1,4 @@
-"""How the joints move: sine functions of polynomials (12) that meet the conditions (13) whatever the variables are."""
+"""How the joints move: sine functions of polynomials (12), which meet the conditions (13) whatever the variables."""
 
 from __future__ import annotations
 
@@ -10,78 +10,67 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments, powers_map
 from floatplan.problem.problem import Problem
 
-CONDITIONS = 6  # per joint, (13): p, p', p'' at both ends
+CONDITIONS = 6  # (13) of a joint: p, p', p'' at both ends
 
 
 class Motions:
     """All motions (12) between a problem's ends that land on one branch of the arcsine.
 
-    Given the branch, (13) are six linear equations for the polynomial p_i of a joint. They are met by a quintic, to
-    which any multiple of polynomials that vanish at both ends, with two derivatives, may be added: its coefficients
-    are ``b = b_0 + C z``, powers of t in seconds. With ``C = Q R`` and ``w = R z + Q^T b_0`` the square of their
-    length, (17), is that of w and a constant, so that its Hessian is the identity. Variables are the w of all joints.
+    On it (13) are six linear equations for the b of a joint: ``b = b_0 + C z``, with b_0 of a quintic. For ``C = Q R``
+    and ``w = R z + Q^T b_0`` the |b|^2 of (17) is |w|^2 and a constant. Variables are the w (m,) of all joints.
     """
 
     def __init__(self, problem: Problem, degrees: Sequence[int], branch: IntArray) -> None:
         low, high = problem.position_limits.T
-        self.duration = problem.flight.duration
+        T = problem.flight.duration
         self.centre = (low + high) / 2
         self.amplitude = (high - low) / 2
-        ends = []
-        for state, on_branch in ((problem.initial, 0 * branch), (problem.final, branch)):
-            given = state.positions, state.velocities, state.accelerations
-            p, rate, curvature = boundary_arguments(*given, self.centre, self.amplitude, on_branch)
-            ends += [p, rate * self.duration, curvature * self.duration**2]  # derivatives by s = t/T
-        free = tuple(degree - CONDITIONS + 1 for degree in degrees)
-        boundary = np.transpose(ends)
-        self.polynomials = SinePolynomials(self.centre, self.amplitude, self.duration, boundary, free)
-        self.size = sum(free)  # variables
-        self._whiten(boundary)
+        conditions = []
+        for end, on_branch in ((problem.initial, 0 * branch), (problem.final, branch)):
+            state = end.positions, end.velocities, end.accelerations
+            p, rate, curvature = boundary_arguments(*state, self.centre, self.amplitude, on_branch)
+            conditions += [p, rate * T, curvature * T**2]  # derivatives by s = t / T
+        free = tuple(degree + 1 - CONDITIONS for degree in degrees)
+        self.polynomials = SinePolynomials(self.centre, self.amplitude, T, np.transpose(conditions), free)
+        self.size = sum(free)
+        self._whiten()
 
-    def _whiten(self, boundary: Array) -> None:
-        """Find the coefficients of the basis at w = 0 (n, 6+width), and how w (m,) changes them (n, 6+width, m)."""
-        powers = powers_map(self.polynomials.form, self.duration)
-        joints = len(boundary)
+    def _whiten(self) -> None:
+        """Find the polynomials' coefficients (n, 6+width) at w = 0 and their derivatives by w; R and Q^T b_0."""
+        powers = powers_map(self.polynomials.form, self.polynomials.duration)
+        joints = len(self.centre)
         self.at_zero = np.zeros((joints, powers.shape[1]))
-        self.by_variables = np.zeros((joints, powers.shape[1], self.size))
-        self.plain = np.zeros(self.size)
-        self.scaling = np.zeros((self.size, self.size))
-        self.constant = 0.0  # |b|^2 less |w|^2
+        self.by_w = np.zeros((joints, powers.shape[1], self.size))
+        self.R = np.zeros((self.size, self.size))
+        self.quintics = np.zeros(self.size)
         first = 0
         for joint, free in enumerate(self.polynomials.free):
             own = slice(first, first + free)
             columns = slice(CONDITIONS, CONDITIONS + free)
-            b_0 = powers[:, :CONDITIONS] @ boundary[joint]
-            Q, R = np.linalg.qr(powers[:, columns])
-            self.plain[own] = Q.T @ b_0
-            self.scaling[own, own] = R
-            self.at_zero[joint, :CONDITIONS] = boundary[joint]
-            self.at_zero[joint, columns] = -np.linalg.solve(R, Q.T @ b_0)
-            self.by_variables[joint, columns, own] = np.linalg.inv(R)
-            self.constant += b_0 @ b_0 - self.plain[own] @ self.plain[own]
+            boundary = self.polynomials.boundary[joint]
+            Q, self.R[own, own] = np.linalg.qr(powers[:, columns])
+            self.quintics[own] = Q.T @ powers[:, :CONDITIONS] @ boundary
+            self.by_w[joint, columns, own] = np.linalg.inv(self.R[own, own])
+            self.at_zero[joint, :CONDITIONS] = boundary
+            self.at_zero[joint] -= self.by_w[joint] @ self.quintics
             first += free
 
-    def variables(self, z: Array) -> Array:
-        """Variables w (m,) of free coefficients z (m,), joint after joint; of the quintics alone where these are 0."""
-        return np.asarray(self.plain + self.scaling @ z)
-
     def free_part(self, w: Array) -> Array:
-        """Coefficients z (n, width) of the polynomials that vanish at both ends: root mean squares of p, rad."""
-        return np.asarray((self.at_zero + self.by_variables @ w)[:, CONDITIONS:])
+        """z (n, width): a unit is a root mean square of 1 rad of p."""
+        return np.asarray((self.at_zero + self.by_w @ w)[:, CONDITIONS:])
 
     def at(self, s: Array, w: Array) -> tuple[Array, Array]:
         """q, q', q'' (N, 3n) of (12) at instants s (N,) of [0, 1], and their derivatives (N, 3n, m) by w."""
-        T = self.duration
-        values, first, second = basis(self.polynomials.form).values(s)
-        coefficients = self.at_zero + self.by_variables @ w
-        p, p_by_w = values @ coefficients.T, np.tensordot(values, self.by_variables, (1, 1))
-        p1, p1_by_w = first @ coefficients.T / T, np.tensordot(first, self.by_variables, (1, 1)) / T
-        p2, p2_by_w = second @ coefficients.T / T**2, np.tensordot(second, self.by_variables, (1, 1)) / T**2
+        coefficients = (self.at_zero + self.by_w @ w).T
+        values = basis(self.polynomials.form).values(s)
+        per_second = [value / self.polynomials.duration**order for order, value in enumerate(values)]
+        p, p1, p2 = (value @ coefficients for value in per_second)
+        dp, dp1, dp2 = (np.tensordot(value, self.by_w, (1, 1)) for value in per_second)
         sine = self.amplitude * np.sin(p)
         cosine = self.amplitude * np.cos(p)
         motion = np.hstack((self.centre + sine, cosine * p1, cosine * p2 - sine * p1**2))
-        position = cosine[..., None] * p_by_w
-        velocity = cosine[..., None] * p1_by_w - (sine * p1)[..., None] * p_by_w
-        acceleration = cosine[..., None] * p2_by_w - (2 * sine * p1)[..., None] * p1_by_w
-        acceleration -= (sine * p2 + cosine * p1**2)[..., None] * p_by_w
+        position = cosine[..., None] * dp
+        velocity = cosine[..., None] * dp1 - (sine * p1)[..., None] * dp
+        acceleration = cosine[..., None] * dp2 - (2 * sine * p1)[..., None] * dp1
+        acceleration -= (sine * p2 + cosine * p1**2)[..., None] * dp
         return motion, np.concatenate((position, velocity, acceleration), axis=1)

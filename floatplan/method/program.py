@@ -1,4 +1,4 @@
-"""The nonlinear program of a flight at some instants: (17), subject to (14), (23) and the limits of the robot."""
+"""The nonlinear program of a flight: (17), or another objective, subject to (14), (23) and the robot's limits."""
 
 from __future__ import annotations
 
@@ -8,33 +8,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from floatplan.arrays import Array
-from floatplan.method.clearance import Segments, obstacle_distances, segment_distances
-from floatplan.method.dynamics import Dynamics, Points, Quantity
+from floatplan.arrays import Array, ComplexArray
+from floatplan.method.dynamics import Dynamics, Quantity
 from floatplan.method.motion import Motions
+from floatplan.motion.flight import ballistics
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.problem.parts import Ground
+from floatplan.problem.parts import Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Problem, shares_of_limits
 from floatplan.tables import OBJECTIVE_TABLE
 
-LENGTH_SCALE = 0.1  # [m] of clearance count as much as the whole of a torque or rate limit
-LONGEST_STEP = 0.5  # [rad] of p, to which the program's linearisation is trusted
-BACK_OFF = 2e-7  # [-] of its scale, by which a row is kept: the plan then holds between the instants too
+LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a limit
+BACK_OFF = 2e-7  # [-] of these, by which the search keeps inside: its plan then holds between instants too
+INSTANTS = 65  # of [0, 1], equally apart: inequalities hold at these, and at those that are added
+LONGEST_STEP = 0.5  # [rad] root mean square of p, for which a linearisation is trusted
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The program at a point x (m,): minimise ``|residuals|^2 / 2`` where ``missed = 0`` and ``rows >= 0``.
-
-    ``residuals`` (k,) and their derivatives (k, m); ``missed`` (1,), by how much (14) fails, rad; ``rows`` (r,).
-    """
+    """At x (m,): minimise ``|residuals|^2 / 2`` where ``missed = 0``, ``rows >= 0``; J are derivatives by x."""
 
     residuals: Array
-    residuals_jacobian: Array
+    residuals_J: Array
     missed: Array
-    missed_jacobian: Array
+    missed_J: Array
     rows: Array
-    rows_jacobian: Array
+    rows_J: Array
 
     @property
     def objective(self) -> float:
@@ -44,180 +42,161 @@ class Evaluation:
     @property
     def gradient(self) -> Array:
         """Of the objective, (m,)."""
-        return self.residuals_jacobian.T @ self.residuals
+        return np.asarray(self.residuals_J.T @ self.residuals)
 
     @property
     def violation(self) -> float:
         """Sum of what the constraints lack."""
         return float(np.abs(self.missed).sum() - np.minimum(self.rows, 0).sum())
 
+    @property
+    def squared_violation(self) -> float:
+        """Sum of the squares of that."""
+        return float((self.missed**2).sum() + (np.minimum(self.rows, 0) ** 2).sum())
+
 
 class Program:
-    """A problem on one branch of the arcsine; ``x = (w, eta)``, and h is free where it has an eta.
+    """A problem's flights on one branch of the arcsine: x is w, and where h is free its share of ``reach`` too.
 
-    Attributes
-    ----------
-    momentum, reach : kg m^2/s
-        h is ``momentum + reach eta``; a reach of 0 where h is given.
-    nodes : int
-        Of the Gauss-Legendre quadrature of (18).
-    instants : (a,)
-        Of [0, 1], at which rows hold in addition to the nodes.
+    Inequalities hold at ``instants`` of [0, 1]; (18) is by Gauss-Legendre quadrature with so many ``nodes``.
     """
 
     def __init__(self, problem: Problem, motions: Motions, momentum: float, reach: float, nodes: int) -> None:
-        robot = problem.robot
-        self.problem, self.motions, self.momentum, self.reach = problem, motions, momentum, reach
+        self.problem = problem
+        self.motions = motions
+        self.momentum = momentum  # [kg m^2/s]
+        self.reach = reach  # [kg m^2/s], 0 where h is given
+        self.size = motions.size + (reach > 0)
         self.quadrature = gauss_legendre(nodes)
-        self.instants = np.zeros(0)
-        self.dynamics = Dynamics(robot)
-        self.objective = OBJECTIVE_TABLE[problem.motion.objective].quantity
         self.limits = list(shares_of_limits(problem))
-        self.obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
-        has_shapes = self.obstacles or problem.self_clearances
-        self.capsules = robot.shapes if has_shapes else ()
-        self.hulls = problem.ground_shapes if problem.ground else ()
-        self.points = Points.of_capsules(self.dynamics, robot, (*self.capsules, *self.hulls))
-        self.radius = np.array([shape.radius for shape in (*self.capsules, *self.hulls)])
-        self.path_of_com()
+        self.scale = np.eye(self.size)  # by which a unit of x is a root mean square of 1 rad of p
+        self.scale[: motions.size, : motions.size] = motions.R
+        self.capsules = problem.robot.shapes if problem.obstacles else ()
+        self.radius = np.array([capsule.radius for capsule in self.capsules])
+        self.dynamics = Dynamics(problem.robot, self.capsules)
+        self.path = ballistics(problem)  # (2), (3), (6)
+        self.instants = np.zeros(0)
 
-    @property
-    def size(self) -> int:
-        """Number m of variables."""
-        return self.motions.size + (self.reach > 0)
-
-    def step_size(self, step: Array) -> float:
-        """Length of a step (m,): 1 where the root mean square of p changes by ``LONGEST_STEP``."""
-        change = self.motions.by_variables @ step[: self.motions.size]
-        return float(np.linalg.norm(change)) / LONGEST_STEP
+    def angular_momentum(self, x: Array) -> float:
+        """h, kg m^2/s."""
+        return self.momentum + self.reach * float(x[self.motions.size :].sum())
 
     def with_nodes(self, nodes: int) -> Program:
-        """Return the same program with another number of nodes."""
+        """Return the same program with another number of nodes, and the instants as they were."""
         other = Program(self.problem, self.motions, self.momentum, self.reach, nodes)
         other.instants = self.instants
         return other
 
-    def values_of_rows(self, s: Array, x: Array) -> Array:
+    def rows_at(self, s: Array, x: Array) -> Array:
         """Inequalities (N, r) at instants s (N,) of [0, 1]."""
-        u, by_x = self.states(x, s)
+        u, u_J = self.states(x, s)
         nodes = len(self.quadrature.nodes)
-        return self.rows(s, u[nodes:], by_x[nodes:])[0]
+        return self.rows(s, u[nodes:], u_J[nodes:])[0]
 
-    def path_of_com(self) -> None:
-        """Place and velocity at takeoff (2,) of the centre of mass: (2), (3), (6), m and m/s."""
-        problem, flight = self.problem, self.problem.flight
-        ends = []
-        for state, frame in ((problem.initial, problem.takeoff_frame), (problem.final, problem.landing_frame)):
-            u = np.concatenate((state.positions, np.zeros(2 * len(state.positions) + 1), [state.orientation]))
-            ends.append(Points.of_frame(self.dynamics, problem.robot, frame).from_com(u)[0][0])
-        takeoff, landing = ends
-        self.com = complex(*problem.takeoff.place_in_plane) - takeoff
-        rise = (problem.landing_height - (landing + self.com).imag) / flight.duration
-        self.com_velocity = complex(flight.speed_in_plane, rise + flight.gravity * flight.duration / 2)
+    def step_size(self, step: Array) -> float:
+        """Length of a step (m,), of which 1 is trusted."""
+        return float(np.linalg.norm(self.motions.by_w @ step[: self.motions.size])) / LONGEST_STEP
 
     def states(self, x: Array, s: Array) -> tuple[Array, Array]:
-        """States u (N, 3n+2) at instants s (N,), and their derivatives (N, 3n+2, m); theta_0 by (18)."""
-        nodes = self.quadrature.nodes
-        every = np.concatenate((nodes, s))
-        w = x[: self.motions.size]
-        joints, joints_by_w = self.motions.at(every, w)
-        h = self.momentum + self.reach * float(x[self.motions.size :].sum())
-        u = np.hstack((joints, np.full((len(every), 1), h), np.zeros((len(every), 1))))
-        by_x = np.zeros((*u.shape, self.size))
-        by_x[:, :-2, : self.motions.size] = joints_by_w
-        by_x[:, -2, self.motions.size :] = self.reach
-        rates = [self.dynamics.base_rate(u[k]) for k in range(len(nodes))]
-        rate = np.array([quantity.values[0] for quantity in rates])
-        rate_by_x = np.array([(quantity.jacobian @ by_x[k])[0] for k, quantity in enumerate(rates)])
-        integrals = self.motions.duration * self.quadrature.integrals(every)
-        u[:, -1] = self.problem.initial.orientation + integrals @ rate
-        by_x[:, -1] = integrals @ rate_by_x
-        return u, by_x
+        """States u (N, 3n+2) at the nodes, then at s, and their derivatives (N, 3n+2, m) by x; theta_0 by (18)."""
+        instants = np.concatenate((self.quadrature.nodes, s))
+        joints, joints_J = self.motions.at(instants, x[: self.motions.size])
+        u = np.zeros((len(instants), joints.shape[1] + 2))
+        u_J = np.zeros((*u.shape, self.size))
+        u[:, :-2] = joints
+        u_J[:, :-2, : self.motions.size] = joints_J
+        u[:, -2] = self.angular_momentum(x)
+        u_J[:, -2, self.motions.size :] = self.reach
+        nodes = len(self.quadrature.nodes)
+        rates = [self.dynamics.base_rate(state) for state in u[:nodes]]
+        integrals = self.motions.polynomials.duration * self.quadrature.integrals(instants)
+        u[:, -1] = self.problem.initial.orientation + integrals @ [rate.values[0] for rate in rates]
+        u_J[:, -1] = integrals @ [rate.jacobian[0] @ u_J[k] for k, rate in enumerate(rates)]
+        return u, u_J
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Values and derivatives of all that the program holds, at x (m,)."""
-        s = np.concatenate((self.quadrature.nodes, self.instants))
-        u, by_x = self.states(x, np.concatenate((self.instants, [1.0])))
-        missed = u[-1:, -1] - self.problem.final.orientation
-        rows, rows_by_x = self.rows(s, u[:-1], by_x[:-1])
-        residuals, residuals_by_x = self.residuals(x, u, by_x)
-        rows_by_x = rows_by_x.reshape(-1, self.size)
-        return Evaluation(residuals, residuals_by_x, missed, by_x[-1:, -1], rows.ravel(), rows_by_x)
+        """Values and derivatives at x (m,)."""
+        u, u_J = self.states(x, np.append(self.instants, 1.0))
+        nodes = len(self.quadrature.nodes)
+        missed = u[-1:, -1] - self.problem.final.orientation  # (14)
+        rows, rows_J = self.rows(self.instants, u[nodes:-1], u_J[nodes:-1])
+        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
+        if quantity is None:
+            residuals, residuals_J = x[: self.motions.size], np.eye(self.motions.size, self.size)
+        else:
+            integrated = [self.quantities(state)[quantity] for state in u[:nodes]]
+            weights = np.sqrt(2 * self.motions.polynomials.duration * self.quadrature.weights)
+            residuals = np.concatenate([weights[k] * part.values for k, part in enumerate(integrated)])
+            residuals_J = np.concatenate([weights[k] * part.jacobian @ u_J[k] for k, part in enumerate(integrated)])
+        return Evaluation(residuals, residuals_J, missed, u_J[-1:, -1], rows.ravel(), rows_J.reshape(-1, self.size))
 
-    def residuals(self, x: Array, u: Array, by_x: Array) -> tuple[Array, Array]:
-        """w of (17); or what is integrated, at the nodes, weighted so that the sum of squares is its integral."""
-        if self.objective is None:
-            return x[: self.motions.size], np.eye(self.motions.size, self.size)
-        weights = np.sqrt(2 * self.motions.duration * self.quadrature.weights)
-        values, jacobians = [], []
-        for k, weight in enumerate(weights):
-            quantity = self.quantities(u[k])[self.objective]
-            values.append(weight * quantity.values)
-            jacobians.append(weight * quantity.jacobian @ by_x[k])
-        return np.concatenate(values), np.concatenate(jacobians)
+    def rows(self, s: Array, u: Array, u_J: Array) -> tuple[Array, Array]:
+        """Inequalities (N, r) at states (N, 3n+2), and their derivatives (N, r, m) by x."""
+        count, width = u.shape
+        parts = [[*self.limits_left(u[k]), *self.clearances(u[k], s[k])] for k in range(count)]
+        values = [np.concatenate([np.zeros(0), *(part.values for part in row)]) - BACK_OFF for row in parts]
+        by_u = [np.concatenate([np.zeros((0, width)), *(part.jacobian for part in row)]) for row in parts]
+        return np.array(values), np.array([by_u[k] @ u_J[k] for k in range(count)])
 
     def quantities(self, u: Array) -> dict[str, Quantity]:
         """What objectives and limits are about, at a state."""
-        n = self.dynamics.joints
-        forces = self.dynamics.forces(u)
-        selection = self.dynamics.selection.T
-        transmission = self.problem.robot.transmission.T
+        n = self.dynamics.n
         unit = np.eye(len(u))
+        torques = self.dynamics.torques(u)
+        robot = self.problem.robot
         return {
             "velocities": Quantity(u[n : 2 * n], unit[n : 2 * n]),
             "accelerations": Quantity(u[2 * n : 3 * n], unit[2 * n : 3 * n]),
             "orientation_rate": self.dynamics.base_rate(u),
-            "torques": Quantity(selection @ forces.values, selection @ forces.jacobian),
-            "motor_torques": Quantity(transmission @ forces.values, transmission @ forces.jacobian),
+            "torques": Quantity(*(robot.selection.T @ part for part in torques)),
+            "motor_torques": Quantity(*(robot.transmission.T @ part for part in torques)),
         }
 
-    def rows(self, s: Array, u: Array, by_x: Array) -> tuple[Array, Array]:
-        """Inequalities (N, r) at states u (N, 3n+2), to be kept at zero or above, and their derivatives (N, r, m)."""
-        values, jacobians = [], []
-        for k, instant in enumerate(s):
-            time = float(instant * self.motions.duration)
-            parts = [*self.limit_rows(u[k]), *self.clearance_rows(u[k], time)]
-            values.append(np.concatenate([np.zeros(0), *(part.values for part in parts)]) - BACK_OFF)
-            empty = np.zeros((0, u.shape[1]))
-            jacobians.append(np.concatenate([empty, *(part.jacobian for part in parts)]) @ by_x[k])
-        return np.array(values), np.array(jacobians)
-
-    def limit_rows(self, u: Array) -> Sequence[Quantity]:
-        """What is left of the limits, as shares of them."""
+    def limits_left(self, u: Array) -> Sequence[Quantity]:
+        """What is left of each limit, as a share of it."""
         rows = []
-        known = self.quantities(u) if self.limits else {}
+        quantities = self.quantities(u) if self.limits else {}
         for limit in self.limits:
-            signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)] if limit.also else [(1, 0), (-1, 0)]
-            for own, also in signs:
-                weighted = [(own, name, weights) for name, weights in limit.used.items()]
-                weighted += [(also, name, weights) for name, weights in limit.also.items()]
-                used = sum(sign * weights @ known[name].values for sign, name, weights in weighted)
-                by_u = sum(sign * weights @ known[name].jacobian for sign, name, weights in weighted)
-                rows.append(Quantity(1 - used, -by_u))
+            for own, also in ((1, 1), (1, -1), (-1, 1), (-1, -1)) if limit.also else ((1, 0), (-1, 0)):
+                used = [(own, *item) for item in limit.used.items()] + [(also, *item) for item in limit.also.items()]
+                share = sum(sign * weights @ quantities[name].values for sign, name, weights in used)
+                share_J = sum(sign * weights @ quantities[name].jacobian for sign, name, weights in used)
+                rows.append(Quantity(1 - share, -share_J))
         return rows
 
-    def clearance_rows(self, u: Array, time: float) -> Sequence[Quantity]:
-        """Distances (23) to obstacles, and between links that are to keep apart, less their margins."""
-        if not self.radius.size:
-            return []
-        places, by_u = self.points.from_com(u)
-        flight = self.problem.flight
-        places = places + self.com + self.com_velocity * time - 0.5j * flight.gravity * time**2
-        half = len(self.radius)
-        segments = Segments(places[:half], places[half:], by_u[:half], by_u[half:])
+    def clearances(self, u: Array, s: float) -> Sequence[Quantity]:
+        """(23): distances of all links to each obstacle that is there, less its margin, in ``LENGTH_SCALE``."""
         rows = []
-        for obstacle in self.obstacles:
-            first = len(self.capsules) if self.hulls and isinstance(obstacle, Ground) else 0
-            facing = slice(first, half if first else len(self.capsules))
-            distance, by_state = obstacle_distances(segments.of(facing), self.radius[facing], obstacle, time)
+        time = s * self.motions.polynomials.duration
+        places, places_J = self.dynamics.places(u) if self.capsules else (np.zeros(0), np.zeros((0, len(u))))
+        places = places + complex(*self.path.positions(np.array([time]))[0])
+        for obstacle in self.problem.obstacles:
             low, high = obstacle.window or (0.0, math.inf)
-            exists = 1.0 if low <= time <= high else 0.0
-            slack = exists * (distance - obstacle.margin) + (1 - exists) * LENGTH_SCALE
-            rows.append(Quantity(slack / LENGTH_SCALE, exists * by_state / LENGTH_SCALE))
-        for pair in self.problem.self_clearances:
-            owners = [[i for i, shape in enumerate(self.capsules) if shape.link == link] for link in pair.links]
-            own, other = (side.ravel() for side in np.meshgrid(*owners, indexing="ij"))
-            distance, by_state = segment_distances(segments.of(own), segments.of(other))
-            slack = distance - self.radius[own] - self.radius[other] - pair.margin
-            rows.append(Quantity(slack / LENGTH_SCALE, by_state / LENGTH_SCALE))
+            shift = complex(*obstacle.velocity) * time
+            distance, distance_J = obstacle_distances(obstacle, places - shift, places_J, self.radius)
+            slack = (distance - obstacle.margin) / LENGTH_SCALE
+            there = Quantity(slack, distance_J / LENGTH_SCALE)
+            rows.append(there if low <= time <= high else Quantity(np.ones_like(slack), 0 * distance_J))
         return rows
+
+
+def obstacle_distances(obstacle: Obstacle, ends: ComplexArray, ends_J: ComplexArray, radius: Array) -> Quantity:
+    """Distances (19) of S capsules from their ends (2S,), m: at the u of (22) that is nearest, found without a grid.
+
+    There a small change of u changes no distance. Of a half-plane both ends count.
+    """
+    if isinstance(obstacle, HalfPlane):
+        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+        height = (normal.conjugate() * (ends - complex(*obstacle.point))).real
+        return Quantity(height - np.tile(radius, 2), (normal.conjugate() * ends_J).real)
+    assert isinstance(obstacle, Circle), "others are refused"
+    start, end = np.split(ends, 2)
+    start_J, end_J = np.split(ends_J, 2)
+    along = end - start
+    reached = (along.conj() * (complex(*obstacle.center) - start)).real
+    u = np.clip(reached / np.maximum(np.abs(along) ** 2, np.finfo(float).tiny), 0, 1)
+    away = start + u * along - complex(*obstacle.center)
+    distance = np.abs(away)
+    nearest_J = (1 - u)[:, None] * start_J + u[:, None] * end_J
+    distance_J = ((away.conj() / distance)[:, None] * nearest_J).real
+    return Quantity(distance - radius - obstacle.radius, distance_J)
