@@ -1,15 +1,14 @@
-"""What the joints do to the robot in flight: (4), (15), (20) to (22), (A.1), by Pinocchio."""
+"""What the joints do to the robot in flight, by Pinocchio: (4), (14), (15) and (A.1); and where its links are, (20)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, ComplexArray
-from floatplan.robot.robot import LinkCapsule, Robot
+from floatplan.robot.robot import Robot
 
 BASE = 3  # first coordinates of ``robot.model``: horizontal, vertical, orientation
 ORIENTATION = 2
@@ -25,14 +24,11 @@ class Quantity(NamedTuple):
 class Dynamics:
     """A robot in flight; its base stays at the origin, unturned: momentum and torques are the same anywhere."""
 
-    def __init__(self, robot: Robot, capsules: Sequence[LinkCapsule] = ()) -> None:
+    def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self.model = robot.model
         self.data = robot.model.createData()
         self.n = len(robot.joints)
-        self.axes = robot.plane.horizontal + 1j * robot.plane.vertical  # points of the plane are complex numbers
-        self.points = [self._fixed_point(capsule.body, capsule.start) for capsule in capsules]
-        self.points += [self._fixed_point(capsule.body, capsule.end) for capsule in capsules]
 
     def momentum_map(self, q: Array) -> Array:
         """D_0, ..., D_n (n+1,) of (4), kg m^2: the momentum that a unit rate of theta_0, q_1, ..., q_n makes."""
@@ -54,7 +50,7 @@ class Dynamics:
         return Quantity(np.array([rate]), jacobian)
 
     def torques(self, u: Array) -> Quantity:
-        """Torques (nv,) of (A.1) on all coordinates, N m: those of the base are zero, which settles how it accelerates."""
+        """Torques (nv,) of (A.1), N m; those of the base are zero, which settles how it accelerates."""
         n = self.n
         selection = self.robot.selection
         base_rate = self.base_rate(u)
@@ -69,33 +65,16 @@ class Dynamics:
         jacobian -= M[:, :BASE] @ np.linalg.solve(M_base, jacobian[:BASE])
         return Quantity(np.array(self.data.tau), jacobian)
 
-    def places(self, u: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Starts and ends of the capsules from the CM, (6) and (20), m, and their derivatives by u."""
-        full = self.robot.reference + self.robot.selection @ u[: self.n]
-        cm_by_full = pin.jacobianCenterOfMass(self.model, self.data, full)
-        pin.computeJointJacobians(self.model, self.data, full)
-        turned = self.axes * np.exp(1j * self.robot.plane.turn * u[-1])
-        places = np.zeros(len(self.points), dtype=np.complex128)
-        jacobian = np.zeros((len(self.points), len(u)), dtype=np.complex128)
-        for index, (joint, local) in enumerate(self.points):
-            arm = self.data.oMi[joint].rotation @ local
-            twist = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED)
-            by_full = twist[:3] - pin.skew(arm) @ twist[3:] - cm_by_full
-            places[index] = turned @ (self.data.oMi[joint].translation + arm - self.data.com[0])
-            jacobian[index, : self.n] = turned @ by_full @ self.robot.selection
-        jacobian[:, -1] = 1j * self.robot.plane.turn * places
-        return places, jacobian
+    def places(self, u: Array, weights: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Points (P,) seen from the CM, (6), (20), and derivatives by u: sums of the bodies' unit vectors, weighted."""
+        tree = self.robot.tree
+        terms = weights * tree.rotations(tree.absolute_angles(u[-1], u[: self.n]))
+        jacobian = np.zeros((len(weights), len(u)), dtype=np.complex128)
+        jacobian[:, : self.n] = 1j * tree.turn * terms @ tree.turns
+        jacobian[:, -1] = 1j * tree.turn * terms.sum(axis=1)
+        return terms.sum(axis=1), jacobian
 
     def _positions_and_rates(self, u: Array, base_rate: float) -> tuple[Array, Array]:
         rates = self.robot.selection @ u[self.n : 2 * self.n]
         rates[ORIENTATION] = base_rate
         return self.robot.reference + self.robot.selection @ u[: self.n], rates
-
-    def _fixed_point(self, body: int, place: complex) -> tuple[int, Array]:
-        """The joint that carries a point of a body, and where that is (3,) in its frame."""
-        pin.framesForwardKinematics(self.model, self.data, np.array(self.robot.reference))
-        frame = self.model.getFrameId(self.robot.tree.names[body], pin.FrameType.BODY)
-        along = place * np.exp(1j * self.robot.plane.turn * self.robot.tree.offsets[body])
-        shift = (along * self.axes.conj()).real
-        joint = self.model.frames[frame].parentJoint
-        return joint, self.data.oMi[joint].actInv(self.data.oMf[frame].translation + shift)

@@ -22,38 +22,33 @@ class Motions:
 
     def __init__(self, problem: Problem, degrees: Sequence[int], branch: IntArray) -> None:
         low, high = problem.position_limits.T
-        T = problem.flight.duration
         self.centre = (low + high) / 2
         self.amplitude = (high - low) / 2
+        self.duration = problem.flight.duration
         conditions = []
         for end, on_branch in ((problem.initial, 0 * branch), (problem.final, branch)):
             state = end.positions, end.velocities, end.accelerations
-            p, rate, curvature = boundary_arguments(*state, self.centre, self.amplitude, on_branch)
-            conditions += [p, rate * T, curvature * T**2]  # derivatives by s = t / T
+            arguments = boundary_arguments(*state, self.centre, self.amplitude, on_branch)
+            conditions += [part * self.duration**order for order, part in enumerate(arguments)]  # by s = t / T
         free = tuple(degree + 1 - CONDITIONS for degree in degrees)
-        self.polynomials = SinePolynomials(self.centre, self.amplitude, T, np.transpose(conditions), free)
+        boundary = np.transpose(conditions)
+        self.polynomials = SinePolynomials(self.centre, self.amplitude, self.duration, boundary, free)
         self.size = sum(free)
-        self._whiten()
-
-    def _whiten(self) -> None:
-        """Find the polynomials' coefficients (n, 6+width) at w = 0 and their derivatives by w; R and Q^T b_0."""
-        powers = powers_map(self.polynomials.form, self.polynomials.duration)
-        joints = len(self.centre)
-        self.at_zero = np.zeros((joints, powers.shape[1]))
-        self.by_w = np.zeros((joints, powers.shape[1], self.size))
+        powers = powers_map(self.polynomials.form, self.duration)
+        self.at_zero = np.zeros((len(low), powers.shape[1]))  # the polynomials' coefficients at w = 0, with boundary
+        self.by_w = np.zeros((len(low), powers.shape[1], self.size))  # and their derivatives by w
         self.R = np.zeros((self.size, self.size))
-        self.quintics = np.zeros(self.size)
+        self.quintics = np.zeros(self.size)  # w of these
         first = 0
-        for joint, free in enumerate(self.polynomials.free):
-            own = slice(first, first + free)
-            columns = slice(CONDITIONS, CONDITIONS + free)
-            boundary = self.polynomials.boundary[joint]
+        for joint, own_free in enumerate(free):
+            own = slice(first, first + own_free)
+            columns = slice(CONDITIONS, CONDITIONS + own_free)
             Q, self.R[own, own] = np.linalg.qr(powers[:, columns])
-            self.quintics[own] = Q.T @ powers[:, :CONDITIONS] @ boundary
+            self.quintics[own] = Q.T @ powers[:, :CONDITIONS] @ boundary[joint]
             self.by_w[joint, columns, own] = np.linalg.inv(self.R[own, own])
-            self.at_zero[joint, :CONDITIONS] = boundary
+            self.at_zero[joint, :CONDITIONS] = boundary[joint]
             self.at_zero[joint] -= self.by_w[joint] @ self.quintics
-            first += free
+            first += own_free
 
     def free_part(self, w: Array) -> Array:
         """z (n, width): a unit is a root mean square of 1 rad of p."""
@@ -63,7 +58,7 @@ class Motions:
         """q, q', q'' (N, 3n) of (12) at instants s (N,) of [0, 1], and their derivatives (N, 3n, m) by w."""
         coefficients = (self.at_zero + self.by_w @ w).T
         values = basis(self.polynomials.form).values(s)
-        per_second = [value / self.polynomials.duration**order for order, value in enumerate(values)]
+        per_second = [value / self.duration**order for order, value in enumerate(values)]
         p, p1, p2 = (value @ coefficients for value in per_second)
         dp, dp1, dp2 = (np.tensordot(value, self.by_w, (1, 1)) for value in per_second)
         sine = self.amplitude * np.sin(p)
