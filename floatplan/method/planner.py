@@ -24,7 +24,7 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION, Range
 
 GRID = np.linspace(0, 1, 401)  # instants at which inequalities are looked at
-INSTANTS = np.linspace(0, 1, 65)  # at which they hold, where a solution without them violates some
+INSTANTS = np.linspace(0, 1, 65)[1:-1]  # at which they hold, where a solution without them violates some
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # at each degree
 SPREADS = 4 * (0.2, 0.4, 0.8, 1.6)  # [rad] of p's free part in motions of which a random start is the best
