@@ -29,6 +29,11 @@ class Dynamics:
         self.model = robot.model
         self.data = robot.model.createData()
         self.n = len(robot.joints)
+        sizes = {"velocities": self.n, "accelerations": self.n, "orientation_rate": 1}
+        sizes |= {"torques": self.n, "motor_torques": len(robot.motors)}
+        ends = np.cumsum([0, *sizes.values()])
+        self.quantity = {name: slice(*ends[k : k + 2]) for k, name in enumerate(sizes)}
+        self.count = int(ends[-1])
 
     def momentum_map(self, q: Array) -> Array:
         """D_0, ..., D_n (n+1,) of (4), kg m^2: the momentum that a unit rate of theta_0, q_1, ..., q_n makes."""
@@ -64,6 +69,15 @@ class Dynamics:
         jacobian[:, : 3 * n] += np.hstack((by_full @ selection, by_rates @ selection, M @ selection))
         jacobian -= M[:, :BASE] @ np.linalg.solve(M_base, jacobian[:BASE])
         return Quantity(np.array(self.data.tau), jacobian)
+
+    def quantities(self, u: Array) -> Quantity:
+        """All that objectives and limits are about: slices of it, by their names, are in ``quantity``."""
+        moving = np.eye(len(u))[self.n : 3 * self.n]
+        rate = self.base_rate(u)
+        by_motors = np.hstack((self.robot.selection, self.robot.transmission)).T
+        torques = self.torques(u)
+        values = np.concatenate((moving @ u, rate.values, by_motors @ torques.values))
+        return Quantity(values, np.concatenate((moving, rate.jacobian, by_motors @ torques.jacobian)))
 
     def places(self, u: Array, weights: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Points (P,) seen from the CM, (6), (20), and derivatives by u: sums of the bodies' unit vectors, weighted."""

@@ -51,7 +51,7 @@ class Motions:
             first += own_free
 
     def free_part(self, w: Array) -> Array:
-        """z (n, width): a unit is a root mean square of 1 rad of p."""
+        """The z (n, width): a unit is a root mean square of 1 rad of p."""
         return np.asarray((self.at_zero + self.by_w @ w)[:, CONDITIONS:])
 
     def at(self, s: Array, w: Array) -> tuple[Array, Array]:

@@ -25,13 +25,12 @@ from floatplan.tables import ORIENTATION, Range
 
 GRID = np.linspace(0, 1, 401)  # instants at which inequalities are looked at
 INSTANTS = np.linspace(0, 1, 65)[1:-1]  # at which they hold, where a solution without them violates some
+NEARLY = 1e-2  # of rows, in their scales: with less on the grid they may be violated between its instants
+ROUNDING = 1e-12  # of rows
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # at each degree
 SPREADS = 4 * (0.2, 0.4, 0.8, 1.6)  # [rad] of p's free part in motions of which a random start is the best
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
-NEARLY = 1e-2  # of rows, in their scales: with less on the grid they may be violated between its instants
-ROUNDING = 1e-12  # of rows, in their scales
-HOLDS = "Every constraint holds at all times."
 SEED = whole(Range(0, 2**63 - 1, ""))
 
 
@@ -42,8 +41,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     Parameters
     ----------
     problem : Problem, or path of a problem file
-        Of a flight in a plane between given states, with circles and half-planes as obstacles. A free h is one more
-        variable.
+        Of a flight between given states, past circles and half-planes; a free h is one more variable.
     seed : int
         Of the random starts.
 
@@ -61,27 +59,40 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     problem = given_problem(problem)
     seed = SEED(seed, "seed")
     refuse(problem)
-    best, least, steps = None, np.inf, 0
-    for number, (program, start) in enumerate(starts(problem, seed), 1):
+    tried = []
+    steps = 0
+    for program, start in starts(problem, seed):
         solution = followed(program, start)
         steps += start.steps + solution.steps
-        motions = program.motions
-        free_part = motions.free_part(solution.x[: motions.size])
-        answer = {"status": "optimal" if solution.converged else "feasible", "ok": True, "solver": {}}
-        h = np.array([program.angular_momentum(solution.x)])
-        made = Plan.of_motion(problem, motions.polynomials, free_part, h, explanation=HOLDS, **answer)
-        violation = max(made.whole.missed, violated(program, solution.x)[0])  # (14) as the whole plan's motion has it
-        if best is None or violation < least:
-            best, least = made, violation
-        if least <= ORIENTATION:
+        moving = plan_of(program, solution)
+        violation = max(moving.whole.missed, violated(program, solution.x)[0])  # (14) as the plan's own numbers are
+        tried.append((violation, moving))
+        if violation <= ORIENTATION:
             break
-    assert best is not None, "there is a first start"
-    solver = {"starts": number, "solved": int(least <= ORIENTATION), "iterations": steps, "seed": seed}
+    violation, best = min(tried, key=lambda pair: pair[0])
+    ok = violation <= ORIENTATION
+    solver = {"starts": len(tried), "solved": int(ok), "iterations": steps, "seed": seed}
     solver["seconds"] = time.perf_counter() - began
-    if least <= ORIENTATION:
+    if ok:
         return replace(best, solver=solver)
-    nearest = f"The nearest motion of {number} starts violates a constraint by {least:.3g} rad, or of its scale."
-    return replace(best, status="infeasible", ok=False, explanation=nearest, solver=solver)
+    nearest = (
+        f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad, or of its scale."
+    )
+    return replace(best, ok=False, status="infeasible", explanation=nearest, solver=solver)
+
+
+def plan_of(program: Program, solution: Solution) -> Plan:
+    """The plan that moves as an SQP has ended."""
+    return Plan.of_motion(
+        program.problem,
+        program.motions.polynomials,
+        program.motions.free_part(solution.x[: program.motions.size]),
+        np.array([program.angular_momentum(solution.x)]),
+        status="optimal" if solution.converged else "feasible",
+        ok=True,
+        explanation="Every constraint holds at all times.",
+        solver={},
+    )
 
 
 def refuse(problem: Problem) -> None:
@@ -117,7 +128,7 @@ def starts(problem: Problem, seed: int) -> Iterator[tuple[Program, Solution]]:
                 program.instants = INSTANTS
                 drawn = [x + spread * program.scale @ rng.normal(size=program.size) for spread in SPREADS]
                 program.near = min(drawn, key=lambda x: program.evaluate(x).violation)
-                x = minimise(program, program.near).x
+                x = minimise(program, program.near).x  # feasible first, then least
                 program.near = None
             yield program, minimise(program, x)
 
@@ -139,15 +150,12 @@ def violated(program: Program, x: Array) -> tuple[float, Array]:
     values = program.rows_at(GRID, x)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=np.inf)
     least = (values <= padded[:-2]) & (values <= padded[2:]) & (values < NEARLY)
-    worst = 0.0
-    instants = []
+    lowest = []
     for k, row in np.argwhere(least):
         bounds = GRID[max(k - 1, 0)], GRID[min(k + 1, len(GRID) - 1)]
-        found = minimize_scalar(
-            lambda s, row=row: program.rows_at(np.array([s]), x)[0, row], bounds=bounds, options={"xatol": 1e-7}
-        )
-        s, value = min((found.x, found.fun), (GRID[k], values[k, row]), key=lambda pair: pair[1])
-        worst = max(worst, -float(value) - back_off(s))
-        if value < -back_off(s) / 2 - ROUNDING:
-            instants.append(s)
-    return worst, np.unique(instants)
+        closer = {"bounds": bounds, "options": {"xatol": 1e-7}}
+        found = minimize_scalar(lambda s, row=row: program.rows_at(np.array([s]), x)[0, row], **closer)
+        lowest.append(min((values[k, row], GRID[k]), (found.fun, found.x)))
+    worst = max((-value - back_off(s) for value, s in lowest), default=0.0)
+    instants = [s for value, s in lowest if value < -back_off(s) / 2 - ROUNDING]
+    return max(worst, 0.0), np.unique(instants)

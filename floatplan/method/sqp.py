@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,12 @@ from floatplan.proxqp import proxqp
 QP_ACCURACY = 1e-10  # of a QP's residuals, in the units of its rows
 QP_ITERATIONS = 30  # outer, and inner ones of each; ProxQP's default of 10000 takes minutes where there is no solution
 NEAR = 0.5  # [-] of its scale: a row that leaves more is not in a QP, whose step is not to change it by so much
+LONGEST_STEP = 0.5  # [rad] root mean square of p, for which a linearisation is trusted
+SHORTEST = 1e-5  # [-] of a step
 FEASIBLE = 1e-9  # sum of violations, in rad and shares of limits, at a solution
 STATIONARY = 1e-5  # [-] of the gradient, what is left of the Lagrangian's at a solution: its square, of the objective
 MOST_STEPS = 100
 ARMIJO = 1e-4  # [-] of the descent that a step promises: it has to make so much
-SHORTEST = 1e-5  # [-] of a step
 DAMPING = 0.2  # [-] least curvature that an update leaves, (18.15)
 ELASTIC = 1e3  # [-] of the Hessian's largest diagonal entry: what the square of a violation costs in an elastic step
 PASSES = 20  # of an elastic step, each with the rows that fail after the one before
@@ -44,13 +46,13 @@ class Step:
 
     def lagrangian_gradient(self, at: Evaluation) -> Array:
         """Gradient (m,) of the objective, less the constraints by their multipliers."""
-        return np.asarray(at.gradient + at.missed_J.T @ self.of_equality - at.rows_J.T @ self.of_rows)
+        return np.asarray(at.gradient + at.missed_by_x.T @ self.of_equality - at.rows_by_x.T @ self.of_rows)
 
 
 def minimise(program: Program, x: Array) -> Solution:
     """Solve a program from x (m,), by a line search on the l1 merit; its Hessian is, for (17), first the identity."""
     current = program.evaluate(x)
-    squares = current.residuals_J.T @ current.residuals_J  # Gauss's and Newton's Hessian
+    squares = current.residuals_by_x.T @ current.residuals_by_x  # Gauss's and Newton's Hessian
     B = squares + 1e-6 * np.diagonal(squares).max(initial=0.0) * np.eye(len(x))
     penalty = 0.0
     for steps in range(MOST_STEPS if len(x) else 0):
@@ -58,13 +60,19 @@ def minimise(program: Program, x: Array) -> Solution:
         left = np.linalg.norm(B @ step.direction) / max(float(np.linalg.norm(current.gradient)), 1e-9)
         if current.violation < FEASIBLE and left < STATIONARY:
             return Solution(x, current, True, steps)
-        if program.step_size(step.direction) < SHORTEST**2:
-            return Solution(x, current, False, steps)  # where no step promises less violation
-        largest = max(float(np.abs(step.of_equality).max()), float(step.of_rows.max(initial=0.0)))
-        penalty = max(1.2 * largest, penalty / 2)
-        moved, following = line_search(program, x, current, step, penalty)
-        if following is None:
+        largest = np.abs(np.concatenate((step.of_equality, step.of_rows))).max()
+        penalty = max(1.2 * float(largest), penalty / 2)
+        slope = float(current.gradient @ step.direction) - penalty * (current.violation - step.violation_left)
+        merit = current.objective + penalty * current.violation
+        taken = None
+        for length, moved, following in tried_steps(program, x, current, step):
+            enough = merit + ARMIJO * length * min(slope, 0.0) + 1e-13 * abs(merit)
+            if following.objective + penalty * following.violation <= enough:
+                taken = moved, following
+                break
+        if taken is None:
             return Solution(x, current, False, steps)
+        moved, following = taken
         B = damped_bfgs(B, moved, step.lagrangian_gradient(following) - step.lagrangian_gradient(current))
         x = x + moved
         current = following
@@ -79,8 +87,8 @@ def quadratic_step(current: Evaluation, B: Array) -> Step | None:
     qp.settings.eps_abs = QP_ACCURACY
     qp.settings.max_iter = QP_ITERATIONS
     qp.settings.max_iter_in = QP_ITERATIONS
-    rows = (current.rows_J[near], -current.rows[near]) if len(near) else (None, None)
-    qp.init(scale * B, scale * current.gradient, current.missed_J, -current.missed, *rows, None)
+    rows = (current.rows_by_x[near], -current.rows[near]) if len(near) else (None, None)
+    qp.init(scale * B, scale * current.gradient, current.missed_by_x, -current.missed, *rows, None)
     qp.solve()
     results = qp.results
     if results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED or not np.isfinite(results.x).all():
@@ -95,42 +103,34 @@ def elastic_step(current: Evaluation, B: Array) -> Step:
     weight = ELASTIC * float(np.diagonal(B).max())
     direction = np.zeros(len(B))
     for _ in range(PASSES):
-        fails = current.rows + current.rows_J @ direction < 0
-        J = np.vstack((current.missed_J, current.rows_J[fails]))
+        fails = current.rows + current.rows_by_x @ direction < 0
+        J = np.vstack((current.missed_by_x, current.rows_by_x[fails]))
         lacking = np.concatenate((current.missed, current.rows[fails]))
         direction = -np.linalg.solve(B + weight * J.T @ J, current.gradient + weight * J.T @ lacking)
-    rows = np.minimum(current.rows + current.rows_J @ direction, 0)
-    missed = current.missed + current.missed_J @ direction
+    rows = np.minimum(current.rows + current.rows_by_x @ direction, 0)
+    missed = current.missed + current.missed_by_x @ direction
     return Step(direction, weight * missed, -weight * rows, float(np.abs(missed).sum() - rows.sum()))
 
 
-def line_search(
-    program: Program, x: Array, current: Evaluation, step: Step, penalty: float
-) -> tuple[Array, Evaluation | None]:
-    """How far to go (m,) by a step, and the program there; None where nothing makes the l1 merit less.
+def tried_steps(
+    program: Program, x: Array, current: Evaluation, step: Step
+) -> Iterator[tuple[float, Array, Evaluation]]:
+    """Yield ever shorter steps: their length, how far they go (m,), and the program there.
 
-    A whole step that does not is corrected by the shortest one to the active constraints as they are there, (18.42).
+    After a whole one, it corrected by the shortest step to the active constraints as they are there, (18.42).
     """
-    slope = float(current.gradient @ step.direction) - penalty * (current.violation - step.violation_left)
-    merit = current.objective + penalty * current.violation
-    length = min(1.0, 1 / max(program.step_size(step.direction), 1e-12))
-    corrected = length < 1
-    moved = length * step.direction
-    while length > SHORTEST:
-        following = program.evaluate(x + moved)
-        allowed = merit + ARMIJO * length * min(slope, 0.0) + 1e-13 * abs(merit)
-        if following.objective + penalty * following.violation <= allowed:
-            return moved, following
-        if not corrected:
-            corrected = True
+    in_rad = float(np.linalg.norm(np.linalg.solve(program.scale, step.direction)))
+    length = min(1.0, LONGEST_STEP / max(in_rad, SHORTEST**2))
+    while length > SHORTEST and in_rad > SHORTEST**2:
+        following = program.evaluate(x + length * step.direction)
+        yield length, length * step.direction, following
+        if length == 1:
             active = step.of_rows > 0
-            J = np.vstack((current.missed_J, current.rows_J[active]))
+            J = np.vstack((current.missed_by_x, current.rows_by_x[active]))
             lacking = np.concatenate((following.missed, following.rows[active]))
-            moved = step.direction - np.linalg.lstsq(J, lacking, rcond=1e-10)[0]
-        else:
-            length /= 2
-            moved = length * step.direction
-    return moved, None
+            corrected = step.direction - np.linalg.lstsq(J, lacking, rcond=1e-10)[0]
+            yield length, corrected, program.evaluate(x + corrected)
+        length /= 2
 
 
 def damped_bfgs(B: Array, step: Array, change: Array) -> Array:
