@@ -17,7 +17,8 @@ class Motions:
     """All motions (12) between a problem's ends that land on one branch of the arcsine.
 
     On it (13) are six linear equations for the b of a joint: ``b = b_0 + C z``, with b_0 of a quintic. For ``C = Q R``
-    and ``w = R z + Q^T b_0`` the |b|^2 of (17) is |w|^2 and a constant. Variables are the w (m,) of all joints.
+    and ``w = R z + Q^T b_0`` the |b|^2 of (17) is |w|^2 and a constant. Variables are the w (m,) of all joints, in a
+    ``unit`` that is the largest of which none changes p by a root mean square of more than 1 rad.
     """
 
     def __init__(self, problem: Problem, degrees: Sequence[int], branch: IntArray) -> None:
@@ -49,6 +50,10 @@ class Motions:
             self.at_zero[joint, :CONDITIONS] = boundary[joint]
             self.at_zero[joint] -= self.by_w[joint] @ self.quintics
             first += own_free
+        self.unit = 1 / np.linalg.norm(self.by_w.reshape(-1, self.size), 2) if self.size else 1.0
+        self.R /= self.unit
+        self.quintics /= self.unit
+        self.by_w *= self.unit
 
     def free_part(self, w: Array) -> Array:
         """The z (n, width): a unit is a root mean square of 1 rad of p."""

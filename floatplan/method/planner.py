@@ -29,6 +29,7 @@ NEARLY = 1e-2  # of rows, in their scales: with less on the grid they may be vio
 ROUNDING = 1e-12  # of rows
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # at each degree
+BEST_OF = 4  # random starts that led to a plan, where that is quick: without inequalities
 SPREADS = 4 * (0.2, 0.4, 0.8, 1.6)  # [rad] of p's free part in motions of which a random start is the best
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
 SEED = whole(Range(0, 2**63 - 1, ""))
@@ -67,13 +68,15 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
         moving = plan_of(program, solution)
         violation = max(moving.whole.missed, violated(program, solution.x)[0])  # (14) as the plan's own numbers are
         tried.append((violation, moving))
-        if violation <= ORIENTATION:
+        solved = [moving for violation, moving in tried if violation <= ORIENTATION]
+        if len(solved) >= (1 if len(tried) == 1 or problem.has_inequalities else BEST_OF):
             break
     violation, best = min(tried, key=lambda pair: pair[0])
-    ok = violation <= ORIENTATION
-    solver = {"starts": len(tried), "solved": int(ok), "iterations": steps, "seed": seed}
+    if solved:
+        best = min(solved, key=lambda moving: moving.objective_value)
+    solver = {"starts": len(tried), "solved": len(solved), "iterations": steps, "seed": seed}
     solver["seconds"] = time.perf_counter() - began
-    if ok:
+    if solved:
         return replace(best, solver=solver)
     nearest = (
         f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad, or of its scale."

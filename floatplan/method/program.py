@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -145,9 +145,9 @@ class Program:
         return Quantity(values, np.concatenate([part.jacobian for part in parts]))
 
 
-def back_off(s: float) -> float:
+def back_off(s: Any) -> Any:
     """What rows are kept free by, in their scales, at an instant of [0, 1]: as much as motions may change there."""
-    return float(BACK_OFF * (4 * s * (1 - s)) ** 3)
+    return BACK_OFF * (4 * s * (1 - s)) ** 3
 
 
 def limit_shares(problem: Problem, dynamics: Dynamics) -> Array:

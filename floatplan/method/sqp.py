@@ -61,7 +61,7 @@ def minimise(program: Program, x: Array) -> Solution:
         if current.violation < FEASIBLE and left < STATIONARY:
             return Solution(x, current, True, steps)
         largest = np.abs(np.concatenate((step.of_equality, step.of_rows))).max()
-        penalty = max(1.2 * float(largest), penalty / 2)
+        penalty = max(1.2 * float(largest), current.objective, penalty / 2)
         slope = float(current.gradient @ step.direction) - penalty * (current.violation - step.violation_left)
         merit = current.objective + penalty * current.violation
         taken = None
@@ -120,8 +120,9 @@ def tried_steps(
     After a whole one, it corrected by the shortest step to the active constraints as they are there, (18.42).
     """
     in_rad = float(np.linalg.norm(np.linalg.solve(program.scale, step.direction)))
-    length = min(1.0, LONGEST_STEP / max(in_rad, SHORTEST**2))
-    while length > SHORTEST and in_rad > SHORTEST**2:
+    first = min(1.0, LONGEST_STEP / max(in_rad, SHORTEST**2))
+    length = first
+    while length > SHORTEST * first and in_rad > SHORTEST**2:
         following = program.evaluate(x + length * step.direction)
         yield length, length * step.direction, following
         if length == 1:
