@@ -77,7 +77,7 @@ def plan(
     budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     method: Annotated[
-        Literal["kernel", "reference"], typer.Option(help="The planner; reference is the paper's, in Python.")
+        str, option("NAME", "The planner: kernel, or reference, which is the paper's in Python.")
     ] = "kernel",
     certify: Annotated[
         bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
@@ -92,10 +92,12 @@ def plan(
     A plan in the plane is proved for every instant of the flight, unless --no-certify is given; flights in space are
     not proved yet. Exit code 0 where a plan was found; with --prove only where it was proved too.
     """
+    from floatplan.arguments import one_of
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.export.table import sample_times
 
+    one_of("kernel", "reference")(method, "--method")
     if method == "reference" and (starts != 1 or budget is not None or jobs != 1):
         reason = "the reference method takes no --starts, --budget or --jobs"
         raise InputError(reason, element="--method", advice="leave these out")

@@ -30,7 +30,8 @@ ROUNDING = 1e-12  # of rows
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # at each degree
 BEST_OF = 4  # random starts that led to a plan, where that is quick: without inequalities
-SPREADS = 4 * (0.2, 0.4, 0.8, 1.6)  # [rad] of p's free part in motions of which a random start is the best
+SPREADS = (1.6, 0.2, 0.4, 0.8)  # [rad] root mean square of each polynomial in p's free part, of starts in turn
+DRAWN = 16  # random motions, of which the one that violates least begins
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
 SEED = whole(Range(0, 2**63 - 1, ""))
 
@@ -129,7 +130,8 @@ def starts(problem: Problem, seed: int) -> Iterator[tuple[Program, Solution]]:
             x = np.append(program.motions.quintics, np.zeros(program.size - program.motions.size))
             if number:
                 program.instants = INSTANTS
-                drawn = [x + spread * program.scale @ rng.normal(size=program.size) for spread in SPREADS]
+                spread = SPREADS[number % len(SPREADS)] * program.scale
+                drawn = [x + spread @ rng.normal(size=program.size) for _ in range(DRAWN)]
                 program.near = min(drawn, key=lambda x: program.evaluate(x).violation)
                 x = minimise(program, program.near).x  # feasible first, then least
                 program.near = None

@@ -99,7 +99,9 @@ class Program:
         missed = u[-1:, -1] - self.problem.final.orientation  # (14)
         rows = [self.rows(s, state) for s, state in zip(self.instants, u[nodes:-1], strict=True)]
         values = np.array([row.values for row in rows]).ravel()
-        by_x = np.array([row.jacobian @ u_by_x[nodes + k] for k, row in enumerate(rows)]).reshape(-1, self.size)
+        by_x = np.array([row.jacobian @ u_by_x[nodes + k] for k, row in enumerate(rows)]).reshape(
+            len(values), self.size
+        )
         return Evaluation(*self.residuals(x, u[:nodes], u_by_x[:nodes]), missed, u_by_x[-1:, -1], values, by_x)
 
     def residuals(self, x: Array, u: Array, u_by_x: Array) -> tuple[Array, Array]:
@@ -115,7 +117,7 @@ class Program:
         parts = [self.dynamics.quantities(state) for state in u]
         values = weights * np.array([part.values[own] for part in parts])
         by_x = weights[:, None] * np.array([part.jacobian[own] @ u_by_x[k] for k, part in enumerate(parts)])
-        return values.ravel(), by_x.reshape(-1, self.size)
+        return values.ravel(), by_x.reshape(len(values), self.size)
 
     def rows_at(self, instants: Array, x: Array) -> Array:
         """Inequalities (N, r) at instants (N,) of [0, 1]."""
