@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from floatplan.arguments import whole
 from floatplan.arrays import Array
@@ -17,6 +16,7 @@ from floatplan.method.motion import Motions
 from floatplan.method.program import Program, back_off
 from floatplan.method.sqp import Solution, minimise
 from floatplan.motion.flight import angular_momentum_interval
+from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
@@ -61,28 +61,25 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     problem = given_problem(problem)
     seed = SEED(seed, "seed")
     refuse(problem)
-    tried = []
+    answers: list[tuple[bool, float, Plan]] = []
     steps = 0
     for program, start in starts(problem, seed):
         solution = followed(program, start)
-        steps += start.steps + solution.steps
         moving = plan_of(program, solution)
-        violation = max(moving.whole.missed, violated(program, solution.x)[0])  # (14) as the plan's own numbers are
-        tried.append((violation, moving))
-        solved = [moving for violation, moving in tried if violation <= ORIENTATION]
-        if len(solved) >= (1 if len(tried) == 1 or problem.has_inequalities else BEST_OF):
+        violation = max(moving.whole.missed, violated(program, solution.x)[0])  # (14) by the plan's own dynamics
+        fails = violation > ORIENTATION
+        answers.append((fails, violation if fails else moving.objective_value, moving))
+        steps += start.steps + solution.steps
+        solved = sum(not fails for fails, _, _ in answers)
+        if solved >= (1 if len(answers) == 1 or problem.has_inequalities else BEST_OF):
             break
-    violation, best = min(tried, key=lambda pair: pair[0])
-    if solved:
-        best = min(solved, key=lambda moving: moving.objective_value)
-    solver = {"starts": len(tried), "solved": len(solved), "iterations": steps, "seed": seed}
-    solver["seconds"] = time.perf_counter() - began
-    if solved:
-        return replace(best, solver=solver)
+    fails, violation, moving = min(answers, key=lambda answer: answer[:2])
+    solver = {"starts": len(answers), "solved": solved, "iterations": steps, "seed": seed}
+    best = replace(moving, solver={**solver, "seconds": time.perf_counter() - began})
     nearest = (
-        f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad, or of its scale."
+        f"The nearest motion of {len(answers)} starts violates a constraint by {violation:.3g} rad, or of its scale"
     )
-    return replace(best, ok=False, status="infeasible", explanation=nearest, solver=solver)
+    return replace(best, ok=False, status="infeasible", explanation=f"{nearest}.") if fails else best
 
 
 def plan_of(program: Program, solution: Solution) -> Plan:
@@ -153,14 +150,7 @@ def followed(program: Program, solution: Solution) -> Solution:
 def violated(program: Program, x: Array) -> tuple[float, Array]:
     """Largest violation of a row at any time, and the instants of [0, 1] where rows are least that are violated."""
     values = program.rows_at(GRID, x)
-    padded = np.pad(values, ((1, 1), (0, 0)), constant_values=np.inf)
-    least = (values <= padded[:-2]) & (values <= padded[2:]) & (values < NEARLY)
-    lowest = []
-    for k, row in np.argwhere(least):
-        bounds = GRID[max(k - 1, 0)], GRID[min(k + 1, len(GRID) - 1)]
-        closer = {"bounds": bounds, "options": {"xatol": 1e-7}}
-        found = minimize_scalar(lambda s, row=row: program.rows_at(np.array([s]), x)[0, row], **closer)
-        lowest.append(min((values[k, row], GRID[k]), (found.fun, found.x)))
-    worst = max((-value - back_off(s) for value, s in lowest), default=0.0)
-    instants = [s for value, s in lowest if value < -back_off(s) / 2 - ROUNDING]
-    return max(worst, 0.0), np.unique(instants)
+    k, row = lowest_of_neighbours(np.where(values < NEARLY, values, np.inf))
+    s, least = narrowed(lambda closer: program.rows_at(closer, x), row, GRID[k], values[k, row], GRID[1], 1.0)
+    worst = max(0.0, float((-least - back_off(s)).max(initial=0.0)))
+    return worst, np.unique(s[least < -back_off(s) / 2 - ROUNDING])

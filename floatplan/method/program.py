@@ -108,7 +108,7 @@ class Program:
         """The w of (17), or what is integrated at the nodes, so that half the sum of squares is the integral."""
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if self.near is not None:
-            to_near = np.linalg.inv(self.scale)
+            to_near: Array = np.asarray(np.linalg.inv(self.scale), dtype=np.float64)
             return to_near @ (x - self.near), to_near
         if quantity is None:
             return x[: self.motions.size], np.eye(self.motions.size, self.size)
@@ -117,7 +117,7 @@ class Program:
         parts = [self.dynamics.quantities(state) for state in u]
         values = weights * np.array([part.values[own] for part in parts])
         by_x = weights[:, None] * np.array([part.jacobian[own] @ u_by_x[k] for k, part in enumerate(parts)])
-        return values.ravel(), by_x.reshape(len(values), self.size)
+        return values.ravel(), by_x.reshape(values.size, self.size)
 
     def rows_at(self, instants: Array, x: Array) -> Array:
         """Inequalities (N, r) at instants (N,) of [0, 1]."""

@@ -101,12 +101,13 @@ def quadratic_step(current: Evaluation, B: Array) -> Step | None:
 def elastic_step(current: Evaluation, B: Array) -> Step:
     """Minimise that and the squares of what linearised constraints lack: where they contradict, all give a little."""
     weight = ELASTIC * float(np.diagonal(B).max())
-    direction = np.zeros(len(B))
+    direction: Array = np.zeros(len(B))
     for _ in range(PASSES):
         fails = current.rows + current.rows_by_x @ direction < 0
         J = np.vstack((current.missed_by_x, current.rows_by_x[fails]))
         lacking = np.concatenate((current.missed, current.rows[fails]))
-        direction = -np.linalg.solve(B + weight * J.T @ J, current.gradient + weight * J.T @ lacking)
+        gradient = current.gradient + weight * J.T @ lacking
+        direction = np.asarray(-np.linalg.solve(B + weight * J.T @ J, gradient), dtype=np.float64)
     rows = np.minimum(current.rows + current.rows_by_x @ direction, 0)
     missed = current.missed + current.missed_by_x @ direction
     return Step(direction, weight * missed, -weight * rows, float(np.abs(missed).sum() - rows.sum()))
