@@ -27,6 +27,7 @@ GRID = np.linspace(0, 1, 401)  # instants at which inequalities are looked at
 INSTANTS = np.linspace(0, 1, 65)[1:-1]  # at which they hold, where a solution without them violates some
 NEARLY = 1e-2  # of rows, in their scales: with less on the grid they may be violated between its instants
 ROUNDING = 1e-12  # of rows
+CLOSE = 1e-3  # of [0, 1]: a new instant takes the place of one that is so near, whose row is all but the same
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # at each degree
 BEST_OF = 4  # random starts that led to a plan, where that is quick: without inequalities
@@ -141,7 +142,9 @@ def followed(program: Program, solution: Solution) -> Solution:
         _, instants = violated(program, solution.x)
         if solution.evaluation.violation > ORIENTATION or not len(instants):
             break
-        program.instants = np.union1d(program.instants, instants) if len(program.instants) else INSTANTS
+        held = program.instants if len(program.instants) else INSTANTS
+        far = np.abs(held[:, None] - instants).min(axis=1) > CLOSE
+        program.instants = np.union1d(held[far], instants)
         following = minimise(program, solution.x)
         solution = replace(following, steps=solution.steps + following.steps)
     return solution

@@ -11,8 +11,8 @@ from floatplan.arrays import Array
 from floatplan.method.program import Evaluation, Program
 from floatplan.proxqp import proxqp
 
-QP_ACCURACY = 1e-10  # of a QP's residuals, in the units of its rows
-QP_ITERATIONS = 30  # outer, and inner ones of each; ProxQP's default of 10000 takes minutes where there is no solution
+QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
+QP_ITERATIONS = 60  # outer, and inner ones of each; ProxQP's default of 10000 takes minutes where there is no solution
 NEAR = 0.5  # [-] of its scale: a row that leaves more is not in a QP, whose step is not to change it by so much
 LONGEST_STEP = 0.5  # [rad] root mean square of p, for which a linearisation is trusted
 SHORTEST = 1e-4  # [-] of a step
