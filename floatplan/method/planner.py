@@ -100,13 +100,15 @@ def plan_of(program: Program, solution: Solution) -> Plan:
 def refuse(problem: Problem) -> None:
     """Refuse what is not taken: InputError names the key."""
     ends = (("start", problem.initial), ("goal", problem.final))
-    asked = {"robot.base": problem.robot.in_plane is None, "ground": problem.ground}
+    asked = {"robot.base": problem.robot.in_plane is None, "ground": problem.ground, "jump": problem.jump is not None}
     asked |= {f"{end}.velocities": state.frame_rests for end, state in ends}
     asked |= {f"{end}.accelerations": state.free_accelerations for end, state in ends}
     asked |= {f"obstacles.{i}.kind": shape.kind == "capsule" for i, shape in enumerate(problem.obstacles)}
     asked |= {"self_clearance": bool(problem.self_clearances)}
     for element in filter(asked.get, asked):
-        reason = "the reference method plans in a plane, between given states, past circles and half-planes alone"
+        reason = (
+            "the reference method plans flights in a plane, between given states, past circles and half-planes alone"
+        )
         raise InputError(reason, element=element, advice='use the method "kernel"')
 
 

@@ -18,6 +18,7 @@ LONGEST_STEP = 0.5  # [rad] root mean square of p, for which a linearisation is 
 SHORTEST = 1e-4  # [-] of a step
 FEASIBLE = 1e-9  # sum of violations, in rad and shares of limits, at a solution
 STATIONARY = 1e-5  # [-] of the gradient, what is left of the Lagrangian's at a solution: its square, of the objective
+LITTLE = 1e-3  # [rad] of a variable: the gradient counts as no less than what so much of one makes of it
 MOST_STEPS = 100
 ARMIJO = 1e-4  # [-] of the descent that a step promises: it has to make so much
 DAMPING = 0.2  # [-] least curvature that an update leaves, (18.15)
@@ -57,7 +58,8 @@ def minimise(program: Program, x: Array) -> Solution:
     penalty = 0.0
     for steps in range(MOST_STEPS if len(x) else 0):
         step = quadratic_step(current, B) or elastic_step(current, B)
-        left = np.linalg.norm(B @ step.direction) / max(float(np.linalg.norm(current.gradient)), 1e-9)
+        size = max(float(np.linalg.norm(current.gradient)), LITTLE * float(np.diagonal(B).max()))
+        left = np.linalg.norm(B @ step.direction) / size
         if current.violation < FEASIBLE and left < STATIONARY:
             return Solution(x, current, True, steps)
         largest = np.abs(np.concatenate((step.of_equality, step.of_rows))).max()

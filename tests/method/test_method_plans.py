@@ -12,10 +12,12 @@ import pytest
 from generated_problems import random_problem
 from long_cases import cases
 from method_flights import at_motion, from_there
+from needed import skip_or_fail
 from plain_problems import plain_problems
 
 import floatplan as fp
 from floatplan.method.planner import followed, plan_of
+from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
@@ -31,6 +33,8 @@ ONE_MINIMUM = (  # where both begin with the plain motion, and end in one minimu
     "torque_limited",
 )
 SEVERAL = ("obstacle", "moving_hoop", "obstacle_hard", "falling_cat")  # where they may end in others
+ROBOTS = ("go2", "bolt", "solo", "double_pendulum", "borinot")  # of the gallery: one minimum too, of each objective
+STEADY = ("g1", "solo12", "human")  # and where the kernel's plan is held to be a minimum
 CHAINS = [(joints, seed) for joints in (1, 2, 3, 5, 8) for seed in range(4) if (joints, seed) != (1, 2)]
 TREES = range(0, 96, 4)  # numbers of ``plain_problems``: two of each robot, every other one a tree
 
@@ -52,6 +56,25 @@ def test_both_planners_find_one_minimum(name: str, planned: Callable[[str], fp.P
     assert plan.objective_value == pytest.approx(kernel.objective_value, rel=SAME)
     assert plan.angular_momentum == pytest.approx(kernel.angular_momentum, rel=1e-3, abs=1e-9)
     assert fp.certify(plan).proved
+
+
+@pytest.mark.parametrize("name", cases(ROBOTS, ROBOTS[1:]))
+def test_both_find_one_minimum_of_real_robots(name: str, planned: Callable[[str], fp.Plan]) -> None:
+    """Coupled legs, limits of all kinds, least torques or accelerations."""
+    if robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed")
+    kernel, plan = planned(f"gallery/{name}"), fp.method.plan(PROBLEMS / "gallery" / f"{name}.toml")
+    assert plan.status == "optimal"
+    assert plan.objective_value == pytest.approx(kernel.objective_value, rel=SAME)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", STEADY)
+def test_plans_of_real_robots_are_minima_of_the_reference(name: str, planned: Callable[[str], fp.Plan]) -> None:
+    if robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed")
+    kernel = planned(f"gallery/{name}")
+    assert same_minimum(kernel).objective_value == pytest.approx(kernel.objective_value, rel=SAME)
 
 
 @pytest.mark.parametrize("name", cases(SEVERAL, SEVERAL[1:]))
@@ -114,6 +137,7 @@ REFUSED = {  # problem files, and the key that is named
     "falling_cat_apart": "self_clearance",
     "high_jump": "obstacles.0.kind",
     "space/cat": "robot.base",
+    "jumps/acrobat": "jump",
 }
 
 
