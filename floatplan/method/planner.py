@@ -78,7 +78,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     solver = {"starts": len(answers), "solved": solved, "iterations": steps, "seed": seed}
     best = replace(moving, solver={**solver, "seconds": time.perf_counter() - began})
     nearest = (
-        f"The nearest motion of {len(answers)} starts violates a constraint by {violation:.3g} rad, or of its scale"
+        f"The nearest motion of {len(answers)} starts violates a constraint by {violation:.3g} rad or of its scale"
     )
     return replace(best, ok=False, status="infeasible", explanation=f"{nearest}.") if fails else best
 

@@ -99,9 +99,8 @@ class Program:
         missed = u[-1:, -1] - self.problem.final.orientation  # (14)
         rows = [self.rows(s, state) for s, state in zip(self.instants, u[nodes:-1], strict=True)]
         values = np.array([row.values for row in rows]).ravel()
-        by_x = np.array([row.jacobian @ u_by_x[nodes + k] for k, row in enumerate(rows)]).reshape(
-            len(values), self.size
-        )
+        jacobians = np.array([row.jacobian @ u_by_x[nodes + k] for k, row in enumerate(rows)])
+        by_x = jacobians.reshape(len(values), self.size)
         return Evaluation(*self.residuals(x, u[:nodes], u_by_x[:nodes]), missed, u_by_x[-1:, -1], values, by_x)
 
     def residuals(self, x: Array, u: Array, u_by_x: Array) -> tuple[Array, Array]:
