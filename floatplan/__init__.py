@@ -50,6 +50,8 @@ def __getattr__(name: str) -> object:
     """Import public names when they are first used: Pinocchio alone takes longer than ``floatplan --help`` may."""
     if name == "__version__":
         value = import_module("importlib.metadata").version("floatplan")
+    elif _HOMES.get(name) == __name__:
+        value = import_module(f"{__name__}.{name}")
     elif name in _HOMES:
         value = getattr(import_module(_HOMES[name]), name)
     else:

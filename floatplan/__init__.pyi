@@ -1,4 +1,5 @@
 # The public names, and where each one is defined: read by type checkers, and by __init__.py when it runs.
+from floatplan import method as method
 from floatplan.certificate.certificate import certify as certify
 from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError

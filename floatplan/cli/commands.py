@@ -76,6 +76,9 @@ def plan(
     starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is kept.")] = 1,
     budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    method: Annotated[
+        str, option("NAME", "The planner: kernel, or reference, which is the paper's in Python.")
+    ] = "kernel",
     certify: Annotated[
         bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
     ] = True,
@@ -89,10 +92,15 @@ def plan(
     A plan in the plane is proved for every instant of the flight, unless --no-certify is given; flights in space are
     not proved yet. Exit code 0 where a plan was found; with --prove only where it was proved too.
     """
+    from floatplan.arguments import one_of
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.export.table import sample_times
 
+    one_of("kernel", "reference")(method, "--method")
+    if method == "reference" and (starts != 1 or budget is not None or jobs != 1):
+        reason = "the reference method takes no --starts, --budget or --jobs"
+        raise InputError(reason, element="--method", advice="leave these out")
     if prove and not certify:
         raise InputError("nothing is proved with --no-certify", element="--prove", advice="leave one of the two out")
     problem = asked_problem(source, options, choices, degrees)
@@ -104,7 +112,12 @@ def plan(
 
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
-        answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+        if method == "reference":
+            answer = _by_reference(problem, seed, certify, source)
+        else:
+            answer = fp.plan(
+                problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify
+            )
     with progress("stances", quiet, tell=True) as bar:
         stances, of_stances = launches(answer, seed, progress=bar.say) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
@@ -125,6 +138,15 @@ def plan(
     ok = answer.ok and (proved or not prove)
     words = (answer, files, common.program(), stances)
     common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
+
+
+def _by_reference(problem: fp.Problem, seed: int, certify: bool, source: str) -> fp.Plan:
+    """Plan by :func:`floatplan.method.plan`, and prove the plan that is found; what is refused names the source."""
+    from floatplan.planning.repair import judged
+
+    with naming(source):
+        answer = fp.method.plan(problem, seed=seed)
+    return judged(answer, fp.certify(answer)) if certify and answer.ok else answer
 
 
 def _without_obstacles(answer: fp.Plan, seed: int) -> fp.Plan | None:

@@ -1,0 +1,111 @@
+"""The reference method's program, its SQP and its inner QPs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plain_problems import plain_problems
+
+import floatplan as fp
+from floatplan.method.motion import Motions
+from floatplan.method.planner import starts
+from floatplan.method.program import LENGTH_SCALE, Evaluation, Program, back_off
+from floatplan.method.sqp import elastic_step, minimise, quadratic_step
+
+STEP, SLOPE = 1e-6, 2e-6
+
+
+@pytest.fixture
+def everything(gymnast: fp.Robot) -> fp.Problem:
+    """A flight with every kind of limit and obstacle that the method takes."""
+    return fp.Problem(
+        gymnast,
+        start=fp.Posture.degrees(72, [18, -45]),
+        goal=fp.Posture.degrees(-90, [0, 0]),
+        flight=fp.Flight(1.4, "free", horizontal_velocity=2.0),
+        motion=fp.Motion(degree=[7, 8]),
+        limits=fp.Limits(
+            velocity=9.0, torque=5.0, acceleration=90.0, motor={"q1": fp.Motor(6.0, 0.3)}, orientation_rate=8.0
+        ),
+        obstacles=[
+            fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02),
+            fp.Circle(center=(0.5, 3.0), radius=0.1, velocity=(0.3, -0.2), window=(0.4, 1.1)),
+            fp.HalfPlane(point=(0.0, -0.5), normal=(0.1, 1.0)),
+        ],
+    )
+
+
+def program_of(problem: fp.Problem, reach: float = 0.4) -> Program:
+    program = Program(problem, Motions(problem, problem.degrees, np.array([0, 1])), -1.2, reach)
+    program.instants = np.array([0.11, 0.37, 0.52, 0.83])
+    return program
+
+
+@pytest.mark.parametrize("objective", ["coefficients", "torque", "acceleration", "near"])
+def test_derivatives_are_differences(everything, objective):
+    """Of objective, (14) and every inequality, by all variables, h among them."""
+    if objective != "near":
+        everything = replace(everything, motion=fp.Motion(degree=[7, 8], objective=objective))
+    program, rng = program_of(everything), np.random.default_rng(0)
+    x = program.scale @ rng.normal(scale=0.5, size=program.size)
+    program.near = np.zeros(program.size) if objective == "near" else None
+    here = program.evaluate(x)
+    assert len(here.rows) == 4 * (3 * 2 * 2 + 4 + 2 + 3 + 3 + 6)
+    for index in range(program.size):
+        step = np.zeros(program.size)
+        step[index] = STEP * max(1.0, program.scale[index, index])
+        ahead, behind = program.evaluate(x + step), program.evaluate(x - step)
+        for name in ("residuals", "missed", "rows"):
+            slope = (getattr(ahead, name) - getattr(behind, name)) / (2 * step[index])
+            own = getattr(here, f"{name}_by_x")[:, index]
+            assert np.abs(own - slope).max() <= SLOPE * max(1.0, np.abs(own).max()), (name, index)
+        slope = (ahead.objective - behind.objective) / (2 * step[index])
+        assert here.gradient[index] == pytest.approx(slope, rel=1e-5, abs=1e-5)
+
+
+def test_rows_are_what_a_plan_measures(everything):
+    """Torques, rates, orientation and clearances of the plan with the same motion, by the full model."""
+    program = program_of(everything)
+    x = program.scale @ np.random.default_rng(1).normal(scale=0.3, size=program.size)
+    motions, s = program.motions, program.instants
+    free, h = motions.free_part(x[: motions.size]), np.array([program.angular_momentum(x)])
+    plan = fp.Plan.of_motion(
+        everything, motions.polynomials, free, h, status="feasible", ok=True, explanation="", solver={}
+    )
+    state, used = plan.at(s * plan.duration), 1 - program.rows_at(s, x) - back_off(s)[:, None]
+    u = program.states(x, s)[0][-len(s) :]
+    assert u[:, -1] == pytest.approx(state.orientation, abs=1e-6)
+    assert np.abs(state.torques / 5.0) == pytest.approx(np.maximum(used[:, :2], used[:, 2:4]), abs=1e-6)
+    assert (np.abs(state.orientation_rate) / 8.0) == pytest.approx(used[:, -14:-12].max(axis=1), abs=1e-6)
+    lowest = (1 - used[:, -12:]).min(axis=1) * LENGTH_SCALE
+    assert np.isfinite(lowest).all()
+    dense = np.linspace(0, 1, 2001)
+    clear = (program.rows_at(dense, x)[:, -12:-9] + back_off(dense)[:, None]).min() * LENGTH_SCALE + 0.02
+    only = replace(everything, obstacles=everything.obstacles[:1])
+    assert replace(plan, problem=only).peaks.clearance == pytest.approx(clear, abs=1e-5)
+
+
+def test_a_qp_without_solution_has_an_elastic_step():
+    """x >= 1 and x <= -1 leave x between: both lack as much."""
+    rows, rows_by_x = np.array([-1.0, -1.0]), np.array([[1.0, 0.0], [-1.0, 0.0]])
+    at = Evaluation(np.zeros(2), np.eye(2), np.array([0.5]), np.array([[0.0, 1.0]]), rows, rows_by_x)
+    assert quadratic_step(at, np.eye(2)) is None
+    step = elastic_step(at, np.eye(2))
+    assert step.direction == pytest.approx([0.0, -0.5], abs=1e-3)
+    assert step.violation_left == pytest.approx(2.0, abs=1e-2)
+    possible = at._replace(rows=np.array([-1.0, 3.0]))
+    solved = quadratic_step(possible, np.eye(2))
+    assert solved is not None
+    assert solved.direction == pytest.approx([1.0, -0.5], abs=1e-8)
+    assert solved.lagrangian_gradient(possible) + solved.direction == pytest.approx([0.0, 0.0], abs=1e-8)
+
+
+@pytest.mark.parametrize("number", [8, 9, 17])
+def test_a_minimum_stays_one(number):
+    """Begun at its own solution, the SQP stays."""
+    program, there = next(starts(plain_problems(number + 1)[number], 0))
+    assert there.converged
+    assert there.evaluation.violation < 1e-9
+    assert minimise(program, there.x).steps <= 1
