@@ -45,7 +45,7 @@ class KernelProgram:
         inputs, motions = compiled.inputs(self.of)
         count = self._ready.model.flight.node_counts[self.level] + len(self.others)
         rows, stride = attempt.pointer.rows, -(-count // 8) * 8
-        shapes = {"gradient": (size,), "row": (size,), "hessian": (size, size), "step": (size,)}
+        shapes = {"equality": (1,), "gradient": (size,), "row": (1, size), "hessian": (size, size), "step": (size,)}
         shapes |= {"values": (rows, stride), "slopes": (rows, stride, size)}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         at = Struct(
@@ -73,12 +73,12 @@ class KernelProgram:
         assert not no_memory
         assert motions, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
-        return arrays | {name: np.array(getattr(at.pointer, name)) for name in ("objective", "equality")}
+        return arrays | {"objective": np.array(at.pointer.objective)}
 
     def evaluate(self, x: np.ndarray) -> Evaluation[None]:
         """Values and derivatives at x."""
         it = self.whole(x)
         applies = np.isfinite(it["values"])
-        derivatives = Derivatives(it["gradient"], it["row"][None], it["slopes"][applies])
-        equality, inequality = np.atleast_1d(it["equality"]), it["values"][applies]
+        derivatives = Derivatives(it["gradient"], it["row"], it["slopes"][applies])
+        equality, inequality = it["equality"], it["values"][applies]
         return Evaluation(float(it["objective"]), equality, inequality, lambda: derivatives, None)

@@ -13,6 +13,7 @@
 #include "minima.hpp"
 #include "peaks.hpp"
 #include "quadratic.hpp"
+#include "planar_flight.hpp"
 #include "program.hpp"
 #include "constrained.hpp"
 #include "plain.hpp"

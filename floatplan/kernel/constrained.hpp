@@ -1,4 +1,4 @@
-// The search from one point with inequalities: floatplan/optimization/sqp.py, with the Hessian itself, of which each
+// Sequential quadratic programming from one point, with a damped BFGS approximation of the Lagrangian's Hessian. Each
 // quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them. Where the rows
 // contradict one another the steps are elastic; once they do no more, the Hessian is guessed anew.
 
@@ -14,11 +14,12 @@ struct Progress {
     }
 };
 
-class Constrained {
+template <typename Flight> class Constrained {
   public:
+    using At = Evaluated<Flight>;
     Index iterations = 0;
 
-    Constrained(Program &program, const Settings &settings, const Exchange &rules, const Attempt &attempt)
+    Constrained(Program<Flight> &program, const Settings &settings, const Exchange &rules, const Attempt &attempt)
         : now(program.two), trial(program.two + 1), program(program), set(settings), rules(rules), attempt(attempt),
           size(program.size) {}
 
@@ -31,7 +32,7 @@ class Constrained {
         for (Index **each : {&pulled, &pulling, &taken}) arena.take(*each, most_rows);
     }
 
-    Evaluated *now, *trial;
+    At *now, *trial;
     double *hessian;
     bool is_stuck = false;  // the last time that violations were reduced
 
@@ -53,7 +54,8 @@ class Constrained {
         bool was_reset = true, is_optimal = false;
         Index slow_steps = 0, iteration = 0;
         Progress of_elastic;
-        pull_count = 0, equality_pull = 0;
+        pull_count = 0;
+        for (double &pull : equality_pulls) pull = 0;
         while (size && iteration < stage.iterations && !is_exhausted()) {
             ++iteration, ++iterations;
             program.differentiate(*now);
@@ -97,14 +99,19 @@ class Constrained {
         return now->worst <= stage.feasibility ? (is_optimal ? optimal : feasible) : infeasible;
     }
 
-    // Least-norm steps on to (14), while the violation decreases.
+    // Least-norm steps on to the equalities, while the violation decreases.
     void polish_equality() {
-        for (Index used = 0; used < set.polishing_steps && std::fabs(now->equality) > set.polished; ++used) {
+        const Index e = program.equalities;
+        for (Index used = 0; used < set.polishing_steps && largest_equality(*now) > set.polished; ++used) {
             program.differentiate(*now);
-            const double square = dot(now->row, now->row, size);
-            if (!(square > 0)) return;
+            double squares[MOST * MOST], missed[MOST];
+            for (Index a = 0; a < e; ++a) {
+                missed[a] = now->equality[a];
+                for (Index b = 0; b < e; ++b) squares[a * e + b] = dot(row_of(a), row_of(b), size);
+            }
+            if (!eliminate(squares, missed, e)) return;
             copy(trial->x, now->x, size);
-            add(-now->equality / square, now->row, size, trial->x);
+            for (Index a = 0; a < e; ++a) add(-missed[a], row_of(a), size, trial->x);
             program.evaluate(*trial);
             if (!(trial->worst < now->worst)) return;
             swap();
@@ -151,19 +158,22 @@ class Constrained {
     }
 
   private:
+    static constexpr Index MOST = Flight::most_equalities;
+
     struct Line {
         bool accepted;
         double length;
         Index used;
     };
 
-    Program &program;
+    Program<Flight> &program;
     const Settings &set;
     const Exchange &rules;
     const Attempt &attempt;
     Index size;
     DualMethod qp;
-    double slack_penalty = 1, violation_left = 0, squares_left = 0, equality_pull = 0, step_equality_pull = 0;
+    double slack_penalty = 1, violation_left = 0, squares_left = 0;
+    double equality_pulls[MOST] = {}, step_equality_pulls[MOST] = {};
     bool elastic = false, is_tried = false;  // the latter: whether the trial is where the whole step leads
     double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
     double *squares_of_rows, *gathered, *linear, *slope;  // of the differentiated rows: values, those after a step, and how they change
@@ -171,16 +181,26 @@ class Constrained {
     Index pull_count = 0, step_count = 0, *pulled, *pulling, *taken;
     double *pulls, *step_pulls, *pull_of;
 
-    double squares(const Evaluated &at) const {
-        const double total = at.equality * at.equality + at.squares;
+    double squares(const At &at) const {
+        double total = 0;
+        for (Index e = 0; e < program.equalities; ++e) total += at.equality[e] * at.equality[e];
+        total += at.squares;
         return std::isfinite(total) ? total : HUGE_VAL;
+    }
+
+    const double *row_of(Index equality) const { return now->row + equality * size; }
+
+    double largest_equality(const At &at) const {
+        double most = 0;
+        for (Index e = 0; e < program.equalities; ++e) most = larger(most, std::fabs(at.equality[e]));
+        return most;
     }
 
     Index near() const { return 8 * now->packs; }
     Index entry(Index e) const { return now->first[e / 8] + e % 8; }
 
     // Values of the differentiated rows of `now`, at another point.
-    void gather(const Evaluated &at) {
+    void gather(const At &at) {
         for (Index pack = 0; pack < now->packs; ++pack) copy(gathered + 8 * pack, at.values + now->first[pack], 8);
     }
 
@@ -195,7 +215,7 @@ class Constrained {
     }
 
     Quadratic quadratic(const double *by, const double *gradient, const double *equality) {
-        return {size, 1, near(), rules.qp_changes, rules.qp_tolerance, by, gradient, equality, now->row, gathered,
+        return {size, program.equalities, near(), rules.qp_changes, rules.qp_tolerance, by, gradient, equality, now->row, gathered,
                 now->slopes, 0, nullptr, nullptr};
     }
 
@@ -203,14 +223,14 @@ class Constrained {
         program.differentiate_rows(*now, rules.looked_ahead);
         gather(*now);
         violation_left = 0;
-        elastic = !qp.solve(quadratic(hessian, now->gradient, &now->equality)) || !qp.held;
+        elastic = !qp.solve(quadratic(hessian, now->gradient, now->equality)) || qp.held < program.equalities;
         if (elastic) return find_elastic_step();
         copy(direction, qp.x, size);
-        step_equality_pull = -qp.pulls[0];
-        step_count = qp.count - 1;
+        for (Index e = 0; e < qp.held; ++e) step_equality_pulls[e] = -qp.pulls[e];
+        step_count = qp.count - qp.held;
         for (Index k = 0; k < step_count; ++k) {
-            pulling[k] = entry(qp.active[k + 1]);
-            step_pulls[k] = qp.pulls[k + 1];
+            pulling[k] = entry(qp.active[k + qp.held]);
+            step_pulls[k] = qp.pulls[k + qp.held];
         }
     }
 
@@ -220,7 +240,8 @@ class Constrained {
         const double penalty = slack_penalty;
         program.differentiate_rows(*now, rules.reach);
         gather(*now);
-        double left = now->equality;
+        double left[MOST];
+        copy(left, now->equality, MOST);
         zero(direction, size);
         copy(linear, gathered, near());
         for (Index iteration = 0; iteration < rules.elastic_iterations; ++iteration) {
@@ -230,7 +251,7 @@ class Constrained {
                 matrix[k * size + k] += rules.regularisation * penalty;
             }
             copy(product, right, size);
-            add_normal(now->row, penalty, left);
+            for (Index e = 0; e < program.equalities; ++e) add_normal(row_of(e), penalty, left[e]);
             add_violated(penalty);
             copy(change, right, size);
             if (!eliminate(matrix, change, size)) break;
@@ -243,11 +264,15 @@ class Constrained {
                 linear[e] = value;
             }
             add(length, change, size, direction);
-            left = now->equality + dot(now->row, direction, size);
+            for (Index e = 0; e < program.equalities; ++e)
+                left[e] = now->equality[e] + dot(row_of(e), direction, size);
             if (same || !(length > 0)) break;
         }
-        step_equality_pull = penalty * left;
-        violation_left = std::fabs(left);
+        violation_left = 0;
+        for (Index e = 0; e < program.equalities; ++e) {
+            step_equality_pulls[e] = penalty * left[e];
+            violation_left += std::fabs(left[e]);
+        }
         step_count = 0;
         for (Index e = 0; e < near(); ++e) {
             if (!(linear[e] < 0)) continue;
@@ -285,11 +310,15 @@ class Constrained {
 
     // How far along `change` the elastic program falls, nearly: 1 where that is so, else between two lengths where its
     // slope has other signs, by secants (Illinois). Without slacks its slope is -product now.
-    double find_lowest(double penalty, double left) {
-        const double along = dot(now->row, change, size);
-        double bend = penalty * along * along;
+    double find_lowest(double penalty, const double *left) {
+        double bend = 0, begin = 0;
+        for (Index e = 0; e < program.equalities; ++e) {
+            const double along = dot(row_of(e), change, size);
+            bend += penalty * along * along;
+            begin += penalty * along * left[e];
+        }
         for (Index k = 0; k < size; ++k) bend += change[k] * dot(hessian + k * size, change, size);
-        const double begin = penalty * along * left - dot(product, change, size);
+        begin -= dot(product, change, size);
         auto slope_at = [&](double length) {
             Vector rows = all(0);
             for (Index e = 0; e < near(); e += LANES) {
@@ -331,7 +360,7 @@ class Constrained {
         zero(direction, size);
         for (Index k = 0; k < size * size; ++k) matrix[k] = damping * metric[k];
         zero(right, size);
-        add_normal(now->row, 1, now->equality);
+        for (Index e = 0; e < program.equalities; ++e) add_normal(row_of(e), 1, now->equality[e]);
         gather(*now);
         for (Index e = 0; e < near(); ++e) taken[e] = 0;
         squares_left = 0;
@@ -351,8 +380,11 @@ class Constrained {
                 }
             }
             if (pass == 1) {
-                const double missed = now->equality + dot(now->row, direction, size);
-                squares_left = missed * missed + sum(squares);
+                for (Index e = 0; e < program.equalities; ++e) {
+                    const double missed = now->equality[e] + dot(row_of(e), direction, size);
+                    squares_left += missed * missed;
+                }
+                squares_left += sum(squares);
             }
             if (moved && !more) return;
             copy(direction, right, size);
@@ -363,13 +395,16 @@ class Constrained {
     }
 
     double largest_pull() const {
-        double most = std::fabs(step_equality_pull);
+        double most = 0;
+        for (Index e = 0; e < program.equalities; ++e) most = larger(most, std::fabs(step_equality_pulls[e]));
         for (Index k = 0; k < step_count; ++k) most = larger(most, step_pulls[k]);
         return most;
     }
 
     bool is_stationary(double slope, const Stage &stage) const {
-        double predicted = step_equality_pull * now->equality - slope;
+        double predicted = 0;
+        for (Index e = 0; e < program.equalities; ++e) predicted += step_equality_pulls[e] * now->equality[e];
+        predicted -= slope;
         for (Index k = 0; k < step_count; ++k) predicted -= step_pulls[k] * now->values[pulling[k]];
         return !elastic && std::fabs(predicted) <= stage.optimality * (1 + std::fabs(now->objective));
     }
@@ -439,7 +474,7 @@ class Constrained {
         zero(matrix, size * size);
         for (Index k = 0; k < size; ++k) matrix[k * size + k] = 1;
         zero(right, size);
-        if (!qp.solve(quadratic(matrix, right, &trial->equality))) return false;
+        if (!qp.solve(quadratic(matrix, right, trial->equality))) return false;
         add(1, qp.x, size, trial->x);
         program.evaluate(*trial);
         return true;
@@ -447,7 +482,8 @@ class Constrained {
 
     // Multipliers go towards those of the step; rows pulled at by either are kept.
     void follow_pulls(double length) {
-        equality_pull += length * (step_equality_pull - equality_pull);
+        for (Index e = 0; e < program.equalities; ++e)
+            equality_pulls[e] += length * (step_equality_pulls[e] - equality_pulls[e]);
         Index kept = 0;
         for (Index k = 0; k < pull_count; ++k) pull_of[pulled[k]] = 0;
         for (Index k = 0; k < step_count; ++k) pull_of[pulling[k]] = step_pulls[k];
@@ -465,12 +501,14 @@ class Constrained {
 
     // Damped BFGS, Nocedal and Wright (6.19), (18.14), (18.15), along the step that was accepted.
     void update_hessian(double length) {
-        const Evaluated &before = *trial;
+        const At &before = *trial;
         follow_pulls(length);
         program.differentiate(*now);
         for (Index k = 0; k < size; ++k) {
             change[k] = now->x[k] - before.x[k];
-            gradient[k] = now->gradient[k] - before.gradient[k] + equality_pull * (now->row[k] - before.row[k]);
+            gradient[k] = now->gradient[k] - before.gradient[k];
+            for (Index e = 0; e < program.equalities; ++e)
+                gradient[k] += equality_pulls[e] * (now->row[e * size + k] - before.row[e * size + k]);
         }
         for (Index k = 0; k < pull_count; ++k) {
             program.add_slopes(*now, pulled[k], -pulls[k], gradient);

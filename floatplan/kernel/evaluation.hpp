@@ -1,11 +1,12 @@
 // A program at one x as the search sees it, with the derivatives of all of its rows: what tests hold to differences and to
 // Pinocchio, and what other solvers are given.
 
-Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions,
-                       const Nodes *levels, const Settings &settings, const Exchange &rules,
-                       Attempt &attempt, Evaluation &at) {
-    Program program(robot, constraints, motions, levels, settings, rules, attempt);
-    Constrained search(program, settings, rules, attempt);
+template <typename Flight>
+static inline Index evaluate(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
+                             const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
+                             Evaluation &at) {
+    Program<Flight> program(body, constraints, motions, levels, settings, rules, attempt);
+    Constrained<Flight> search(program, settings, rules, attempt);
     const Index nodes = levels[settings.levels - 1].nodes, size = program.size;
     Room room;
     if (!room.make([&](Arena &arena) {
@@ -13,10 +14,10 @@ Index evaluate_program(const Robot &robot, const Constraints &constraints, const
             search.lay_out(arena, attempt.rows * ((nodes + rules.most_instants + 7) / 8 * 8));
         }))
         return 1;
-    learn_from_plain(program, constraints, levels, settings, rules, attempt);
+    learn_from_plain(program, levels, settings, rules, attempt);
     program.back_off = at.back_off;
     program.watch(at.level, at.others, at.extra);
-    Evaluated &now = *search.now;
+    Evaluated<Flight> &now = *search.now;
     copy(now.x, at.x, size);
     program.evaluate(now);
     program.differentiate(now);
@@ -25,12 +26,18 @@ Index evaluate_program(const Robot &robot, const Constraints &constraints, const
         const double *slopes = program.pack_of(now, entry) + entry % 8;
         for (Index c = 0; c < size; ++c) at.slopes[entry * size + c] = slopes[8 * c];
     }
-    at.objective = now.objective, at.equality = now.equality;
+    at.objective = now.objective;
+    copy(at.equality, now.equality, program.equalities);
     copy(at.values, now.values, entries);
     copy(at.gradient, now.gradient, size);
-    copy(at.row, now.row, size);
+    copy(at.row, now.row, program.equalities * size);
     program.guess_hessian(now, search.hessian);
     copy(at.hessian, search.hessian, size * size);
     if (at.penalty > 0) copy(at.step, search.elastic_step(at.penalty), size);
     return 0;
+}
+
+Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
+                       const Settings &settings, const Exchange &rules, Attempt &attempt, Evaluation &at) {
+    return evaluate<PlanarFlight>(robot, constraints, motions, levels, settings, rules, attempt, at);
 }

@@ -1,12 +1,12 @@
-// One start followed to its end, as planning/transcription/exchange.py and planning/attempt.py do: the program at some
-// instants is solved; where rows are low between them, instants join, until none is violated; nodes become more as the
+// One start followed to its end, by the exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Review 35
+// (1993), section 7): the program at some instants is solved; where rows are low between them, instants join, until none is violated; nodes become more as the
 // motion asks for them.
 
-class Follower {
+template <typename Flight> class Follower {
   public:
-    Follower(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
+    Follower(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions, const Nodes *levels,
              const Settings &settings, const Exchange &rules, Attempt &attempt)
-        : program(robot, constraints, motions, levels, settings, rules, attempt),
+        : program(body, constraints, motions, levels, settings, rules, attempt),
           search(program, settings, rules, attempt), set(settings), rules(rules), attempt(attempt),
           most_nodes(levels[settings.levels - 1].nodes), has_rows(attempt.rows > 0) {}
 
@@ -18,7 +18,7 @@ class Follower {
         for (double **each : {&start, &ended, &best, &looked_at}) arena.take(*each, program.size);
     }
 
-    Program program;
+    Program<Flight> program;
     double worth = HUGE_VAL;  // of violation: by how much more an end violates the rows is not told
 
     // From x, once more from its end where that nearly holds, or is not known to be optimal.
@@ -78,7 +78,7 @@ class Follower {
     }
 
   private:
-    Constrained search;
+    Constrained<Flight> search;
     const Settings &set;
     const Exchange &rules;
     Attempt &attempt;
@@ -178,7 +178,7 @@ class Follower {
             program.evaluate(*search.now);
             return;
         }
-        const bool turned = std::fabs(search.now->equality) <= set.tolerance / 2;
+        const bool turned = program.missed(*search.now) <= set.tolerance / 2;
         status = turned && search.now->worst <= program.back_off / 4 ? feasible : infeasible;
     }
 
@@ -235,9 +235,9 @@ class Follower {
         }
         extra_count = 0;
         while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) begin(++level, search.now->x);
-        const Evaluated &now = *search.now;
+        const Evaluated<Flight> &now = *search.now;
         program.watches = has_rows;
-        const double missed = program.unresolved(now) <= set.unresolved ? std::fabs(now.equality) : HUGE_VAL;
+        const double missed = program.unresolved(now) <= set.unresolved ? program.missed(now) : HUGE_VAL;
         const double known = larger(missed, now.worst - program.back_off);
         const double work = program.work + rules.evaluation + attempt.minima.instants * attempt.bodies;
         is_best = false;
@@ -255,7 +255,7 @@ class Follower {
                   (violation == attempt.violation && (dearer < 0 || (status == optimal && dearer <= same)));
         if (!is_best) return;
         copy(best, now.x, program.size);
-        attempt.violation = violation, attempt.missed = now.equality;
+        attempt.violation = violation, attempt.missed = now.lacking[0];
         attempt.judged_level = level;
         objective = now.objective;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;

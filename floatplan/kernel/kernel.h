@@ -243,8 +243,9 @@ typedef struct {
 typedef struct {
     Index level, extra;
     const double *others, *x;                 // (extra), rising; (size)
-    double back_off, penalty, objective, equality;
-    double *gradient, *row, *hessian, *step;  // (size), of (14) (size), (size, size), (size)
+    double back_off, penalty, objective;
+    double *equality;                         // (equalities)
+    double *gradient, *row, *hessian, *step;  // (size), of the equalities (.., size), (size, size), (size)
     double *values, *slopes;                  // (rows, instants ..), (rows, instants .., size)
 } Evaluation;
 

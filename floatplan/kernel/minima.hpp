@@ -21,25 +21,47 @@ static inline void chebyshev_sums(const double *series, Index terms, Index count
     }
 }
 
-// The motion at so many instants s (8 ..), as far as the rows need it.
-static inline void follow(const Robot &robot, const Constraints &constraints, const Series &series, const double *s,
-                          Index instants, Motion &m) {
-    const Index n = robot.joints;
-    m.instants = instants;
-    for (Index k = 0; k < instants; k += LANES) {
-        const Vector at = load(s + k);
-        chebyshev_sums(series.p, series.terms, n, at, m.stride, m.sine + k);
-        chebyshev_sums(series.p_rate, series.terms, n, at, m.stride, m.p_rate + k);
-        if (constraints.needs_accelerations)
-            chebyshev_sums(series.p_curvature, series.terms, n, at, m.stride, m.p_curvature + k);
-        if (constraints.needs_places) chebyshev_sums(series.turned, series.turned_terms, 1, at, 1, m.attitude + k);
-        store(m.time + k, at * all(series.duration));
+// Rows of a flight in the plane at any instants of a motion that is given as a series.
+struct PlanarRows {
+    using At = Motion;
+    const Robot &robot;
+    const Constraints &constraints;
+    const Series *series;
+
+    Index count() const { return constraints.rows; }
+
+    void lay_out(Arena &arena, Motion &m, Index instants) const {
+        lay_out_motion(arena, m, robot, constraints.capsules, instants);
     }
-    swing_joints(robot, m, series.centre, series.amplitude);
-    turn(robot, m, series.momentum);
-    if (constraints.needs_moments) move_bodies(robot, m);
-    if (constraints.needs_places) place(robot, constraints, m, 0, 0);
-}
+
+    // The motion at so many instants s (8 ..), as far as the rows need it.
+    void follow(const double *s, Index instants, Motion &m) const {
+        const Index n = robot.joints;
+        m.instants = instants;
+        m.per_second = 1 / series->duration;
+        for (Index k = 0; k < instants; k += LANES) {
+            const Vector at = load(s + k);
+            chebyshev_sums(series->p, series->terms, n, at, m.stride, m.sine + k);
+            chebyshev_sums(series->p_rate, series->terms, n, at, m.stride, m.p_rate + k);
+            if (constraints.needs_accelerations)
+                chebyshev_sums(series->p_curvature, series->terms, n, at, m.stride, m.p_curvature + k);
+            if (constraints.needs_places) chebyshev_sums(series->turned, series->turned_terms, 1, at, 1, m.attitude + k);
+            store(m.time + k, at * all(series->duration));
+        }
+        swing_joints(robot.joints, m, series->centre, series->amplitude);
+        turn(robot, m, series->momentum);
+        if (constraints.needs_moments) move_bodies(robot, m);
+        if (constraints.needs_places) place(robot, constraints, m, 0, 0);
+    }
+
+    // Values of a row at the instants from one on, until another.
+    void values(const Motion &m, Index row, Index from, Index to, double *value) const {
+        row_values(robot, constraints, m, row, from, to, value);
+    }
+
+    // Values (stride) of one of the rows (rows, stride), after those before it.
+    void next(const Motion &m, Index row, double *values) const { next_values(robot, constraints, m, row, values); }
+};
 
 // Brent's minimum within [low, high] (Algorithms for Minimization without Derivatives, 1973, chapter 5), from the lowest
 // value known: next() says where the next value is wanted, take() takes it.
@@ -92,29 +114,30 @@ struct Narrowing {
     }
 };
 
-struct MinimaRoom {
+template <typename Rows> struct MinimaRoom {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
-    Motion whole{}, close{};
+    typename Rows::At whole{}, close{};
     double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
 
-    void lay_out(Arena &arena, const Robot &robot, const Constraints &constraints, Index instants) {
-        lay_out_motion(arena, whole, robot, constraints.capsules, instants);
-        lay_out_motion(arena, close, robot, constraints.capsules, together * around);
-        arena.take(values, constraints.rows * whole.stride);
-        arena.take(grid, whole.stride);
-        arena.take(between, whole.stride + 16);
+    void lay_out(Arena &arena, const Rows &rows, Index instants) {
+        const Index stride = (instants + 7) / 8 * 8;
+        rows.lay_out(arena, whole, instants);
+        rows.lay_out(arena, close, together * around);
+        arena.take(values, rows.count() * stride);
+        arena.take(grid, stride);
+        arena.take(between, stride + 16);
     }
 };
 
 // Narrows down some of the minima found, at most as many as are narrowed at once.
-static inline void narrow_minima(const Robot &robot, const Constraints &constraints, const Series &series,
-                                 Minima &minima, Index first, Index count, Motion &close) {
-    constexpr int around = MinimaRoom::around, half = around / 2;
-    double s[MinimaRoom::together * around] = {}, low[MinimaRoom::together], high[MinimaRoom::together];
+template <typename Rows>
+static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, Index count, typename Rows::At &close) {
+    constexpr int around = MinimaRoom<Rows>::around, half = around / 2, together = MinimaRoom<Rows>::together;
+    double s[together * around] = {}, low[together], high[together];
     auto value_at = [&](Index number, Index k) {
         double values[LANES];
         const Index from = k / LANES * LANES;
-        row_values(robot, constraints, close, minima.row[first + number], from, from + LANES, values);
+        rows.values(close, minima.row[first + number], from, from + LANES, values);
         return values[k - from];
     };
     for (Index number = 0; number < count; ++number) {
@@ -127,8 +150,8 @@ static inline void narrow_minima(const Robot &robot, const Constraints &constrai
             s[number * around + half + k] = high[number] - (high[number] - middle) * (half - 1 - k) / half;
         }
     }
-    follow(robot, constraints, series, s, count * around, close);
-    Narrowing narrowing[MinimaRoom::together];
+    rows.follow(s, count * around, close);
+    Narrowing narrowing[together];
     for (Index number = 0; number < count; ++number) {
         double &where = minima.s[first + number], &least = minima.least[first + number];
         const double middle = where, before = (middle - low[number]) / half, after = (high[number] - middle) / half;
@@ -143,14 +166,14 @@ static inline void narrow_minima(const Robot &robot, const Constraints &constrai
     minima.looked += count * around;
     for (bool going = true; going;) {
         going = false;
-        bool is_on[MinimaRoom::together];
+        bool is_on[together];
         for (Index number = 0; number < count; ++number) {
             is_on[number] = narrowing[number].next();
             s[number] = narrowing[number].wanted;
             going |= is_on[number];
         }
         if (!going) break;
-        follow(robot, constraints, series, s, count, close);
+        rows.follow(s, count, close);
         for (Index number = 0; number < count; ++number) {
             if (!is_on[number]) continue;
             narrowing[number].take(value_at(number, number));
@@ -164,15 +187,14 @@ static inline void narrow_minima(const Robot &robot, const Constraints &constrai
 }
 
 // Local minima, lower than near but for what a row falls between two instants of the grid, and where.
-static inline void find_minima(const Robot &robot, const Constraints &constraints, const Series &series, Minima &minima,
-                               MinimaRoom &room) {
-    const Index rows = constraints.rows, count = minima.instants;
-    Motion &m = room.whole;
-    for (Motion *each : {&m, &room.close}) each->per_second = 1 / series.duration;
+template <typename Rows>
+static inline void find_minima(const Rows &of, Minima &minima, MinimaRoom<Rows> &room) {
+    const Index rows = of.count(), count = minima.instants;
+    typename Rows::At &m = room.whole;
     copy(room.grid, minima.grid, count);
     zero(room.grid + count, m.stride - count);
-    follow(robot, constraints, series, room.grid, count, m);
-    for (Index row = 0; row < rows; ++row) next_values(robot, constraints, m, row, room.values);
+    of.follow(room.grid, count, m);
+    for (Index row = 0; row < rows; ++row) of.next(m, row, room.values);
     const Vector none = all(0), outside = all(HUGE_VAL);
     double *own = room.between + 8;  // a row's, infinite before and after
     own[-1] = own[m.stride] = HUGE_VAL;
@@ -200,19 +222,18 @@ static inline void find_minima(const Robot &robot, const Constraints &constraint
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;
         }
-    for (Index first = 0; first < minima.found; first += MinimaRoom::together) {
+    const Index together = MinimaRoom<Rows>::together;
+    for (Index first = 0; first < minima.found; first += together) {
         const Index left = minima.found - first;
-        narrow_minima(robot, constraints, series, minima, first,
-                      left < MinimaRoom::together ? left : MinimaRoom::together, room.close);
+        narrow_minima(of, minima, first, left < together ? left : together, room.close);
     }
 }
 
 // The same; 1 without memory.
-static inline Index find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
-                                Minima &minima) {
-    MinimaRoom at;
+template <typename Rows> static inline Index find_minima(const Rows &rows, Minima &minima) {
+    MinimaRoom<Rows> at;
     Room room;
-    if (!room.make([&](Arena &arena) { at.lay_out(arena, robot, constraints, minima.instants); })) return 1;
-    find_minima(robot, constraints, series, minima, at);
+    if (!room.make([&](Arena &arena) { at.lay_out(arena, rows, minima.instants); })) return 1;
+    find_minima(rows, minima, at);
     return 0;
 }

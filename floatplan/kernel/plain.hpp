@@ -1,21 +1,15 @@
 // What the plain motion tells of a search before it begins, which goes with the problem, wherever its starts are.
 
 // The level of grids that watches its rows: no link may jump over an obstacle between two nodes of it.
-static inline Index watching_level(Program &program, const Constraints &constraints, const Nodes *levels,
+template <typename Flight>
+static inline Index watching_level(Program<Flight> &program, const Nodes *levels,
                                    const Settings &settings, const Exchange &rules, const Attempt &attempt) {
     if (!attempt.rows) return 0;
     if (!(attempt.thickness < HUGE_VAL)) return rules.constrained_level;
     program.watches = true;
     program.watch(rules.compiled_level, nullptr, 0);
     program.squares(program.two[0], HUGE_VAL);
-    const Motion &m = program.two[0].motion;
-    double most = 0;
-    for (Index end = 0; end < 2 * constraints.capsules; ++end) {
-        const double *x = m.end_x + end * m.stride, *y = m.end_y + end * m.stride;
-        double way = 0;
-        for (Index k = 1; k < program.nodes(); ++k) way += std::hypot(x[k] - x[k - 1], y[k] - y[k - 1]);
-        most = larger(most, way);
-    }
+    const double most = program.flight.longest_way(program.two[0].motion);
     const double needed = most / larger(attempt.thickness, rules.smallest_step);
     for (Index level = 0; level < settings.levels; ++level)
         if (levels[level].nodes >= needed) return std::max(level, rules.constrained_level);
@@ -23,13 +17,14 @@ static inline Index watching_level(Program &program, const Constraints &constrai
 }
 
 // That, and an objective that is 1 at the plain motion; (17) is scaled by its variables. Neither counts as work.
-static inline void learn_from_plain(Program &program, const Constraints &constraints, const Nodes *levels,
+template <typename Flight>
+static inline void learn_from_plain(Program<Flight> &program, const Nodes *levels,
                                     const Settings &settings, const Exchange &rules, Attempt &attempt) {
     const Index evaluations = program.evaluations;
     const double work = program.work;
-    Evaluated &at = program.two[0];
+    Evaluated<Flight> &at = program.two[0];
     copy(at.x, attempt.plain, program.size);
-    attempt.level = watching_level(program, constraints, levels, settings, rules, attempt);
+    attempt.level = watching_level(program, levels, settings, rules, attempt);
     attempt.closer_level = std::min(attempt.level + rules.closer, rules.watched_at_most);
     attempt.objective_scale = 1;
     if (attempt.objective_sums) {

@@ -35,7 +35,7 @@ class RestOfFlight {
         Motion &m = a.motion;
         m.per_second = 1 / T;
         combine(m, n, a.coefficients, columns, f.value, f.first, f.second);
-        swing_joints(robot, m, f.centre, f.amplitude);
+        swing_joints(n, m, f.centre, f.amplitude);
         turn(robot, m, h);
         if (constraints.needs_moments) move_bodies(robot, m);
         a.miss = -change;

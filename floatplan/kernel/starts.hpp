@@ -42,9 +42,9 @@ class BranchedMotions {
     double *boundary, *offset, *rates, *curvature, *bend;
 };
 
-class NumberedStarts {
+template <typename Flight> class NumberedStarts {
   public:
-    NumberedStarts(Program &program, BranchedMotions &motions, const Exchange &rules, double bodies, Draws &draws,
+    NumberedStarts(Program<Flight> &program, BranchedMotions &motions, const Exchange &rules, double bodies, Draws &draws,
                    Index joints)
         : program(program), motions(motions), rules(rules), bodies(bodies), draws(draws), n(joints),
           free(motions.at.first[joints]), size(motions.at.size) {}
@@ -79,7 +79,7 @@ class NumberedStarts {
     }
 
   private:
-    Program &program;
+    Program<Flight> &program;
     BranchedMotions &motions;
     const Exchange &rules;
     const double bodies;
@@ -98,7 +98,7 @@ class NumberedStarts {
         program.back_off = 0;
         program.watches = true;
         program.watch(draws.level, nullptr, 0);
-        Evaluated &at = program.two[0];
+        Evaluated<Flight> &at = program.two[0];
         double least = HUGE_VAL;
         for (Index k = 0; k < draws.random; ++k) {
             const double spread = draws.spreads[k / 2 % 6];
@@ -123,12 +123,14 @@ class NumberedStarts {
 // Starts followed one after the other, until one holds, or work has been done that the search is to know of; none where
 // it is asked first whether any motion may hold, and the answer is no. What the most work ends is left out where it is
 // not the first: how far it came hangs on what was done before.
-static inline Index follow_starts(const Robot &robot, const Constraints &constraints, const Motions &plain,
+template <typename Flight>
+static inline Index follow_starts(const typename Flight::Body &body, const Constraints &constraints, const Motions &plain,
                                   const Nodes *levels, const Settings &settings, const Exchange &rules,
                                   const Powers *powers, Attempt &attempt, Draws &draws) {
-    BranchedMotions motions(plain, draws.offset_map, robot.joints);
-    Follower follower(robot, constraints, motions.at, levels, settings, rules, attempt);
-    NumberedStarts starts(follower.program, motions, rules, attempt.bodies, draws, robot.joints);
+    const Index joints = body.joints;
+    BranchedMotions motions(plain, draws.offset_map, joints);
+    Follower<Flight> follower(body, constraints, motions.at, levels, settings, rules, attempt);
+    NumberedStarts<Flight> starts(follower.program, motions, rules, attempt.bodies, draws, joints);
     double *x, *best;
     Index *branch, level = 0, status = infeasible;
     Room room;
@@ -137,16 +139,16 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
         starts.lay_out(arena);
         follower.lay_out(arena);
         for (double **each : {&x, &best}) arena.take(*each, plain.size);
-        arena.take(branch, robot.joints);
+        arena.take(branch, joints);
     };
     if (!room.make(lay_out)) return 1;
     starts.begin(attempt.x);
     attempt.started = attempt.ends_hold = attempt.path_is_clear = 0;
     starts.place(0, x);
-    learn_from_plain(follower.program, constraints, levels, settings, rules, attempt);
+    learn_from_plain(follower.program, levels, settings, rules, attempt);
     const bool at_once = attempt.at_once;
     auto write = [&] {
-        if (attempt.coefficients) follower.write(motions.at, *powers, robot.joints, attempt.coefficients);
+        if (attempt.coefficients) follower.write(motions.at, *powers, joints, attempt.coefficients);
         if (attempt.objective_sums) attempt.objective = follower.finest_objective();
         attempt.at_once = at_once;
         return 0;
@@ -168,12 +170,12 @@ static inline Index follow_starts(const Robot &robot, const Constraints &constra
         if (is_best) {
             least = attempt.violation, level = attempt.judged_level, status = attempt.status;
             copy(best, attempt.x, plain.size);
-            std::copy(draws.branch, draws.branch + robot.joints, branch);
+            std::copy(draws.branch, draws.branch + joints, branch);
         }
         if (least <= 0 || follower.program.work > rules.enough_work) break;
     }
     if (!is_best) {
-        std::copy(branch, branch + robot.joints, draws.branch);
+        std::copy(branch, branch + joints, draws.branch);
         motions.land_on(branch);
         follower.finish(best, level, status);
     }
@@ -185,7 +187,7 @@ Index follow_rows(const Robot &robot, const Constraints *constraints, const Moti
                   const Nodes *levels, const Settings &settings, const Exchange &rules,
                   const Powers *powers, Attempt *attempts, Draws *draws, Index count) {
     for (Index row = 0; row < count; ++row)
-        if (follow_starts(robot, constraints[row], motions[row], levels, settings, rules, powers, attempts[row],
+        if (follow_starts<PlanarFlight>(robot, constraints[row], motions[row], levels, settings, rules, powers, attempts[row],
                           draws[row]))
             return 1;
     return 0;

@@ -258,9 +258,9 @@ static inline void combine(Motion &m, Index n, const double *coefficients, Index
 }
 
 // Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and m.p_curvature its derivatives.
-static inline void swing_joints(const Robot &robot, Motion &m, const double *centre, const double *amplitude) {
+static inline void swing_joints(Index n, Motion &m, const double *centre, const double *amplitude) {
     const Vector per_second = all(m.per_second);
-    for (Index i = 0; i < robot.joints; ++i)
+    for (Index i = 0; i < n; ++i)
         for (Index k = 0; k < m.instants; k += LANES) {
             const Index at = i * m.stride + k;
             Vector s, c, rate = load(m.p_rate + at);

@@ -87,7 +87,7 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     assert (known <= when).all()
     assert (known == when)[:, motion.sampling.grid.s % 1 > 0].all()
     close(here["values"][known], values[known])
-    close(here["equality"], motion.residual[0])
+    close(here["equality"][0], motion.residual[0])
     if variables.following:
         return
     goal = objective(problem, ready.model, variables, ready.model.nodes(ready._level, variables.polynomials.form))
@@ -95,7 +95,7 @@ def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, a
     slopes = np.concatenate([block.jacobian(motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
     assert np.abs(slopes).max() > 0
     close(here["slopes"][known], slopes[known])
-    close(here["row"], motion.residual_jacobian[0])
+    close(here["row"][0], motion.residual_jacobian[0])
     close(here["gradient"], goal.gradient(motion, x))
     close(here["hessian"], goal.hessian(motion))
 
@@ -109,11 +109,11 @@ def test_derivatives_are_those_of_differences(problem, aim, seed):
 
     def value(at):
         it = program.whole(at)
-        return np.concatenate((it["values"][known], [it["equality"], it["objective"]]))
+        return np.concatenate((it["values"][known], [it["equality"][0], it["objective"]]))
 
     here, step = program.whole(x), 1e-4
     known = np.isfinite(here["values"])
-    computed = np.concatenate((here["slopes"][known], here["row"][None], here["gradient"][None]))
+    computed = np.concatenate((here["slopes"][known], here["row"], here["gradient"][None]))
     smooth = np.ones(len(computed), np.bool_)
     for column in np.linalg.inv(program.of.metric).T:
         values = np.array([value(x + share * step * column) for share in (-2, -1, 0, 1, 2)])
@@ -190,7 +190,7 @@ def test_elastic_steps_are_the_least_of_their_program(problem, penalty):
         rows, values = it["slopes"][known], it["values"][known]
         left = values + rows @ step
         kinks += ((left < 0) != (values < 0)).sum()
-        pulls = penalty * np.append(np.minimum(left, 0), it["equality"] + it["row"] @ step)
+        pulls = penalty * np.append(np.minimum(left, 0), it["equality"][0] + it["row"][0] @ step)
         normals = np.vstack((rows, it["row"]))
         unbalanced = it["gradient"] + it["hessian"] @ step + normals.T @ pulls
         size = 1 + (np.abs(normals.T) @ np.abs(pulls)).max()
