@@ -10,7 +10,7 @@ from general_flight import general_flight
 from independent import Look
 
 import floatplan as fp
-from floatplan.compiled.batch import QUADRATURE_ERROR
+from floatplan.tolerances import QUADRATURE_ERROR
 from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
