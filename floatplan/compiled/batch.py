@@ -212,9 +212,9 @@ def _settings(search: Search) -> Struct:
 
 
 @cache
-def constrained_settings() -> Struct:
-    """Return those of a search with inequalities."""
-    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS, levels=len(NODE_COUNTS)))
+def search_settings(constrained: bool) -> Struct:
+    """Return every number of a search, with inequalities or without."""
+    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS if constrained else SETTINGS, levels=len(NODE_COUNTS)))
 
 
 def is_planar(flight: FlightDynamics) -> bool:

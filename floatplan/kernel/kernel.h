@@ -215,9 +215,10 @@ typedef struct {
     double looked_ahead, value_kept;
 } Exchange;
 
-// Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
+// Starts followed to their ends, by number: number 0 is the x given, others are drawn.
 typedef struct {
     Index first, count, started;              // numbers: the first, how many at most, and how many were followed
+    Index wanted, solved;                     // that hold, of which the best is chosen (0: the first); how many did
     Index rows, at_once, objective_sum, objective_sums;
     double most_work, bodies, entries;
     double thickness;                         // m, the least one of an obstacle; infinite where there is none
@@ -233,7 +234,7 @@ typedef struct {
     Minima minima;                            // of where it ended
     double *x;                                // (size): start number 0, then the best end
     double violation, missed, work;           // the largest one of (14) or of a row, 0 where all hold; (14) with its sign
-    double objective;                         // of that, at the finest nodes, where it is one of sums
+    double objective;                         // of that: at the finest nodes, where it is one of sums, or |b|
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
 } Attempt;

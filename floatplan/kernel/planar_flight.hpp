@@ -31,7 +31,7 @@ class PlanarFlight {
     using Body = Robot;
     using Rows = PlanarRows;
     static constexpr Index most_equalities = 1;
-    static constexpr bool scales_equalities = false;
+    static constexpr bool scales_equalities = false, has_adjoint = true;
 
     struct State {
         double momentum;
@@ -115,6 +115,38 @@ class PlanarFlight {
         for (Index c = 0; c < motions.size; ++c)
             slopes[c] = motions.duration * dot(grid.weights, state.drift + c * stride, grid.nodes);
         std::fill(state.has_attitude, state.has_attitude + stride / 8, 0);
+    }
+
+    // The same by the coefficients of the basis (joints, columns), those from `begin` on, and by h: the adjoint of
+    // turn_base(), one pass back over the nodes whatever the number of variables. `sums` has room for (joints, columns, 8).
+    void differentiate_backward(Motion &motion, const double *value, const double *slope, Index begin, double *sums,
+                                double *by, double *by_momentum) const {
+        const Nodes &grid = levels[level];
+        const Index columns = motions.columns, given = motions.given, *first = motions.first;
+        const Vector per_second = all(motion.per_second), *by_position = (Vector *)motion.by_joint;
+        const Vector *by_speed = (Vector *)motion.by_joint_rate;
+        Vector *by_column = (Vector *)sums, momentum = all(0);
+        for (Index e = 0; e < joints * columns; ++e) by_column[e] = all(0);
+        for (Index k = 0; k < grid.nodes; k += LANES) {
+            const Vector factor = -all(motions.duration) * load(grid.weights + k) * load(motion.inverse + k);
+            robot.is_real ? differentiate_turn<true>(robot, motion, k, factor)
+                          : differentiate_turn<false>(robot, motion, k, factor);
+            momentum -= factor;
+            for (Index i = 0; i < joints; ++i) {
+                const Vector s = load(motion.sine + i * stride + k), c = load(motion.cosine + i * stride + k);
+                const Vector by_swing = by_speed[i] * per_second;
+                const Vector by_p = multiply_add(by_position[i], c, -by_swing * s * load(motion.p_rate + i * stride + k));
+                const Vector by_rate = by_swing * c;
+                const Index end = given + first[i + 1] - first[i];
+                for (Index column = begin; column < end; ++column) {
+                    Vector &sum = by_column[i * columns + column];
+                    sum = multiply_add(by_p, load(value + column * stride + k),
+                                       multiply_add(by_rate, load(slope + column * stride + k), sum));
+                }
+            }
+        }
+        for (Index e = 0; e < joints * columns; ++e) by[e] = sum(by_column[e]);
+        *by_momentum = sum(momentum);
     }
 
     // Values (stride) of one of the rows (rows, stride), after those before it.

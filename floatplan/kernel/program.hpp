@@ -26,11 +26,13 @@ template <typename Flight> class Program {
     Index size, rows, equalities = Flight::most_equalities, level = -1, stride = 0, evaluations = 0;
     double work = 0, back_off;
     bool watches = true;  // whether rows count
+    const bool turns_alone;  // whether nothing but the attitude at landing is asked of a motion at its nodes
     Flight flight;
 
     Program(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
             const Nodes *levels, const Settings &settings, const Exchange &rules, const Attempt &attempt)
         : size(motions.size), rows(attempt.rows), back_off(rules.back_off),
+          turns_alone(Flight::has_adjoint && !attempt.rows && !attempt.objective_sums),
           flight(body, constraints, motions, levels, settings), constraints(constraints), motions(motions),
           levels(levels), rules(rules), attempt(attempt), n(flight.joints), free(motions.first[n]) {}
 
@@ -47,7 +49,9 @@ template <typename Flight> class Program {
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
         }
-        for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
+        for (double *&each : beside) arena.take(each, motions.columns * most);
+        arena.take(by_coefficient, motions.columns * n);
+        arena.take(sums, motions.columns * n * 8);
         arena.take(basis, 3 * size * most);
         arena.take(s, most);
         for (double **each : {&outside, &plain}) arena.take(*each, rows * most);
@@ -72,15 +76,17 @@ template <typename Flight> class Program {
     void watch(Index wanted, const double *others, Index extra) {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
+        if (turns_alone && !extra && wanted == level && count == N) return;
         level = wanted, count = N + extra;
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
         zero(s + count, stride - count);
         const double *from[3] = {grid.value, grid.first, grid.second};
-        double *to[3] = {value, first, second};
-        for (int order = 0; order < 3; ++order)
-            for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
+        for (int order = 0; order < 3; ++order) {
+            at_instants[order] = extra ? beside[order] : from[order];
+            for (Index c = 0; extra && c < columns; ++c) copy(beside[order] + c * stride, from[order] + c * N, N);
+        }
         for (Index k = N; k < stride; k += LANES) add_instants(k);
         flight.look_at(level, s, stride, watches);
         has_basis = false;
@@ -88,7 +94,7 @@ template <typename Flight> class Program {
         for (At &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
-            for (Index k = 0; k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
+            for (Index k = 0; !turns_alone && k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
     }
@@ -132,9 +138,11 @@ template <typename Flight> class Program {
     void differentiate(At &at) {
         if (at.differentiated || !flight.is_known(at.state)) return;
         at.differentiated = true;
-        if (!has_basis) combine_basis();
+        if (!has_basis && !turns_alone) combine_basis();
         if (flight.conditions_follow()) follow_axes(at);
-        flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
+        if constexpr (Flight::has_adjoint)
+            if (turns_alone) differentiate_backward(at);
+        if (!turns_alone) flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
         flight.combine_rows(at.lacking_row, at.row);
         differentiate_objective(at, nullptr);
         at.packs = 0;
@@ -248,7 +256,10 @@ template <typename Flight> class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     bool has_basis = false;
-    double *value, *first, *second, *basis, *s, *outside, *plain, *boundary, *weights, *pack;
+    const double *at_instants[3];  // (columns, stride): the functions that p is a sum of, and their derivatives by s
+    double *beside[3];             // the same where there are instants beside the nodes
+    double *by_coefficient, *sums;
+    double *basis, *s, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     MinimaRoom<typename Flight::Rows> between;
 
@@ -256,10 +267,29 @@ template <typename Flight> class Program {
     void move(At &at) {
         flight.choose_momentum(at.state, at.x);
         place_coefficients(at);
-        combine(at.motion, n, at.coefficients, motions.columns, value, first, second);
-        swing_joints(n, at.motion, motions.centre, motions.amplitude);
+        combine(at.motion, n, at.coefficients, motions.columns, at_instants[0], at_instants[1],
+                turns_alone ? nullptr : at_instants[2]);
+        swing_joints(n, at.motion, motions.centre, motions.amplitude, !turns_alone);
         flight.turn_base(at.motion, at.state, at.lacking);
         sum_equalities(at);
+    }
+
+    // Derivatives by x of what the attitude at landing lacks, from those by the coefficients of the basis.
+    void differentiate_backward(At &at) {
+        const double *by_axis = flight.conditions_follow() ? boundary + n * motions.given : nullptr;
+        const Index begin = by_axis ? 0 : motions.given;
+        double by_momentum = 0;
+        flight.differentiate_backward(at.motion, at_instants[0], at_instants[1], begin, sums, by_coefficient,
+                                      &by_momentum);
+        zero(at.lacking_row, size);
+        for (Index i = 0; i < n; ++i) {
+            const Index from = motions.first[i], end = motions.first[i + 1];
+            const double *by = by_coefficient + i * motions.columns;
+            for (Index r = from; r < end; ++r)
+                add(by[motions.given + r - from], motions.scaling + r * free + from, end - from, at.lacking_row + from);
+            if (by_axis) at.lacking_row[free] += dot(by, by_axis + i * motions.given, motions.given);
+        }
+        if (motions.axes) at.lacking_row[free] += motions.axis[0] * by_momentum;
     }
 
     void sum_equalities(At &at) {
@@ -281,10 +311,9 @@ template <typename Flight> class Program {
     // The basis at instants beside the nodes.
     void add_instants(Index k) {
         const Index columns = motions.columns, terms = motions.terms;
-        double *to[3] = {value, first, second};
         const Vector at = load(s + k);
         for (int order = 0; order < 3; ++order)
-            chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, to[order] + k);
+            chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, beside[order] + k);
     }
 
     // Infinite where a row does not apply, else 0.
@@ -302,7 +331,6 @@ template <typename Flight> class Program {
 
     // The basis of p as x combine it, joint by joint.
     void combine_basis() {
-        const double *of_columns[3] = {value, first, second};
         has_basis = true;
         zero(basis, 3 * size * stride);
         for (int order = 0; order < 3; ++order)
@@ -310,7 +338,7 @@ template <typename Flight> class Program {
                 const Index begin = motions.first[i], end = motions.first[i + 1];
                 for (Index r = begin; r < end; ++r)
                     for (Index c = begin; c < end; ++c)
-                        add(motions.scaling[r * free + c], of_columns[order] + (motions.given + r - begin) * stride,
+                        add(motions.scaling[r * free + c], at_instants[order] + (motions.given + r - begin) * stride,
                             stride, basis + (order * size + c) * stride);
             }
     }
@@ -335,12 +363,12 @@ template <typename Flight> class Program {
         zero(by, n * motions.given);
         flight.follow_conditions(at.state, true, by);
         for (Index e = 0; e < n * motions.given; ++e) by[e] *= motions.axis[0];
-        const double *columns[3] = {value, first, second};
+        if (turns_alone) return;
         zero(at.of_axes, 3 * n * stride);
         for (int order = 0; order < 3; ++order)
             for (Index i = 0; i < n; ++i)
                 for (Index c = 0; c < motions.given; ++c)
-                    add(by[i * motions.given + c], columns[order] + c * stride, stride,
+                    add(by[i * motions.given + c], at_instants[order] + c * stride, stride,
                         at.of_axes + (order * n + i) * stride);
         at.variables.of_axes = at.of_axes;
     }

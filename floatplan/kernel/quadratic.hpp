@@ -69,6 +69,8 @@ class DualMethod {
     bool solve(const Quadratic &qp) {
         n = qp.size, count = held = changes = 0;
         if (!start(qp)) return false;
+        if (qp.equalities == 1 && !qp.rows) return hold_alone(qp);
+        find_inverse();
         copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
             if (!hold_equality(qp, e)) return false;
@@ -103,7 +105,7 @@ class DualMethod {
         return false;
     }
 
-    // J = L^-T, and the solution without rows.
+    // L, and the solution without rows.
     bool start(const Quadratic &qp) {
         if (!factorise(qp.hessian)) return false;
         for (Index k = 0; k < n; ++k) {
@@ -111,13 +113,31 @@ class DualMethod {
             x[k] = -qp.gradient[k];
         }
         solve_cholesky(factor, n, x);
+        return true;
+    }
+
+    // One equality and nothing else: along H^-1 a, a its derivatives.
+    bool hold_alone(const Quadratic &qp) {
+        const double *row = qp.equality_rows, value = qp.equality[0] + dot(row, x, n);
+        copy(z, row, n);
+        solve_cholesky(factor, n, z);
+        const double curvature = dot(row, z, n);
+        if (!std::isfinite(value) || !(curvature > 0)) return std::fabs(value) <= qp.tolerance;
+        pulls[0] = -value / curvature;
+        active[0] = 0;
+        count = held = 1;
+        add(pulls[0], z, n, x);
+        return true;
+    }
+
+    // J = L^-T.
+    void find_inverse() {
         zero(j, n * n);
         for (Index c = 0; c < n; ++c) {  // column c of L^-1 is row c of L^-T
             double *column = j + c * n;
             for (Index i = c; i < n; ++i)
                 column[i] = ((i == c) - dot(factor + i * n + c, column + c, i - c)) / factor[i * n + i];
         }
-        return true;
     }
 
     // d = J^T normal; z, the way in x that leaves the active ones as they are, and `by`, what their multipliers lose.

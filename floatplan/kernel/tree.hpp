@@ -239,7 +239,7 @@ static inline Vector motor_torque(const Robot &robot, const Motion &m, const dou
 }
 
 // p of n joints and its derivatives in m.sine, m.p_rate and m.p_curvature: sums of functions, with coefficients
-// (columns, n), from the functions' values and derivatives (columns, stride).
+// (columns, n), from the functions' values and derivatives (columns, stride); without curvature where that is null.
 static inline void combine(Motion &m, Index n, const double *coefficients, Index columns,
                            const double *value, const double *first, const double *second) {
     for (Index i = 0; i < n; ++i)
@@ -249,16 +249,17 @@ static inline void combine(Motion &m, Index n, const double *coefficients, Index
                 const double z = coefficients[c * n + i];
                 p = add_product(z, load(value + c * m.stride + k), p);
                 rate = add_product(z, load(first + c * m.stride + k), rate);
-                curvature = add_product(z, load(second + c * m.stride + k), curvature);
+                if (second) curvature = add_product(z, load(second + c * m.stride + k), curvature);
             }
             store(m.sine + i * m.stride + k, p);
             store(m.p_rate + i * m.stride + k, rate);
-            store(m.p_curvature + i * m.stride + k, curvature);
+            if (second) store(m.p_curvature + i * m.stride + k, curvature);
         }
 }
 
-// Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and m.p_curvature its derivatives.
-static inline void swing_joints(Index n, Motion &m, const double *centre, const double *amplitude) {
+// Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and, where there is one, m.p_curvature its
+// derivatives.
+static inline void swing_joints(Index n, Motion &m, const double *centre, const double *amplitude, bool is_curved = true) {
     const Vector per_second = all(m.per_second);
     for (Index i = 0; i < n; ++i)
         for (Index k = 0; k < m.instants; k += LANES) {
@@ -270,7 +271,8 @@ static inline void swing_joints(Index n, Motion &m, const double *centre, const 
             store(m.cosine + at, c);
             store(m.position + at, all(centre[i]) + s);
             store(m.speed + at, per_second * c * rate);
-            store(m.acceleration + at, per_second * per_second * (c * load(m.p_curvature + at) - s * rate * rate));
+            if (is_curved)
+                store(m.acceleration + at, per_second * per_second * (c * load(m.p_curvature + at) - s * rate * rate));
         }
 }
 

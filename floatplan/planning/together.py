@@ -126,7 +126,9 @@ class BatchedStarts:
         return prepared
 
 
-def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedStarts:
+def follow_batch(
+    like: Attempts, numbers: Numbers, most_work: float, wanted: int = 0, most_starts: int = 1, seed: int = 0
+) -> BatchedStarts:
     """Follow the plain motions of problems; each as if it were alone."""
     compiled, variables = like.compiled, like.plain_start.variables
     assert compiled, "flights in space go alone"
@@ -147,9 +149,10 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
     obstacles = numbers.obstacles or [()] * count
     attempts.set_numbers(
         first=0,
-        count=1,
+        count=most_starts,
+        wanted=wanted,
         most_work=most_work,
-        reach=compiled.reach,  # it is asked first whether there is a chance
+        reach=0.0 if wanted else compiled.reach,  # it is asked first whether there is a chance
         thickness=np.array([min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]),
     )
     attempts.set_structs(minima=minima)
@@ -165,11 +168,13 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
     )
     motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
 
-    draws = StructRows(draws_struct(variables, True, branch[0]), count)
+    draws = StructRows(draws_struct(variables, not wanted, branch[0]), count)
+    draws.set_numbers(seed=seed)
     draws.point_to(branch=branch, offset_map=offset_map)
 
     constraints = StructRows(compiled.watch.struct, count)
-    constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
+    if not wanted:
+        constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
 
     powers = powers_of_basis(polynomials.width)
     kernel = compiled.watch.kernel

@@ -14,7 +14,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.attempts import knots, nodes_of_levels
-from floatplan.compiled.batch import STATUS, constrained_settings, is_planar, powers_of_basis
+from floatplan.compiled.batch import STATUS, search_settings, is_planar, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.structs import Pointer, Struct, doubles, integers
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -33,6 +33,8 @@ from floatplan.tolerances import EXCHANGE
 
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
+import os
+PLAIN_MOTIONS = int(os.environ.get('PM', 8))
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
@@ -270,7 +272,7 @@ class CompiledProblem:
             constraints=watch.struct.pointer,
             motions=motions.pointer,
             levels=nodes_of_levels(variables.polynomials.form).pointer,
-            settings=constrained_settings().pointer,
+            settings=search_settings(bool(self._constraints)).pointer,
             rules=_rules(watch.flight.bodies).pointer,
         )
         return inputs, motions
@@ -299,7 +301,7 @@ def draws_struct(variables: DecisionVariables, constrained: bool, branch: IntArr
     return Struct(
         "Draws",
         level=LEVEL_OF_DRAWS,
-        random=MOTIONS_PER_VARIABLE * variables.size,
+        random=MOTIONS_PER_VARIABLE * variables.size if constrained else PLAIN_MOTIONS,
         spreads=SPREADS,
         fractions=len(fraction),
         fraction=doubles(fraction),
