@@ -51,6 +51,8 @@ template <typename Flight> class Program {
         }
         for (double *&each : beside) arena.take(each, motions.columns * most);
         arena.take(by_coefficient, motions.columns * n);
+        arena.take(of_boundary, 2 * n * most);
+        arena.take(known_boundary, n * motions.given);
         arena.take(sums, motions.columns * n * 8);
         arena.take(basis, 3 * size * most);
         arena.take(s, most);
@@ -259,6 +261,8 @@ template <typename Flight> class Program {
     const double *at_instants[3];  // (columns, stride): the functions that p is a sum of, and their derivatives by s
     double *beside[3];             // the same where there are instants beside the nodes
     double *by_coefficient, *sums;
+    Index known_level = -1;        // of what is kept of the conditions (13), and these
+    double *of_boundary, *known_boundary;
     double *basis, *s, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     MinimaRoom<typename Flight::Rows> between;
@@ -267,11 +271,27 @@ template <typename Flight> class Program {
     void move(At &at) {
         flight.choose_momentum(at.state, at.x);
         place_coefficients(at);
-        combine(at.motion, n, at.coefficients, motions.columns, at_instants[0], at_instants[1],
-                turns_alone ? nullptr : at_instants[2]);
-        swing_joints(n, at.motion, motions.centre, motions.amplitude, !turns_alone);
+        if (turns_alone) {
+            swing_alone(at.motion, at.coefficients);
+        } else {
+            combine(at.motion, n, at.coefficients, motions.columns, at_instants[0], at_instants[1], at_instants[2]);
+            swing_joints(n, at.motion, motions.centre, motions.amplitude);
+        }
         flight.turn_base(at.motion, at.state, at.lacking);
         sum_equalities(at);
+    }
+
+    // Positions and speeds of the joints; what the conditions (13) make of p is kept as long as these are the same.
+    void swing_alone(Motion &motion, const double *coefficients) {
+        const Index given = motions.given;
+        if (known_level != level || !std::equal(boundary, boundary + n * given, known_boundary)) {
+            combine_first(motion, n, boundary, given, at_instants[0], at_instants[1], of_boundary);
+            copy(known_boundary, boundary, n * given);
+            known_level = level;
+        }
+        swing_joints(n, motion, of_boundary, coefficients + given * n, motions.columns - given,
+                     at_instants[0] + given * stride, at_instants[1] + given * stride, motions.centre,
+                     motions.amplitude);
     }
 
     // Derivatives by x of what the attitude at landing lacks, from those by the coefficients of the basis.

@@ -239,7 +239,7 @@ static inline Vector motor_torque(const Robot &robot, const Motion &m, const dou
 }
 
 // p of n joints and its derivatives in m.sine, m.p_rate and m.p_curvature: sums of functions, with coefficients
-// (columns, n), from the functions' values and derivatives (columns, stride); without curvature where that is null.
+// (columns, n), from the functions' values and derivatives (columns, stride).
 static inline void combine(Motion &m, Index n, const double *coefficients, Index columns,
                            const double *value, const double *first, const double *second) {
     for (Index i = 0; i < n; ++i)
@@ -249,17 +249,16 @@ static inline void combine(Motion &m, Index n, const double *coefficients, Index
                 const double z = coefficients[c * n + i];
                 p = add_product(z, load(value + c * m.stride + k), p);
                 rate = add_product(z, load(first + c * m.stride + k), rate);
-                if (second) curvature = add_product(z, load(second + c * m.stride + k), curvature);
+                curvature = add_product(z, load(second + c * m.stride + k), curvature);
             }
             store(m.sine + i * m.stride + k, p);
             store(m.p_rate + i * m.stride + k, rate);
-            if (second) store(m.p_curvature + i * m.stride + k, curvature);
+            store(m.p_curvature + i * m.stride + k, curvature);
         }
 }
 
-// Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and, where there is one, m.p_curvature its
-// derivatives.
-static inline void swing_joints(Index n, Motion &m, const double *centre, const double *amplitude, bool is_curved = true) {
+// Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and m.p_curvature its derivatives.
+static inline void swing_joints(Index n, Motion &m, const double *centre, const double *amplitude) {
     const Vector per_second = all(m.per_second);
     for (Index i = 0; i < n; ++i)
         for (Index k = 0; k < m.instants; k += LANES) {
@@ -271,8 +270,45 @@ static inline void swing_joints(Index n, Motion &m, const double *centre, const 
             store(m.cosine + at, c);
             store(m.position + at, all(centre[i]) + s);
             store(m.speed + at, per_second * c * rate);
-            if (is_curved)
-                store(m.acceleration + at, per_second * per_second * (c * load(m.p_curvature + at) - s * rate * rate));
+            store(m.acceleration + at, per_second * per_second * (c * load(m.p_curvature + at) - s * rate * rate));
+        }
+}
+
+// p and its derivative (2, n, stride) of the first columns of a basis, with coefficients (n, columns).
+static inline void combine_first(const Motion &m, Index n, const double *coefficients, Index columns, const double *value,
+                                 const double *first, double *result) {
+    for (Index i = 0; i < n; ++i)
+        for (Index k = 0; k < m.instants; k += LANES) {
+            Vector p = all(0), rate = all(0);
+            for (Index c = 0; c < columns; ++c) {
+                p = add_product(coefficients[i * columns + c], load(value + c * m.stride + k), p);
+                rate = add_product(coefficients[i * columns + c], load(first + c * m.stride + k), rate);
+            }
+            store(result + i * m.stride + k, p);
+            store(result + (n + i) * m.stride + k, rate);
+        }
+}
+
+// Positions and speeds alone of joints that swing, whose p is that of some columns (2, n, stride) and of the others, with
+// coefficients (others, n).
+static inline void swing_joints(Index n, Motion &m, const double *of_first, const double *coefficients, Index others,
+                                const double *value, const double *first, const double *centre, const double *amplitude) {
+    const Vector per_second = all(m.per_second);
+    for (Index i = 0; i < n; ++i)
+        for (Index k = 0; k < m.instants; k += LANES) {
+            const Index at = i * m.stride + k;
+            Vector s, c, p = load(of_first + at), rate = load(of_first + n * m.stride + at);
+            for (Index other = 0; other < others; ++other) {
+                p = add_product(coefficients[other * n + i], load(value + other * m.stride + k), p);
+                rate = add_product(coefficients[other * n + i], load(first + other * m.stride + k), rate);
+            }
+            sine_cosine(p, s, c);
+            s = all(amplitude[i]) * s, c = all(amplitude[i]) * c;
+            store(m.sine + at, s);
+            store(m.cosine + at, c);
+            store(m.p_rate + at, rate);
+            store(m.position + at, all(centre[i]) + s);
+            store(m.speed + at, per_second * c * rate);
         }
 }
 
