@@ -514,7 +514,7 @@ template <typename Flight> class Constrained {
             program.add_slopes(*now, pulled[k], -pulls[k], gradient);
             program.add_slopes(*trial, pulled[k], pulls[k], gradient);
         }
-        multiply(hessian, size, size, change, 1, product);
+        multiply_vector(hessian, size, size, change, product);
         const double approximated = dot(change, product, size);
         double measured = dot(change, gradient, size);
         if (approximated < 1e-20) return;

@@ -60,7 +60,7 @@ class DualMethod {
 
     void lay_out(Arena &arena, Index size, Index most_rows) {
         for (double **each : {&j, &r, &factor}) arena.take(*each, size * size);
-        arena.take(wide, size * (size + 2));
+        arena.take(wide, size * across_of(size));
         for (double **each : {&x, &pulls, &d, &z, &by, &normal}) arena.take(*each, size + 1);
         arena.take(active, size + 1);
         arena.take(idle, most_rows);
@@ -122,24 +122,31 @@ class DualMethod {
         return true;
     }
 
+    static Index across_of(Index size) { return (size + 2 + 7) / 8 * 8; }
+
     // One equality and nothing else, by an elimination of H with -g and the equality's derivatives a beside it, whole rows
     // at a time: x = -H^-1 g + y H^-1 a. False where H is singular or nearly so, or a is next to nothing.
     bool hold_alone(const Quadratic &qp) {
         const double *row = qp.equality_rows;
-        const Index across = n + 2;
+        const Index across = across_of(n);
         double most = 0;
         for (Index k = 0; k < n; ++k) {
             copy(wide + k * across, qp.hessian + k * n, n);
             wide[k * across + n] = -qp.gradient[k];
             wide[k * across + n + 1] = row[k];
+            zero(wide + k * across + n + 2, across - n - 2);
             most = larger(most, qp.hessian[k * n + k]);
         }
         for (Index k = 0; k < n; ++k) {
             const double *above = wide + k * across;
             if (!(above[k] > shifts[0] * most)) return false;
             const double per_pivot = 1 / above[k];
-            for (Index i = k + 1; i < n; ++i)
-                add(-above[i] * per_pivot, above + i, across - i, wide + i * across + i);
+            for (Index i = k + 1; i < n; ++i) {
+                const Vector factor = all(-above[i] * per_pivot);
+                double *own = wide + i * across;
+                for (Index c = i / LANES * LANES; c < across; c += LANES)  // what is before i counts no more
+                    store(own + c, multiply_add(factor, load(above + c), load(own + c)));
+            }
         }
         for (Index i = n; i-- > 0;) {
             const double *own = wide + i * across, per_pivot = 1 / own[i];

@@ -35,7 +35,7 @@ MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the 
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
 import os
 PLAIN_MOTIONS = int(os.environ.get('PM', 4))
-LEVEL_OF_DRAWS = 2  # of grids, where they are measured
+LEVEL_OF_DRAWS = int(os.environ.get("LD", 2))  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
 
