@@ -49,6 +49,11 @@ template <typename Flight> class Program {
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
         }
+        if (turns_alone) {  // one motion's arrays stay in the processor's cache where those of two do not
+            Motion shared = two[0].motion;
+            shared.rate = two[1].motion.rate;
+            two[1].motion = shared;
+        }
         for (double *&each : beside) arena.take(each, motions.columns * most);
         arena.take(by_coefficient, motions.columns * n);
         arena.take(of_boundary, 2 * n * most);
@@ -258,6 +263,7 @@ template <typename Flight> class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     bool has_basis = false;
+    const At *moved = nullptr;  // whose joints and base were moved last
     const double *at_instants[3];  // (columns, stride): the functions that p is a sum of, and their derivatives by s
     double *beside[3];             // the same where there are instants beside the nodes
     double *by_coefficient, *sums;
@@ -269,6 +275,7 @@ template <typename Flight> class Program {
 
     // Joints and base, and what the attitude at landing lacks.
     void move(At &at) {
+        moved = &at;
         flight.choose_momentum(at.state, at.x);
         place_coefficients(at);
         if (turns_alone) {
@@ -299,6 +306,7 @@ template <typename Flight> class Program {
         const double *by_axis = flight.conditions_follow() ? boundary + n * motions.given : nullptr;
         const Index begin = by_axis ? 0 : motions.given;
         double by_momentum = 0;
+        if (moved != &at) move(at);
         flight.differentiate_backward(at.motion, at_instants[0], at_instants[1], begin, sums, by_coefficient,
                                       &by_momentum);
         zero(at.lacking_row, size);
