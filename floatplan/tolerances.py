@@ -166,6 +166,7 @@ class CorrectionGains:
     surprising: float = 3.0  # [-] deviations of a momentum from what is expected
 
 
+MOST_STARTS = 65  # [-] of a problem without inequalities, the plain one and random ones, to choose the best from one
 SETTINGS = Settings()
 CONSTRAINED_SETTINGS = Settings(stages=(COARSE, FINE, FINE), longest_step=0.2)  # beyond an obstacle a long step lands
 EXCHANGE = Exchange()

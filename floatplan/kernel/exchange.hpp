@@ -88,18 +88,19 @@ template <typename Flight> class Follower {
     double objective = 0;  // of the best
     double *extra, *watched, *start, *ended, *best, *looked_at;
 
-    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
+    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails. Without
+    // rows every start is: what (14) alone lacks, the steps of the SQP mend as well as any others.
     void follow_best() {
         copy(start, best, program.size);
         is_best = false;
         program.watches = has_rows;
-        if (attempt.at_once) {
+        if (attempt.at_once || !has_rows) {
             solve(start, attempt.level);
             judge();
-            if (attempt.wanted) return;
         }
+        if (!has_rows) return;
         const Index level = attempt.at_once ? attempt.level : attempt.closer_level;
-        for (int way = 0; way < 1 + (attempt.at_once && has_rows) && !is_over(); ++way) {
+        for (int way = 0; way < 1 + attempt.at_once && !is_over(); ++way) {
             if (way == 1) {  // from the best motion without limits
                 program.watches = false;
                 solve(start, level);

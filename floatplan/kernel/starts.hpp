@@ -249,7 +249,7 @@ template <typename Flight> class FollowedStarts {
     void follow_all(bool at_once) {
         for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
             const Attempt before = attempt;
-            attempt.at_once = (starts.place(number, x) && (number || at_once)) || attempt.wanted;
+            attempt.at_once = starts.place(number, x) && (number || at_once);
             if (attempt.started) follower.worth = larger(least, rules.near_miss);
             follower.follow(x);
             if (attempt.started && follower.program.work > attempt.most_work) {

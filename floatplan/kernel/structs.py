@@ -289,7 +289,7 @@ class StructRows:
         for member, address in _addresses(self.name, arrays).items():
             first = int(FFI.cast("uintptr_t", address))
             rows = arrays[member]
-            self.numbers[member] = first + np.arange(len(rows)) * rows.strides[0]
+            self.numbers[member] = first if len(rows) == 1 else first + np.arange(len(rows)) * rows.strides[0]
             self._kept.append(rows)
 
     def row(self, index: int) -> Pointer:

@@ -6,16 +6,14 @@ and the answer is the same for the same seed.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.compiled import batch
-from floatplan.compiled.batch import STATUS, Answers, Rows, Search, solver
-from floatplan.compiled.numbers import Numbers, is_plain
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
@@ -40,8 +38,7 @@ from floatplan.planning.transcription.trajectory import (
     sample_ends,
     trajectory,
 )
-from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
-from floatplan.plans.plans import COUNTS, Answer
+from floatplan.planning.transcription.variables import DecisionVariables, scaled_variables
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 from floatplan.tolerances import EXCHANGE, QUADRATURE_ERROR, SETTINGS
@@ -51,61 +48,10 @@ Stop: TypeAlias = Callable[[], bool]
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
 
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """Starts of a plain problem that the kernel has followed: h (1,), kg m^2/s, and the answers of one row."""
-
-    momentum: Array
-    answers: Answers
-    bodies: int
-
-    @property
-    def status(self) -> str:
-        """Of the best of them: "optimal", "feasible" or "infeasible"."""
-        return STATUS[int(self.answers.status[0])]
-
-    @property
-    def work(self) -> float:
-        """What it took, instants of one body."""
-        return float(self.answers.evaluations[0] * EXCHANGE.evaluation + self.answers.instants[0] * self.bodies)
-
-    @property
-    def counts(self) -> dict[str, Any]:
-        """Of all of them together."""
-        return {name: int(getattr(self.answers, name)[0]) for name in COUNTS}
-
-    @property
-    def answer(self) -> Answer:
-        """The best of them."""
-        momentum, coefficients = float(self.momentum[0]), self.answers.coefficients[0]
-        return Answer(self.status, angular_momentum=momentum, coefficients=coefficients, **self.counts)
-
-
-def follow_together(problem: Problem, degrees: tuple[int, ...], search: Search) -> Followed:
-    """Follow the plain motion of a problem without inequalities, and random starts, as the search says."""
-    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, degrees)
-    return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
-
-
-def follow_compiled(problem: Problem, start: Start) -> Followed:
-    """Follow one start of a plain problem."""
-    compiled, variables = solver(problem, start.variables.degrees), start.variables
-    settings = batch.FINE if start.at_once else batch.CAUTIOUS
-    rows = Rows(
-        duration=np.array([variables.polynomials.duration]),
-        momentum=variables.angular_momentum(start.x),
-        change=np.array([problem.final.orientation - problem.initial.orientation]),
-        boundary=variables.polynomials.boundary[None],
-        start=variables.free_coefficients(start.x)[None],
-    )
-    answers = compiled.plan(rows, Search(longest_step=settings.longest_step))
-    return Followed(rows.momentum, answers, compiled.bodies)
-
-
 class Attempts:
     """A problem prepared for attempts, as far as they need it; ``momentum`` left out, those of the problem.
 
-    Of a problem whose plain motion has been ``followed`` in a batch, that is the first attempt.
+    Of a problem of which starts have been ``followed`` in a batch, what came of these is the first attempt.
     """
 
     def __init__(
@@ -200,9 +146,7 @@ class Attempts:
     def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> AttemptResult:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work
-        if is_plain(self.problem):
-            result = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        elif starts := self._starts_from(start):
+        if starts := self._starts_from(start):
             result = self._follow_compiled(starts, range(1), most_work, expired=stop())
         else:
             result = self._follow(start, lambda: self.model.work - before > most_work or stop())
@@ -231,23 +175,13 @@ class Attempts:
         plain = self.plain_start if own else plain_start(self.problem, degrees, self.momentum)
         if number and not plain.variables.size:
             return None
-        if is_plain(self.problem):
-            search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
-            result = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        elif starts := self._starts_from(plain):
+        if starts := self._starts_from(plain):
             expired = stop()
             result = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
             if not result.starts and not self.impossible:
                 result = self._follow_compiled(starts, numbers, most_work, expired=expired)
         else:
             return self.attempt(plain, stop, most_work)
-        result.work = self.model.work - before
-        return result
-
-    def result_of(self, followed: Followed) -> AttemptResult:
-        """Return the best of the starts that the kernel has followed together."""
-        before = self.model.work
-        result = self._judge_compiled(followed, self.plain_start.variables)
         result.work = self.model.work - before
         return result
 
@@ -315,32 +249,6 @@ class Attempts:
             result = best([result, other])
             if result.holds or stop():
                 break
-        return result
-
-    def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> AttemptResult:
-        """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
-
-        Its b counts where that holds: far from a solution, b may be of another x.
-        """
-        answers, counts, model = followed.answers, followed.counts, self.model
-        model.work += followed.work
-        if answers.branch[0].any():
-            branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
-            variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
-        x = variables.variables(answers.z[0], followed.momentum)
-        nodes = model.nodes(EXCHANGE.compiled_level, variables.polynomials.form)
-        result = self.judge(
-            variables,
-            x,
-            followed.status,
-            iterations=counts["iterations"],
-            evaluations=counts["evaluations"],
-            known=trajectory(model, variables, nodes, x),
-        )
-        result.starts = counts["starts"]
-        result.solved = max(counts["solved"], 1)
-        if result.holds:
-            result.coefficients = answers.coefficients[0]
         return result
 
     def judge(

@@ -20,13 +20,12 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
-from floatplan.planning.together import BatchedStarts, follow_batch
+from floatplan.planning.together import BatchedStarts, follow_batch, follow_unconstrained
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import SETTINGS
 
 CHUNK, WITH_ROWS = 2048, 256  # problems of a batch, plain or with inequalities
 AT_ONCE = 8  # problems that go alone, which a process is given at a time
@@ -177,20 +176,18 @@ def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[N
 def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions) -> list[int]:
     """Plan plain problems in chunks; those with doubtful numbers, which a Problem checks, are returned."""
     like, problems = _like(plans.problems, int(indices[0])), plans.problems
-    prepared, most = Attempts(like, options.seed), SETTINGS.most_starts + options.starts - 1
-    prepared.prepare()
 
-    def answered(chunk: IntArray) -> tuple[BoolArray, Numbers, BatchedStarts | None]:
+    def followed(chunk: IntArray) -> tuple[BoolArray, BatchedStarts | None]:
         numbers, good = _numbers(problems, chunk)
-        return good, numbers, follow_batch(prepared, numbers, np.inf, options.starts, most, options.seed) if good.any() else None
+        return good, follow_unconstrained(like, numbers, options.starts, options.seed) if good.any() else None
 
     chunks, doubtful = _parts(indices, CHUNK), []
     with ThreadPoolExecutor(options.jobs) as pool:
-        each = (map if options.jobs == 1 else pool.map)(answered, chunks)
-        for chunk, (good, numbers, answers) in zip(chunks, each, strict=True):
+        each = (map if options.jobs == 1 else pool.map)(followed, chunks)
+        for chunk, (good, batch) in zip(chunks, each, strict=True):
             doubtful += chunk[~good].tolist()
-            if answers:
-                _keep(plans, chunk[good], answers)
+            if batch:
+                _keep(plans, chunk[good], batch)
     return doubtful
 
 
@@ -213,11 +210,11 @@ def _keep(plans: Plans, indices: IntArray, followed: BatchedStarts) -> None:
         plans.status[indices[status == code]] = "not_found" if code == INFEASIBLE else word
     plans.objective[indices[solved]] = numbers["objective"][solved]
     plans.angular_momentum[indices] = followed.rows.momentum
-    plans.residual[indices] = np.where(solved, np.abs(numbers["missed"]), numbers["violation"])
+    plans.residual[indices] = followed.residual
     _, n, columns = followed.coefficients.shape
     plans.coefficients[indices, :n, :columns] = followed.coefficients
-    for name, member in (("evaluations", "evaluations"), ("iterations", "iterations"), ("starts", "started"), ("solved", "solved")):
-        getattr(plans, name)[indices] = numbers[member]
+    for name in COUNTS:
+        getattr(plans, name)[indices] = numbers["started" if name == "starts" else name]
     for index, starts in zip(indices[~solved].tolist(), started[~solved].tolist(), strict=True):
         plans.messages[index] = f"No plan was found from {starts} starts; {LONGER}."
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.compiled.attempts import knots, nodes_of_levels
-from floatplan.compiled.batch import STATUS, search_settings, is_planar, powers_of_basis
+from floatplan.compiled.batch import STATUS, is_planar, powers_of_basis, search_settings
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.structs import Pointer, Struct, doubles, integers
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -33,9 +33,8 @@ from floatplan.tolerances import EXCHANGE
 
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
-import os
-PLAIN_MOTIONS = int(os.environ.get('PM', 4))
-LEVEL_OF_DRAWS = int(os.environ.get("LD", 2))  # of grids, where they are measured
+UNCONSTRAINED_MOTIONS = 4  # [-] the same of a problem without inequalities, each first moved towards the goal
+LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
 
@@ -117,6 +116,7 @@ class PreparedStarts:
         self.x[:] = self.plain
         attempt.first = numbers.start
         attempt.count = len(numbers)
+        attempt.wanted = 0
         attempt.most_work = EXPIRED if expired else most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
@@ -168,6 +168,7 @@ class PreparedStarts:
             missed=np.array([attempt.missed]),
             work=attempt.work,
             starts=attempt.started,
+            solved=max(attempt.solved, 1),
             coefficients=None if self.coefficients is None else self.coefficients.copy(),
             integral=attempt.objective if attempt.objective_sums else None,
             branch=self.branch.copy() if any(self.branch.tolist()) else None,
@@ -216,7 +217,7 @@ class CompiledProblem:
         attempt = self.attempt_struct(variables, best, at_once)
         inputs, motions = self.inputs(variables)
         powers = powers_of_basis(variables.polynomials.form.bubbles)
-        draws = draws_struct(variables, bool(self._constraints), branch)
+        draws = self.draws_struct(variables, branch)
         coefficients = None
         if not variables.polynomials.free_ends:
             coefficients = np.empty((len(branch), CONDITIONS + variables.polynomials.width))
@@ -263,6 +264,22 @@ class CompiledProblem:
             coefficients=None,
         )
 
+    def draws_struct(self, variables: DecisionVariables, branch: IntArray) -> Struct:
+        """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
+        fraction = MOMENTUM_FRACTIONS if self._constraints else ()
+        turns_alone = not self._constraints and self.watch.also is None
+        offset_map = variables.offset_map
+        return Struct(
+            "Draws",
+            level=LEVEL_OF_DRAWS,
+            random=UNCONSTRAINED_MOTIONS if turns_alone else MOTIONS_PER_VARIABLE * variables.size,
+            spreads=SPREADS,
+            fractions=len(fraction),
+            fraction=doubles(fraction),
+            offset_map=None if offset_map is None else doubles(offset_map),
+            branch=branch,
+        )
+
     def inputs(self, variables: DecisionVariables) -> tuple[Inputs, Struct]:
         """Return what the kernel reads of a class of motions, and that class, which must live as long."""
         watch = self.watch
@@ -292,22 +309,6 @@ def compiled_problem(
     quantity = OBJECTIVE_TABLE[problem.motion.objective].quantity or ""
     blocks = [constraint.compiled(model.flight) for constraint in constraints]
     return CompiledProblem(problem, constraints, CompiledConstraints(model.flight, blocks, quantity))
-
-
-def draws_struct(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Struct:
-    """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
-    fraction = MOMENTUM_FRACTIONS if constrained else ()
-    offset_map = variables.offset_map
-    return Struct(
-        "Draws",
-        level=LEVEL_OF_DRAWS,
-        random=MOTIONS_PER_VARIABLE * variables.size if constrained else PLAIN_MOTIONS,
-        spreads=SPREADS,
-        fractions=len(fraction),
-        fraction=doubles(fraction),
-        offset_map=None if offset_map is None else doubles(offset_map),
-        branch=branch,
-    )
 
 
 @lru_cache(maxsize=8)
