@@ -102,10 +102,11 @@ template <typename Flight> class NumberedStarts {
         Evaluated<Flight> &at = program.two[0];
         double least = HUGE_VAL;
         Index *chosen = branches;
-        for (Index k = 0; k < draws.random; ++k) {
-            const Index candidate = number * draws.random + k + 1;
-            choose(candidate, at);
-            const double missed = approach(at);
+        const Index among = number < draws.ranked ? draws.random : 1;
+        const Index first = 1 + (number < draws.ranked ? number * among : draws.ranked * (draws.random - 1) + number);
+        for (Index k = 0; k < among; ++k) {
+            choose(first + k, at);
+            const double missed = among > 1 ? approach(at) : 0;
             if (k && !(missed < least)) continue;
             least = missed;
             copy(x, at.x, size);

@@ -42,6 +42,7 @@ class Alike:
     compiled: CompiledProblem
     inputs: Inputs
     powers: Struct
+    constraints: StructRows
     attempt: Struct
     motions: Struct
     draws: Struct
@@ -58,6 +59,7 @@ class Alike:
             compiled=compiled,
             inputs=inputs,
             powers=powers_of_basis(variables.polynomials.width),
+            constraints=StructRows(compiled.watch.struct, 1),
             attempt=compiled.attempt_struct(variables, np.empty(variables.size), True),
             motions=motions,
             draws=compiled.draws_struct(variables, branch),
@@ -191,7 +193,7 @@ def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: 
     count = len(rows.duration)
     attempts = StructRows(alike.attempt, count)
     attempts.set_numbers(count=most, wanted=wanted, most_work=np.inf)
-    constraints = StructRows(alike.compiled.watch.struct, count)
+    constraints = alike.constraints if count == 1 else StructRows(alike.compiled.watch.struct, count)
     return _follow(alike, rows, attempts, constraints, MinimaArrays.empty(count, 0), seed=seed)
 
 

@@ -33,6 +33,8 @@ from floatplan.tolerances import EXCHANGE
 
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
+import os
+RANKED_STARTS = int(os.environ.get('RS', 12))  # [-] of a problem without inequalities, that are the best of several; others are as they are drawn
 UNCONSTRAINED_MOTIONS = 4  # [-] the same of a problem without inequalities, each first moved towards the goal
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
@@ -272,6 +274,7 @@ class CompiledProblem:
         return Struct(
             "Draws",
             level=LEVEL_OF_DRAWS,
+            ranked=RANKED_STARTS,
             random=UNCONSTRAINED_MOTIONS if turns_alone else MOTIONS_PER_VARIABLE * variables.size,
             spreads=SPREADS,
             fractions=len(fraction),
