@@ -19,6 +19,8 @@
 #include "plain.hpp"
 #include "evaluation.hpp"
 #include "exchange.hpp"
+#include "branched.hpp"
+#include "ranked.hpp"
 #include "starts.hpp"
 #include "prediction.hpp"
 #include "correcting.hpp"

@@ -252,7 +252,7 @@ typedef struct {
 
 // How starts are drawn, each by the seed and its number alone.
 typedef struct {
-    Index level, random, ranked;              // of grids; how many motions each of the first so many starts is one of
+    Index level, random;                      // of grids; how many motions the start is one of
     double spreads[6];                        // how wild these are
     uint64_t seed;
     Index fractions;                          // 0: none

@@ -179,7 +179,13 @@ class PlanarFlight {
     // What the nodes may miss of the motion, relative to its size.
     double unresolved(const Motion &motion, const State &) const {
         const Nodes &grid = levels[level];
-        return legendre_tail(grid.tail, motion.rate, grid.nodes) / larger(fastest(motion), 1e-300);
+        Vector last[3] = {all(0), all(0), all(0)};
+        for (Index k = 0; k < grid.nodes; k += LANES)
+            for (int c = 0; c < 3; ++c)
+                last[c] = multiply_add(load(grid.tail + c * grid.nodes + k), load(motion.rate + k), last[c]);
+        double tail = 0;
+        for (Vector each : last) tail = larger(tail, std::fabs(sum(each)));
+        return tail / larger(fastest(motion), 1e-300);
     }
 
     // Level at which theta0(T) is exact to an error, see PlanarBaseMotion.level_needed().
@@ -264,9 +270,9 @@ class PlanarFlight {
     double *own_integrals, *turned;
 
     double fastest(const Motion &motion) const {
-        double most = 0;
-        for (Index k = 0; k < levels[level].nodes; ++k) most = larger(most, std::fabs(motion.rate[k]));
-        return most;
+        Vector most = all(0);
+        for (Index k = 0; k < levels[level].nodes; k += LANES) most = larger(magnitude(load(motion.rate + k)), most);
+        return largest(most);
     }
 
     // What rates at the nodes turn until the instants from k to another; some at once, as each sum waits for itself.

@@ -197,6 +197,17 @@ template <typename Flight> class Program {
         for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : least;
     }
 
+    // The x of free coefficients z (free), where the scaling of each joint is upper triangular, as that of (17) is.
+    void variables(const double *z, double *x) const {
+        for (Index i = 0; i < n; ++i) {
+            const Index end = motions.first[i + 1];
+            for (Index r = end; r-- > motions.first[i];) {
+                const double *row = motions.scaling + r * free;
+                x[r] = (z[r] - motions.offset[r] - dot(row + r + 1, x + r + 1, end - r - 1)) / row[r];
+            }
+        }
+    }
+
     // Length of a step, see DecisionVariables.metric.
     double metric(const double *step) const {
         double square = 0;

@@ -1,59 +1,19 @@
 // Starts by their numbers: number 0 is the x given; where h is free, the same x at other h takes turns with the first of
-// the others. Each of these is the one of some random motions that violates (14) and the rows least.
-
-// A class of motions that lands on other branches of the arcsine than another: odd ones mirror p about pi/2.
-class BranchedMotions {
-  public:
-    Motions at;
-
-    BranchedMotions(const Motions &plain, const double *offset_map, Index joints)
-        : at(plain), plain(plain), offset_map(offset_map), n(joints), free(plain.first[joints]) {}
-
-    void lay_out(Arena &arena) {
-        arena.take(boundary, n * plain.given);
-        arena.take(offset, free);
-        arena.take(rates, plain.goal.knots * n);
-        for (double **each : {&curvature, &bend}) arena.take(*each, n);
-        at.boundary = boundary, at.offset = offset;
-        if (plain.goal.knots) at.goal = {plain.goal.knots, plain.goal.momenta, rates, curvature, bend};
-    }
-
-    void land_on(const Index *branch) {
-        copy(boundary, plain.boundary, n * plain.given);
-        copy(offset, plain.offset, free);
-        for (Index i = 0; i < n; ++i) {
-            const double sign = branch[i] % 2 ? -1 : 1;
-            double *own = boundary + i * plain.given;
-            for (Index condition = 3; condition < 6; ++condition)
-                if (plain.condition[condition] >= 0) own[plain.condition[condition]] *= sign;
-            own[plain.condition[3]] += branch[i] * 3.141592653589793;
-            for (Index knot = 0; knot < plain.goal.knots; ++knot)
-                rates[knot * n + i] = sign * plain.goal.rates[knot * n + i];
-            if (plain.goal.knots) curvature[i] = sign * plain.goal.curvature[i], bend[i] = sign * plain.goal.bend[i];
-            for (Index r = plain.first[i]; offset_map && branch[i] && r < plain.first[i + 1]; ++r)
-                offset[r] = dot(offset_map + r * plain.given, own, plain.given);
-        }
-    }
-
-  private:
-    const Motions &plain;
-    const double *offset_map;
-    Index n, free;
-    double *boundary, *offset, *rates, *curvature, *bend;
-};
+// the others. Each of these is the one of some random motions that violates (14) and the rows least; without rows they are
+// those of ranked.hpp.
 
 template <typename Flight> class NumberedStarts {
   public:
-    NumberedStarts(Program<Flight> &program, BranchedMotions &motions, const Exchange &rules, double bodies, Draws &draws,
-                   Index joints)
-        : program(program), motions(motions), rules(rules), bodies(bodies), draws(draws), n(joints),
+    NumberedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings, const Exchange &rules,
+                   double bodies, Draws &draws, Index joints)
+        : program(program), motions(motions), ranked(program, motions, settings, draws, joints), rules(rules),
+          bodies(bodies), draws(draws), n(joints),
           free(motions.at.first[joints]), size(motions.at.size) {}
 
     void lay_out(Arena &arena) {
         for (double **each : {&given, &z}) arena.take(*each, size);
-        arena.take(inverse, free * free);
-        arena.take(matrix, size * size);
-        arena.take(branches, n);
+        for (double **each : {&inverse, &matrix}) arena.take(*each, free * free);
+        ranked.lay_out(arena);
     }
 
     // The x of number 0, of the class that is plain.
@@ -68,7 +28,8 @@ template <typename Flight> class NumberedStarts {
         const bool is_drawn = beyond > 0 || (number > 0 && number % 2 == 0);
         for (Index i = 0; i < n; ++i) draws.branch[i] = 0;
         if (is_drawn) {
-            draw(beyond > 0 ? number - fractions - 1 : number / 2 - 1, x);
+            const Index drawn = beyond > 0 ? number - fractions - 1 : number / 2 - 1;
+            program.turns_alone ? ranked.draw(drawn, x) : draw(drawn, x);
         } else {
             motions.land_on(draws.branch);
             copy(x, given, size);
@@ -80,12 +41,12 @@ template <typename Flight> class NumberedStarts {
   private:
     Program<Flight> &program;
     BranchedMotions &motions;
+    RankedStarts<Flight> ranked;
     const Exchange &rules;
     const double bodies;
     Draws &draws;
     Index n, free, size;
     bool has_inverse = false;
-    Index *branches;
     double *given, *z, *inverse, *matrix;  // the last two of the scaling
 
     void find_inverse() {
@@ -96,63 +57,6 @@ template <typename Flight> class NumberedStarts {
         eliminate(matrix, inverse, free, free);
     }
 
-    // Without rows: of some motions on branches of their own, the one that is nearest to the goal after a few steps.
-    void draw_branches(Index number, double *x) {
-        program.watch(draws.level, nullptr, 0);
-        Evaluated<Flight> &at = program.two[0];
-        double least = HUGE_VAL;
-        Index *chosen = branches;
-        const Index among = number < draws.ranked ? draws.random : 1;
-        const Index first = 1 + (number < draws.ranked ? number * among : draws.ranked * (draws.random - 1) + number);
-        for (Index k = 0; k < among; ++k) {
-            choose(first + k, at);
-            const double missed = among > 1 ? approach(at) : 0;
-            if (k && !(missed < least)) continue;
-            least = missed;
-            copy(x, at.x, size);
-            std::copy(draws.branch, draws.branch + n, chosen);
-        }
-        std::copy(chosen, chosen + n, draws.branch);
-        motions.land_on(draws.branch);
-    }
-
-    void choose(Index candidate, Evaluated<Flight> &at) {
-        Random random{draws.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(candidate)};
-        Index all_branches = 1, digits = candidate;
-        for (Index i = 0; i < n && all_branches <= 12; ++i) all_branches *= 3;
-        digits = candidate % all_branches;
-        for (Index i = 0; i < n; ++i, digits /= 3) {
-            Index way = digits % 3;
-            if (all_branches > 12) {
-                const double drawn = random.uniform() / 0.8;
-                way = drawn < 0.5 ? 1 : drawn < 1 ? 2 : 0;
-            }
-            draws.branch[i] = way == 2 ? -1 : way;
-        }
-        motions.land_on(draws.branch);
-        const double spreads[] = {0.2, 0.4, 0.8, 1.6, 0.8, 1.6};
-        const double spread = candidate <= 12 ? 0 : spreads[candidate % 6];
-        for (Index i = 0; i < free; ++i) z[i] = spread * random.normal() - motions.at.offset[i];
-        multiply(inverse, free, free, z, 1, at.x);
-        for (Index a = free; a < size; ++a) at.x[a] = 2 * random.uniform() - 1;
-    }
-
-    // By how much (14) is missed after some steps towards where it would hold, were it linear, nearest to x = 0.
-    double approach(Evaluated<Flight> &at) {
-        double *step = matrix;
-        for (Index k = 0; k < 3; ++k) {
-            program.evaluate(at);
-            program.differentiate(at);
-            const double square = dot(at.row, at.row, size);
-            if (!(square > 0)) return HUGE_VAL;
-            const double part = (dot(at.row, at.x, size) - at.equality[0]) / square;
-            for (Index a = 0; a < size; ++a) step[a] = part * at.row[a] - at.x[a];
-            add(smaller(1.0, 1 / larger(program.metric(step), 1e-300)), step, size, at.x);
-        }
-        program.evaluate(at);
-        return program.unresolved(at) > 0.3 ? HUGE_VAL : std::fabs(at.equality[0]);
-    }
-
     // Half of the motions are drawn in z, half are cheap for the objective, on the plain branches and on others in turns.
     void draw(Index number, double *x) {
         Random random{draws.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(number + 1)};
@@ -161,7 +65,6 @@ template <typename Flight> class NumberedStarts {
             draws.branch[i] = drawn < 0.25 ? -1 : drawn < 0.75 ? 0 : 1;
         }
         if (!has_inverse) find_inverse();
-        if (program.turns_alone) return draw_branches(number, x);
         motions.land_on(draws.branch);
         program.back_off = 0;
         program.watches = true;
@@ -201,7 +104,7 @@ template <typename Flight> class FollowedStarts {
                    Attempt &attempt, Draws &draws)
         : joints(body.joints), columns(plain.columns), size(plain.size), motions(plain, draws.offset_map, body.joints),
           follower(body, constraints, motions.at, levels, settings, rules, attempt),
-          starts(follower.program, motions, rules, attempt.bodies, draws, body.joints), levels(levels), set(settings),
+          starts(follower.program, motions, settings, rules, attempt.bodies, draws, body.joints), levels(levels), set(settings),
           rules(rules), powers(powers), attempt(attempt), draws(draws) {}
 
     void lay_out(Arena &arena) {

@@ -33,9 +33,6 @@ from floatplan.tolerances import EXCHANGE
 
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
-import os
-RANKED_STARTS = int(os.environ.get('RS', 12))  # [-] of a problem without inequalities, that are the best of several; others are as they are drawn
-UNCONSTRAINED_MOTIONS = 4  # [-] the same of a problem without inequalities, each first moved towards the goal
 LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
@@ -269,13 +266,11 @@ class CompiledProblem:
     def draws_struct(self, variables: DecisionVariables, branch: IntArray) -> Struct:
         """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
         fraction = MOMENTUM_FRACTIONS if self._constraints else ()
-        turns_alone = not self._constraints and self.watch.also is None
         offset_map = variables.offset_map
         return Struct(
             "Draws",
             level=LEVEL_OF_DRAWS,
-            ranked=RANKED_STARTS,
-            random=UNCONSTRAINED_MOTIONS if turns_alone else MOTIONS_PER_VARIABLE * variables.size,
+            random=MOTIONS_PER_VARIABLE * variables.size,
             spreads=SPREADS,
             fractions=len(fraction),
             fraction=doubles(fraction),
