@@ -21,6 +21,11 @@ template <typename Flight> class Follower {
     Program<Flight> program;
     double worth = HUGE_VAL;  // of violation: by how much more an end violates the rows is not told
 
+    // Of the starts from now on those are left soon from which there is next to no way to the goal.
+    void leave_hopeless() {
+        if (program.turns_alone) search.farthest = set.hopeless_way / program.largest_metric();
+    }
+
     // From x, once more from its end where that nearly holds, or is not known to be optimal.
     void follow(const double *x) {
         copy(best, x, program.size);

@@ -220,6 +220,11 @@ template <typename Flight> class Program {
         return std::sqrt(square + dot(step + free, step + free, size - free));
     }
 
+    // No step of length 1 in x is longer.
+    double largest_metric() const {
+        return std::sqrt(dot(motions.scaling, motions.scaling, free * free) / n);
+    }
+
     // The matrix of its squares (size, size).
     void metric_matrix(double *matrix) const {
         zero(matrix, size * size);

@@ -155,6 +155,7 @@ template <typename Flight> class FollowedStarts {
             const Attempt before = attempt;
             attempt.at_once = starts.place(number, x) && (number || at_once);
             if (attempt.started) follower.worth = larger(least, rules.near_miss);
+            if (number) follower.leave_hopeless();
             follower.follow(x);
             if (attempt.started && follower.program.work > attempt.most_work) {
                 attempt = before, is_best = false;
