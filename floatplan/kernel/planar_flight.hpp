@@ -20,10 +20,13 @@ struct Chance {
     bool ends_hold, path_holds, path_is_clear;
 };
 
-static inline double legendre_tail(const double *tail, const double *values, Index nodes) {
-    double most = 0;
-    for (int c = 0; c < 3; ++c) most = larger(most, std::fabs(dot(tail + c * nodes, values, nodes)));
-    return most;
+// Level at which an integral of about `size` is exact to an error, from the tail that so many nodes leave.
+template <typename NodesAt>
+static inline Index level_of_tail(double tail, Index nodes, double error, double size, Index levels, NodesAt nodes_at) {
+    const double decay = std::log(tail) / nodes, count = std::log(error / larger(size, error)) / (2 * decay);
+    for (Index candidate = 0; candidate + 1 < levels; ++candidate)
+        if (nodes_at(candidate) >= count) return candidate;
+    return levels - 1;
 }
 
 class PlanarFlight {

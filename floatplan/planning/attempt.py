@@ -13,14 +13,13 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled import batch
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.optimization.sqp import Solution, reduce_violations
 from floatplan.planning.starts import Start, plain_start
 from floatplan.planning.transcription.compiled_attempt import CompiledProblem, PreparedStarts, compiled_problem
 from floatplan.planning.transcription.constraints import Constraint, applies, constraints
-from floatplan.planning.transcription.exchange import local_minima, solve
+from floatplan.planning.transcription.exchange import CAUTIOUS, FINE, local_minima, solve
 from floatplan.planning.transcription.program import (
     FlightProgram,
     Objective,
@@ -217,7 +216,7 @@ class Attempts:
             return objective(self.problem, model, variables, nodes)
 
         def follow(x: Array) -> AttemptResult:
-            settings = batch.CAUTIOUS if blocks else batch.FINE
+            settings = CAUTIOUS if blocks else FINE
             return judge(solve(model, variables, make_objective, blocks, x, settings, stop, self._level))
 
         def judge(solution: Solution[Trajectory]) -> AttemptResult:
@@ -233,7 +232,7 @@ class Attempts:
         def begins() -> Iterator[Array]:
             """The start, and the best motion without limits."""
             yield start.x
-            yield solve(model, variables, make_objective, (), start.x, batch.FINE, stop).x
+            yield solve(model, variables, make_objective, (), start.x, FINE, stop).x
 
         result = follow(start.x)
         if result.holds or stop() or not blocks:

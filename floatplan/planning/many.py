@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arguments import flag, many
 from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import INFEASIBLE, STATUS
+from floatplan.compiled.attempts import INFEASIBLE, STATUS
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
 from floatplan.planning.attempt import Attempts

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import OPTIMAL, STATUS, Rows, powers_of_basis
-from floatplan.compiled.numbers import Numbers, key
+from floatplan.compiled.attempts import OPTIMAL, STATUS, powers_of_basis
+from floatplan.compiled.numbers import Numbers, Rows, key
 from floatplan.kernel.structs import Struct, StructRows, doubles
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS

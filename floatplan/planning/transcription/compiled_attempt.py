@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import knots, nodes_of_levels
-from floatplan.compiled.batch import STATUS, is_planar, powers_of_basis, search_settings
+from floatplan.compiled.attempts import STATUS, is_planar, knots, nodes_of_levels, powers_of_basis, search_settings
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.kernel.structs import Pointer, Struct, doubles, integers
 from floatplan.motion.exact_polynomials import CONDITIONS

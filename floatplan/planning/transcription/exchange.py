@@ -10,7 +10,6 @@ from functools import lru_cache, partial
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, distinct, read_only
-from floatplan.compiled import batch
 from floatplan.compiled.constraints import Look
 from floatplan.compiled.quadratic import dual_step
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
@@ -28,11 +27,25 @@ from floatplan.planning.transcription.program import (
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import ORIENTATION
-from floatplan.tolerances import EXCHANGE, NEARLY_RESOLVED, QUADRATURE_ERROR, SETTINGS
+from floatplan.tolerances import COARSE as COARSE_STAGE
+from floatplan.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, NEARLY_RESOLVED, QUADRATURE_ERROR, SETTINGS, Stage
+from floatplan.tolerances import FINE as FINE_STAGE
+from floatplan.tolerances import ROUGH as ROUGH_STAGE
 
 FIRST_LOOK = 129  # instants of the first look between the nodes
 FIRST_GRID = read_only(np.linspace(0, 1, FIRST_LOOK))
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
+
+
+def solver_settings(stage: Stage, *, longest_step: float = SETTINGS.longest_step, polish: bool = True) -> Settings:
+    """Return the settings of the solver in Python for a stage of a search."""
+    return Settings(stage.feasibility, stage.optimality, stage.iterations, longest_step, polish)
+
+
+COARSE = solver_settings(COARSE_STAGE, polish=False)
+ROUGH = solver_settings(ROUGH_STAGE, polish=False)
+FINE = solver_settings(FINE_STAGE)
+CAUTIOUS = solver_settings(FINE_STAGE, longest_step=CONSTRAINED_SETTINGS.longest_step)
 CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
 
 
@@ -118,7 +131,7 @@ def solve(
     make_objective: Callable[[Sampling], Objective],
     constraints: tuple[Constraint, ...],
     x: Array,
-    settings: Settings = batch.FINE,
+    settings: Settings = FINE,
     stop: Callable[[], bool] = lambda: False,
     first_level: int = 0,
 ) -> Solution[Trajectory]:
@@ -198,11 +211,11 @@ def _stages(
     """
     flown = start.detail.flown
     if constrained:
-        yield replace(batch.COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR
+        yield replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR
     elif flown.level_needed(NEARLY_RESOLVED) > level:
-        yield replace(batch.ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED
+        yield replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED
     if not constrained and flown.level_needed(QUADRATURE_ERROR) > level:
-        yield batch.nearly_resolved(settings), NEARLY_RESOLVED
+        yield replace(settings, feasibility=NEARLY_RESOLVED, polish=False), NEARLY_RESOLVED
     yield settings, QUADRATURE_ERROR
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import is_planar
+from floatplan.compiled.attempts import is_planar
 from floatplan.planning.transcription.exchange import Worst
 from floatplan.planning.transcription.program import objective_value
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectory
