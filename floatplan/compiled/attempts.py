@@ -1,16 +1,24 @@
-"""What the kernel is given of flights in a plane to follow starts of problems with constraints: ``exchange.hpp``."""
+"""What the kernel is given of flights in a plane to follow starts, but for their problems: nodes, powers, numbers."""
 
-from functools import lru_cache
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.structs import Struct, StructArray, doubles
-from floatplan.motion.dynamics import RatesAtEnds
+from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, SETTINGS
+from floatplan.motion.dynamics import FlightDynamics, RatesAtEnds
+from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.end_rates import EndRates
-from floatplan.motion.planar.flight import gauss_grid
+from floatplan.motion.planar.flight import PlanarFlight, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
+
+INFEASIBLE, FEASIBLE, OPTIMAL = enumeration("Status")
+STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
 
 
 @lru_cache(maxsize=32)
@@ -39,3 +47,29 @@ def nodes_of_levels(form: Form) -> StructArray:
 def knots(rates: RatesAtEnds, end: int) -> Array:
     """Return the h (K,), kg m^2/s, between which the rates at an end are straight; none where they are given."""
     return rates.curves[end].momenta if isinstance(rates, EndRates) and end in rates.curves else np.empty(0)
+
+
+@cache
+def powers_of_basis(width: int) -> Struct:
+    """Return what b is written with, of motions with so many free polynomials."""
+    columns, columns_low = _doubles(basis_columns(width))
+    lost, lost_low = _doubles(compensations(CONDITIONS + width))
+    return Struct("Powers", columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
+
+
+def _doubles(fractions: Any) -> tuple[Array, Array]:
+    """Fractions as sums of two doubles."""
+    high = fractions.astype(np.float64)
+    exact = np.array([Fraction(value) for value in high.ravel().tolist()], dtype=object).reshape(high.shape)
+    return high, (fractions - exact).astype(np.float64)
+
+
+@cache
+def search_settings(constrained: bool, levels: int = len(NODE_COUNTS)) -> Struct:
+    """Return every number of a search, with inequalities or without, on so many levels of grids."""
+    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS if constrained else SETTINGS, levels=levels))
+
+
+def is_planar(flight: FlightDynamics) -> bool:
+    """Whether a flight is one in a plane, as the kernel's are."""
+    return isinstance(flight, PlanarFlight)

@@ -7,15 +7,12 @@ are then one.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray, identity
 from floatplan.kernel.structs import Struct, doubles, integers
-from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree
 
 NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
@@ -86,14 +83,12 @@ def _built_up(turns: Array) -> tuple[IntArray, Array]:
     return parent, differences[rows, parent]
 
 
-def robot_struct(bodies: Bodies, free: Sequence[int]) -> Struct:
-    """Return a robot whose joints have so many free polynomials."""
+def robot_struct(bodies: Bodies, joints: int) -> Struct:
+    """Return a robot of so many joints."""
     return Struct(
         "Robot",
-        joints=len(free),
+        joints=joints,
         bodies=len(bodies.real),
-        width=max(free),
-        free=integers(free),
         real=doubles(bodies.real),
         imaginary=doubles(bodies.imaginary),
         is_real=bodies.is_real,
@@ -115,19 +110,4 @@ def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Struct]:
     """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
     joints = tree.turns.shape[1]
     bodies = Bodies(tree, np.zeros(joints), np.ones(joints))
-    return bodies, robot_struct(bodies, [0] * joints)
-
-
-@lru_cache(maxsize=64)
-def grid_struct(width: int, count: int) -> Struct:
-    """Return the basis at so many nodes."""
-    quadrature = gauss_legendre(count)
-    value, slope, _ = basis(Form(width)).values(quadrature.nodes)
-    return Struct(
-        "Grid",
-        nodes=count,
-        weights=doubles(quadrature.weights),
-        value=doubles(value.T),
-        slope=doubles(slope.T),
-        tail=doubles(quadrature.transform[-3:]),
-    )
+    return bodies, robot_struct(bodies, joints)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.compiled.batch import Rows
 from floatplan.compiled.constraints import can_write, obstacle_numbers
 from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -105,6 +104,26 @@ def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
         case ["start" | "goal" as end, name, joint] if name in QUANTITIES and joint in robot.joints:
             return end, name, robot.joints.index(joint)
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Problems as the kernel takes them.
+
+    Attributes
+    ----------
+    duration : (N,) s
+    momentum : (N,) kg m^2/s
+    change : (N,) rad
+        Of the orientation.
+    boundary : (N, n, 6)
+        Of :class:`~floatplan.motion.sine_polynomial.SinePolynomials`.
+    """
+
+    duration: Array
+    momentum: Array
+    change: Array
+    boundary: Array
 
 
 @dataclass(frozen=True, eq=False)

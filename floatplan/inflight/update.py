@@ -193,7 +193,7 @@ class Update:
         imaginary = np.zeros_like(bodies.real)
         link_real = np.zeros(bodies.links.shape)
         link_imaginary = np.zeros(bodies.links.shape)
-        self._robot = robot_struct(bodies, [width] * n)
+        self._robot = robot_struct(bodies, n)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
         self._called = _CalledArrays.empty(constraints, len(grid.s), width, motors)

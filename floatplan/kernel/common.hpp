@@ -43,13 +43,16 @@ struct Random {
 
 // ---- memory
 
-// Arrays one after the other in memory; without any, how much they take.
+// Arrays one after the other in memory; without any, how much they take. Large ones are some lines of the cache further
+// apart: of those whose sizes are powers of two all would begin in the same few sets of it, and throw one another out.
 struct Arena {
+    static constexpr std::size_t LINE = 64, LARGE = 16 * LINE, APART = 3 * LINE;  // bytes
     char *memory = nullptr;
     std::size_t used = 0;
     template <typename T> void take(T *&array, Index count) {
         if (memory) array = reinterpret_cast<T *>(memory + used);
-        used += (count * sizeof(T) + 63) / 64 * 64;
+        const std::size_t bytes = (count * sizeof(T) + LINE - 1) / LINE * LINE;
+        used += bytes + (bytes < LARGE ? 0 : APART);
     }
     Index numbers() const { return used / sizeof(double) + 8; }  // some are left out, see aligned()
 };

@@ -35,6 +35,7 @@ template <typename Flight> class Constrained {
     At *now, *trial;
     double *hessian;
     bool is_stuck = false;  // the last time that violations were reduced
+    double farthest = HUGE_VAL;  // of x: a program of one equality is left where that, were it linear, held farther away
 
     bool is_exhausted() const { return program.work > attempt.most_work; }
 
@@ -59,6 +60,7 @@ template <typename Flight> class Constrained {
         while (size && iteration < stage.iterations && !is_exhausted() && program.is_known(*now)) {
             ++iteration, ++iterations;
             program.differentiate(*now);
+            if (now->worst > farthest * std::sqrt(dot(now->row, now->row, size))) break;
             const bool was_elastic = elastic && iteration > 1;
             find_step();
             if (was_elastic && !elastic) {  // no approximation has followed it here
@@ -527,7 +529,7 @@ template <typename Flight> class Constrained {
             program.add_slopes(*now, pulled[k], -pulls[k], gradient);
             program.add_slopes(*trial, pulled[k], pulls[k], gradient);
         }
-        multiply(hessian, size, size, change, 1, product);
+        multiply_vector(hessian, size, size, change, product);
         const double approximated = dot(change, product, size);
         double measured = dot(change, gradient, size);
         if (approximated < 1e-20) return;

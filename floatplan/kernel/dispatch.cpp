@@ -54,12 +54,6 @@ EXPORT Index floatplan_instructions() {
 #define CHOSEN(call) ((void)instructions, baseline::call)
 #endif
 
-EXPORT Index floatplan_plan(const Robot *robot, const Grid *grids, const Index *nodes,
-                                   const Powers *powers, const Settings *settings, Batch *batch,
-                                   Index instructions) {
-    return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
-}
-
 EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, const Constraints *constraints,
                              Peaks *peaks, Index instructions) {
     return CHOSEN(measure_batch(*robot, interpolations, constraints, *peaks));

@@ -1,6 +1,4 @@
 // What dispatch.cpp calls of each set of instructions; within its namespace.
-Index plan_batch(const Robot &robot, const Grid *grids, const Index *nodes, const Powers &powers, const Settings &settings,
-                 Batch &batch);
 Index measure_batch(const Robot &robot, const Interpolation *interpolations, const Constraints *constraints, Peaks &peaks);
 Index flight_room(const Robot &robot, const Constraints &constraints, Flight &flight);
 void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what);

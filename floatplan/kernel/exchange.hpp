@@ -21,6 +21,11 @@ template <typename Flight> class Follower {
     Program<Flight> program;
     double worth = HUGE_VAL;  // of violation: by how much more an end violates the rows is not told
 
+    // Of the starts from now on those are left soon from which there is next to no way to the goal.
+    void leave_hopeless() {
+        if (program.turns_alone) search.farthest = set.hopeless_way / program.largest_metric();
+    }
+
     // From x, once more from its end where that nearly holds, or is not known to be optimal.
     void follow(const double *x) {
         copy(best, x, program.size);
@@ -102,17 +107,19 @@ template <typename Flight> class Follower {
     double objective = 0;  // of the best
     double *extra, *watched, *start, *ended, *best, *looked_at;
 
-    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails.
+    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails. Without
+    // rows every start is: what (14) alone lacks, the steps of the SQP mend as well as any others.
     void follow_best() {
         copy(start, best, program.size);
         is_best = false;
         program.watches = has_rows;
-        if (attempt.at_once) {
+        if (attempt.at_once || !has_rows) {
             solve(start, attempt.level);
             judge();
         }
+        if (!has_rows) return;
         const Index level = attempt.at_once ? attempt.level : attempt.closer_level;
-        for (int way = 0; way < 1 + (attempt.at_once && has_rows) && !is_over(); ++way) {
+        for (int way = 0; way < 1 + attempt.at_once && !is_over(); ++way) {
             if (way == 1) {  // from the best motion without limits
                 program.watches = false;
                 solve(start, level);
@@ -155,7 +162,8 @@ template <typename Flight> class Follower {
     void solve(const double *x, Index level) {
         program.back_off = rules.back_off;
         extra_count = 0;
-        if (level < rules.cheap_level) level = rules.cheap_level;
+        const Index cheap = has_rows ? rules.cheap_level : set.first_level;
+        if (level < cheap) level = cheap;
         for (begin(level, x); !(program.unresolved(*search.now) < set.coarsely_resolved) && level + 1 < set.levels;)
             begin(++level, search.now->x);
         if (!program.is_known(*search.now)) {
@@ -165,13 +173,16 @@ template <typename Flight> class Follower {
         program.scale_equalities(*search.now);
         program.guess_hessian(*search.now, search.hessian);
         const Index before = search.iterations;
-        bool is_last = false;
+        Index stages[3] = {0, 2}, last = 1, stage = 0;
+        if (!has_rows) last = choose_stages(level, stages);
         for (Index round = 0; round < set.most_rounds; ++round) {
+            const bool is_last = stage == last;
             const bool is_free = !program.watches && attempt.at_once;
             const double longest = is_free ? rules.longest_free_step : set.longest_step;
-            status = search.minimise(set.stages[is_last ? 2 : 0], longest, is_last);
+            status = search.minimise(set.stages[stages[stage]], longest, is_last);
             if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
-            Index needed = program.level_needed(*search.now, set.stages[2].quadrature_error);
+            if (!is_last) ++stage;
+            Index needed = program.level_needed(*search.now, set.stages[stages[stage]].quadrature_error);
             if (needed < level) needed = level;
             bool finished = is_last && needed == level;
             if (search.iterations - before > set.most_iterations) break;
@@ -180,13 +191,23 @@ template <typename Flight> class Follower {
                 program.back_off = 0;
                 finished = false;
             }
-            is_last = true;
             if (needed > level) begin(level = needed, search.now->x);
             if (program.watches && look_between() && finished) break;
             if (program.watches) begin(level, search.now->x);
             else if (finished) break;
             program.scale_equalities(*search.now);
         }
+    }
+
+    // Without rows, what is solved before there are nodes enough: roughly, and nearly. The place of the last stage.
+    Index choose_stages(Index level, Index *stages) const {
+        Index count = 0;
+        for (Index stage : {0, 1}) {
+            const double error = set.stages[stage ? 2 : 0].quadrature_error;
+            if (program.level_needed(*search.now, error) > level) stages[count++] = stage;
+        }
+        stages[count] = 2;
+        return count;
     }
 
     // Gives up the objective of a nearly feasible motion to make it feasible, where that can be done.
@@ -242,7 +263,8 @@ template <typename Flight> class Follower {
     // Checks (14) and the rows, between the instants too; keeps what violates least, of equals what costs less, or is known
     // to be optimal.
     void judge() {
-        const Index level = program.level_needed(*search.now, set.stages[2].quadrature_error);
+        Index level = program.level_needed(*search.now, set.stages[2].quadrature_error);
+        if (!has_rows) level = std::min(std::max(level, program.level) + set.finer, set.levels - 1);
         judge_at(level < attempt.level ? attempt.level : level, search.now->x);
     }
 

@@ -12,8 +12,7 @@ typedef long long Eights;
 
 // A planar tree, see bodies.py. Bodies that turn alike are one; body 0 is the base and turns by nothing.
 typedef struct {
-    Index joints, bodies, width;  // width: free polynomials of the joint that has most
-    const Index *free;            // (joints)
+    Index joints, bodies;
     const double *real, *imaginary;      // C (bodies, bodies), kg m^2, moments of inertia on its diagonal
     Index is_real;                // whether C is
     // The angle of body a is that of body parent[a] < a, and ratio[e] sin p of joint[e], e from first[a] to first[a+1].
@@ -43,14 +42,6 @@ typedef struct {
     double *gathered, *value;                                   // (links), ()
 } Motion;
 
-// Gauss-Legendre nodes on [0, 1]; a grid that there is not has no nodes.
-typedef struct {
-    Eights nodes;
-    const double *weights;        // (nodes)
-    const double *value, *slope;  // (6 + width, nodes): basis of p, and its derivative by s
-    const double *tail;           // (3, nodes): the last Legendre coefficients
-} Grid;
-
 // Columns of the basis in powers of s, and by which powers a rounding is made up for; each as a sum of two doubles.
 typedef struct {
     const double *columns, *columns_low;  // (6 + width, 6 + width)
@@ -71,20 +62,9 @@ typedef struct {
     Index slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
     Index first_level, levels, finer;  // finer: levels to twice the nodes
     Index level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
-    Index starts, first_start, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
-    uint64_t seed;
+    Index easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
     double spreads_of_starts[6];
 } Settings;
-
-// One row for each problem; coefficients (joints, 6 + width), z (joints, width), boundary (joints, 6).
-typedef struct {
-    Index count;
-    const double *duration, *momentum, *change, *boundary;
-    const double *start;  // z to begin from; null: the plain motion
-    Index *status, *iterations, *evaluations, *instants, *starts, *solved;
-    Index *branch;  // (joints), at landing, against the boundary given
-    double *objective, *residual, *z, *coefficients;
-} Batch;
 
 // Chebyshev nodes s on [0, 1].
 typedef struct {
@@ -215,9 +195,10 @@ typedef struct {
     double looked_ahead, value_kept;
 } Exchange;
 
-// Starts followed to their ends, by number, until one holds: number 0 is the x given, others are drawn.
+// Starts followed to their ends, by number: number 0 is the x given, others are drawn.
 typedef struct {
     Index first, count, started;              // numbers: the first, how many at most (0: x is judged as it is); followed
+    Index wanted, solved;                     // that hold, of which the best is chosen (0: the first); how many did
     Index rows, at_once, objective_sum, objective_sums;
     double most_work, bodies, entries;
     double thickness;                         // m, the least one of an obstacle; infinite where there is none
@@ -235,7 +216,7 @@ typedef struct {
     double *x;                                // (size): start number 0, then the best end
     double violation, work;                   // the largest one of (14) or of a row, 0 where all hold
     double missed[3];                         // what the attitude at landing lacks, with its signs: (14), or in space
-    double objective;                         // of that, at the finest nodes, where it is one of sums
+    double objective;                         // of that: at the finest nodes, where it is one of sums, or |b|
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
 } Attempt;
@@ -413,8 +394,8 @@ typedef enum {
     correct_motion
 } Step;
 
-// Of a motion; one that needs a grid asks for more nodes than were given.
-typedef enum { infeasible, feasible, optimal, needs_grid } Status;
+// Of a motion.
+typedef enum { infeasible, feasible, optimal } Status;
 
 // The functions of the library. Each takes which set of instructions it runs with, at most floatplan_instructions().
 
@@ -424,10 +405,6 @@ const char *floatplan_build(void);
 
 // The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
 Index floatplan_instructions(void);
-
-// Plans a batch; returns 0, or 1 where there was no memory for it.
-Index floatplan_plan(const Robot *robot, const Grid *grids, const Index *nodes, const Powers *powers,
-                     const Settings *settings, Batch *batch, Index instructions);
 
 // Measures a batch of plans, their distances to obstacles where there are constraints; returns 0, or 1 where there was no
 // memory for it.
@@ -444,7 +421,7 @@ void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight
 // Solves a quadratic program; returns 1, or 0 where it does not.
 Index floatplan_quadratic(Quadratic *qp, Index instructions);
 
-// Follows starts of so many problems with constraints, one after the other; returns 0, or 1 where there was no memory.
+// Follows starts of so many problems, one after the other; returns 0, or 1 where there was no memory.
 Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
                         const Nodes *levels, const Settings *settings, const Exchange *rules, const Powers *powers,
                         Attempt *attempts, Draws *draws, Index count, Index instructions);

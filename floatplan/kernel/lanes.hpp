@@ -53,6 +53,13 @@ static inline void multiply(const double *left, Index rows, Index inner, const d
         for (Index k = 0; k < inner; ++k) add(left[r * inner + k], right + k * columns, columns, result + r * columns);
 }
 
+// The same of a matrix (rows, inner) and a vector, bit for bit: sums of several rows side by side, as each waits for itself.
+static inline void multiply_vector(const double *matrix, Index rows, Index inner, const double *vector, double *result) {
+    zero(result, rows);
+    for (Index k = 0; k < inner; ++k)
+        for (Index r = 0; r < rows; ++r) result[r] += matrix[r * inner + k] * vector[k];
+}
+
 // Sine and cosine to about 1e-16, after the nearest multiple of pi/2 is taken away: the polynomials of FDLIBM's k_sin.c
 // and k_cos.c (Sun Microsystems 1993).
 INLINED void sine_cosine(Vector x, Vector &sine, Vector &cosine) {

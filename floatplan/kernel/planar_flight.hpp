@@ -25,10 +25,13 @@ struct Chance {
     bool ends_hold, path_holds, path_is_clear;
 };
 
-static inline double legendre_tail(const double *tail, const double *values, Index nodes) {
-    double most = 0;
-    for (int c = 0; c < 3; ++c) most = larger(most, std::fabs(dot(tail + c * nodes, values, nodes)));
-    return most;
+// Level at which an integral of about `size` is exact to an error, from the tail that so many nodes leave.
+template <typename NodesAt>
+static inline Index level_of_tail(double tail, Index nodes, double error, double size, Index levels, NodesAt nodes_at) {
+    const double decay = std::log(tail) / nodes, count = std::log(error / larger(size, error)) / (2 * decay);
+    for (Index candidate = 0; candidate + 1 < levels; ++candidate)
+        if (nodes_at(candidate) >= count) return candidate;
+    return levels - 1;
 }
 
 class PlanarFlight {
@@ -36,7 +39,7 @@ class PlanarFlight {
     using Body = Robot;
     using Rows = PlanarRows;
     static constexpr Index most_equalities = 1;
-    static constexpr bool scales_equalities = false;
+    static constexpr bool scales_equalities = false, has_adjoint = true;
 
     struct State {
         double momentum;
@@ -122,6 +125,38 @@ class PlanarFlight {
         std::fill(state.has_attitude, state.has_attitude + stride / 8, 0);
     }
 
+    // The same by the coefficients of the basis (joints, columns), those from `begin` on, and by h: the adjoint of
+    // turn_base(), one pass back over the nodes whatever the number of variables. `sums` has room for (joints, columns, 8).
+    void differentiate_backward(Motion &motion, const double *value, const double *slope, Index begin, double *sums,
+                                double *by, double *by_momentum) const {
+        const Nodes &grid = levels[level];
+        const Index columns = motions.columns, given = motions.given, *first = motions.first;
+        const Vector per_second = all(motion.per_second), *by_position = (Vector *)motion.by_joint;
+        const Vector *by_speed = (Vector *)motion.by_joint_rate;
+        Vector *by_column = (Vector *)sums, momentum = all(0);
+        for (Index e = 0; e < joints * columns; ++e) by_column[e] = all(0);
+        for (Index k = 0; k < grid.nodes; k += LANES) {
+            const Vector factor = -all(motions.duration) * load(grid.weights + k) * load(motion.inverse + k);
+            robot.is_real ? differentiate_turn<true>(robot, motion, k, factor)
+                          : differentiate_turn<false>(robot, motion, k, factor);
+            momentum -= factor;
+            for (Index i = 0; i < joints; ++i) {
+                const Vector s = load(motion.sine + i * stride + k), c = load(motion.cosine + i * stride + k);
+                const Vector by_swing = by_speed[i] * per_second;
+                const Vector by_p = multiply_add(by_position[i], c, -by_swing * s * load(motion.p_rate + i * stride + k));
+                const Vector by_rate = by_swing * c;
+                const Index end = given + first[i + 1] - first[i];
+                for (Index column = begin; column < end; ++column) {
+                    Vector &sum = by_column[i * columns + column];
+                    sum = multiply_add(by_p, load(value + column * stride + k),
+                                       multiply_add(by_rate, load(slope + column * stride + k), sum));
+                }
+            }
+        }
+        for (Index e = 0; e < joints * columns; ++e) by[e] = sum(by_column[e]);
+        *by_momentum = sum(momentum);
+    }
+
     // Values (stride) of one of the rows (rows, stride), after those before it.
     void write_row(const Motion &motion, const State &, Index row, double *values) const {
         next_values(robot, constraints, motion, row, values);
@@ -152,7 +187,13 @@ class PlanarFlight {
     // What the nodes may miss of the motion, relative to its size.
     double unresolved(const Motion &motion, const State &) const {
         const Nodes &grid = levels[level];
-        return legendre_tail(grid.tail, motion.rate, grid.nodes) / larger(fastest(motion), 1e-300);
+        Vector last[3] = {all(0), all(0), all(0)};
+        for (Index k = 0; k < grid.nodes; k += LANES)
+            for (int c = 0; c < 3; ++c)
+                last[c] = multiply_add(load(grid.tail + c * grid.nodes + k), load(motion.rate + k), last[c]);
+        double tail = 0;
+        for (Vector each : last) tail = larger(tail, std::fabs(sum(each)));
+        return tail / larger(fastest(motion), 1e-300);
     }
 
     // Level at which theta0(T) is exact to an error, see PlanarBaseMotion.level_needed().
@@ -238,9 +279,9 @@ class PlanarFlight {
     double *own_integrals, *turned;
 
     double fastest(const Motion &motion) const {
-        double most = 0;
-        for (Index k = 0; k < levels[level].nodes; ++k) most = larger(most, std::fabs(motion.rate[k]));
-        return most;
+        Vector most = all(0);
+        for (Index k = 0; k < levels[level].nodes; k += LANES) most = larger(magnitude(load(motion.rate + k)), most);
+        return largest(most);
     }
 
     // What rates at the nodes turn until the instants from k to another; some at once, as each sum waits for itself.

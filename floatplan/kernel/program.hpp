@@ -55,11 +55,13 @@ template <typename Flight> class Program {
     Index size, rows, equalities = Flight::most_equalities, level = -1, stride = 0, evaluations = 0;
     double work = 0, back_off;
     bool watches = true;  // whether rows count
+    const bool turns_alone;  // whether nothing but the attitude at landing is asked of a motion at its nodes
     Flight flight;
 
     Program(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
             const Nodes *levels, const Settings &settings, const Exchange &rules, const Attempt &attempt)
         : size(motions.size), rows(attempt.rows), back_off(rules.back_off),
+          turns_alone(Flight::has_adjoint && !attempt.rows && !attempt.objective_sums),
           flight(body, constraints, motions, levels, settings), constraints(constraints), motions(motions),
           levels(levels), rules(rules), attempt(attempt), n(flight.joints), free(motions.first[n]) {}
 
@@ -76,7 +78,16 @@ template <typename Flight> class Program {
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
         }
-        for (double **each : {&value, &first, &second}) arena.take(*each, motions.columns * most);
+        if (turns_alone) {  // one motion's arrays stay in the processor's cache where those of two do not
+            Motion shared = two[0].motion;
+            shared.rate = two[1].motion.rate;
+            two[1].motion = shared;
+        }
+        for (double *&each : beside) arena.take(each, motions.columns * most);
+        arena.take(by_coefficient, motions.columns * n);
+        arena.take(of_boundary, 2 * n * most);
+        arena.take(known_boundary, n * motions.given);
+        arena.take(sums, motions.columns * n * 8);
         arena.take(basis, 3 * size * most);
         arena.take(s, most);
         for (double **each : {&outside, &plain}) arena.take(*each, rows * most);
@@ -101,15 +112,17 @@ template <typename Flight> class Program {
     void watch(Index wanted, const double *others, Index extra) {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
+        if (turns_alone && !extra && wanted == level && count == N) return;
         level = wanted, count = N + extra;
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
         zero(s + count, stride - count);
         const double *from[3] = {grid.value, grid.first, grid.second};
-        double *to[3] = {value, first, second};
-        for (int order = 0; order < 3; ++order)
-            for (Index c = 0; c < columns; ++c) copy(to[order] + c * stride, from[order] + c * N, N);
+        for (int order = 0; order < 3; ++order) {
+            at_instants[order] = extra ? beside[order] : from[order];
+            for (Index c = 0; extra && c < columns; ++c) copy(beside[order] + c * stride, from[order] + c * N, N);
+        }
         for (Index k = N; k < stride; k += LANES) add_instants(k);
         flight.look_at(level, s, stride, watches);
         equalities = Flight::most_equalities;
@@ -118,7 +131,7 @@ template <typename Flight> class Program {
         for (At &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
-            for (Index k = 0; k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
+            for (Index k = 0; !turns_alone && k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
     }
@@ -163,12 +176,11 @@ template <typename Flight> class Program {
     void differentiate(At &at) {
         if (at.differentiated || !is_known(at)) return;
         at.differentiated = true;
-        if (!std::exchange(has_basis, true)) {
-            const double *of_columns[3] = {value, first, second};
-            combine_basis(motions, n, of_columns, stride, basis);
-        }
+        if (!turns_alone && !std::exchange(has_basis, true)) combine_basis(motions, n, at_instants, stride, basis);
         if (flight.conditions_follow()) follow_axes(at);
-        flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
+        if constexpr (Flight::has_adjoint)
+            if (turns_alone) differentiate_backward(at);
+        if (!turns_alone) flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
         flight.combine_rows(at.lacking_row, at.row);
         differentiate_objective(at, nullptr);
         at.packs = 0;
@@ -216,6 +228,17 @@ template <typename Flight> class Program {
         for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : least;
     }
 
+    // The x of free coefficients z (free), where the scaling of each joint is upper triangular, as that of (17) is.
+    void variables(const double *z, double *x) const {
+        for (Index i = 0; i < n; ++i) {
+            const Index end = motions.first[i + 1];
+            for (Index r = end; r-- > motions.first[i];) {
+                const double *row = motions.scaling + r * free;
+                x[r] = (z[r] - motions.offset[r] - dot(row + r + 1, x + r + 1, end - r - 1)) / row[r];
+            }
+        }
+    }
+
     // Length of a step, see DecisionVariables.metric.
     double metric(const double *step) const {
         double square = 0;
@@ -226,6 +249,11 @@ template <typename Flight> class Program {
                 square += moved * moved / n;
             }
         return std::sqrt(square + dot(step + free, step + free, size - free));
+    }
+
+    // No step of length 1 in x is longer.
+    double largest_metric() const {
+        return std::sqrt(dot(motions.scaling, motions.scaling, free * free) / n);
     }
 
     // The matrix of its squares (size, size).
@@ -284,20 +312,63 @@ template <typename Flight> class Program {
     const Attempt &attempt;
     Index n, free, count = 0;
     bool has_basis = false;
-    double *value, *first, *second, *basis, *s, *outside, *plain, *boundary, *weights, *pack;
+    const At *moved = nullptr;  // whose joints and base were moved last
+    const double *at_instants[3];  // (columns, stride): the functions that p is a sum of, and their derivatives by s
+    double *beside[3];             // the same where there are instants beside the nodes
+    double *by_coefficient, *sums;
+    Index known_level = -1;        // of what is kept of the conditions (13), and these
+    double *of_boundary, *known_boundary;
+    double *basis, *s, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
     MinimaRoom<typename Flight::Rows> between;
 
     // Joints and base, and what the attitude at landing lacks.
     void move(At &at) {
+        moved = &at;
         flight.choose_momentum(at.state, at.x);
         copy(boundary, motions.boundary, n * motions.given);
         flight.follow_conditions(at.state, false, boundary);
         place_coefficients(motions, n, at.x, boundary, at.coefficients);
-        combine(at.motion, n, at.coefficients, motions.columns, value, first, second);
-        swing_joints(n, at.motion, motions.centre, motions.amplitude);
+        if (turns_alone) {
+            swing_alone(at.motion, at.coefficients);
+        } else {
+            combine(at.motion, n, at.coefficients, motions.columns, at_instants[0], at_instants[1], at_instants[2]);
+            swing_joints(n, at.motion, motions.centre, motions.amplitude);
+        }
         flight.turn_base(at.motion, at.state, at.lacking);
         sum_equalities(at);
+    }
+
+    // Positions and speeds of the joints; what the conditions (13) make of p is kept as long as these are the same.
+    void swing_alone(Motion &motion, const double *coefficients) {
+        const Index given = motions.given;
+        if (known_level != level || !std::equal(boundary, boundary + n * given, known_boundary)) {
+            combine_first(motion, n, boundary, given, at_instants[0], at_instants[1], of_boundary);
+            copy(known_boundary, boundary, n * given);
+            known_level = level;
+        }
+        swing_joints(n, motion, of_boundary, coefficients + given * n, motions.columns - given,
+                     at_instants[0] + given * stride, at_instants[1] + given * stride, motions.centre,
+                     motions.amplitude);
+    }
+
+    // Derivatives by x of what the attitude at landing lacks, from those by the coefficients of the basis.
+    void differentiate_backward(At &at) {
+        const double *by_axis = flight.conditions_follow() ? boundary + n * motions.given : nullptr;
+        const Index begin = by_axis ? 0 : motions.given;
+        double by_momentum = 0;
+        if (moved != &at) move(at);
+        flight.differentiate_backward(at.motion, at_instants[0], at_instants[1], begin, sums, by_coefficient,
+                                      &by_momentum);
+        zero(at.lacking_row, size);
+        for (Index i = 0; i < n; ++i) {
+            const Index from = motions.first[i], end = motions.first[i + 1];
+            const double *by = by_coefficient + i * motions.columns;
+            for (Index r = from; r < end; ++r)
+                add(by[motions.given + r - from], motions.scaling + r * free + from, end - from, at.lacking_row + from);
+            if (by_axis) at.lacking_row[free] += dot(by, by_axis + i * motions.given, motions.given);
+        }
+        if (motions.axes) at.lacking_row[free] += motions.axis[0] * by_momentum;
     }
 
     void sum_equalities(At &at) {
@@ -319,10 +390,9 @@ template <typename Flight> class Program {
     // The basis at instants beside the nodes.
     void add_instants(Index k) {
         const Index columns = motions.columns, terms = motions.terms;
-        double *to[3] = {value, first, second};
         const Vector at = load(s + k);
         for (int order = 0; order < 3; ++order)
-            chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, to[order] + k);
+            chebyshev_sums(motions.series + order * terms * columns, terms, columns, at, stride, beside[order] + k);
     }
 
     // Infinite where a row does not apply, else 0.
@@ -344,12 +414,12 @@ template <typename Flight> class Program {
         zero(by, n * motions.given);
         flight.follow_conditions(at.state, true, by);
         for (Index e = 0; e < n * motions.given; ++e) by[e] *= motions.axis[0];
-        const double *columns[3] = {value, first, second};
+        if (turns_alone) return;
         zero(at.of_axes, 3 * n * stride);
         for (int order = 0; order < 3; ++order)
             for (Index i = 0; i < n; ++i)
                 for (Index c = 0; c < motions.given; ++c)
-                    add(by[i * motions.given + c], columns[order] + c * stride, stride,
+                    add(by[i * motions.given + c], at_instants[order] + c * stride, stride,
                         at.of_axes + (order * n + i) * stride);
         at.variables.of_axes = at.of_axes;
     }

@@ -60,6 +60,7 @@ class DualMethod {
 
     void lay_out(Arena &arena, Index size, Index most_rows) {
         for (double **each : {&j, &r, &factor}) arena.take(*each, size * size);
+        arena.take(wide, size * across_of(size));
         for (double **each : {&x, &pulls, &d, &z, &by, &normal}) arena.take(*each, size + 1);
         arena.take(active, size + 1);
         arena.take(idle, most_rows);
@@ -68,6 +69,7 @@ class DualMethod {
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
         n = qp.size, count = held = changes = 0;
+        if (qp.equalities == 1 && !qp.rows && hold_alone(qp)) return true;
         if (!start(qp)) return false;
         copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
@@ -87,7 +89,7 @@ class DualMethod {
     // with them. One that is further from singular than the first shift is taken as it is.
     static constexpr double shifts[] = {1e-8, 1e-6, 1e-4, 1e-2};
     Index n = 0;
-    double *j, *r, *factor, *d, *z, *by, *normal;
+    double *j, *r, *factor, *wide, *d, *z, *by, *normal;
     double *idle;           // (rows): values before the step, of active rows infinite
 
     // L of the Hessian, shifted where that is needed; false where no shift makes it positive definite.
@@ -117,6 +119,50 @@ class DualMethod {
             for (Index i = c; i < n; ++i)
                 column[i] = ((i == c) - dot(factor + i * n + c, column + c, i - c)) / factor[i * n + i];
         }
+        return true;
+    }
+
+    static Index across_of(Index size) { return (size + 2 + 7) / 8 * 8; }
+
+    // One equality and nothing else, by an elimination of H with -g and the equality's derivatives a beside it, whole rows
+    // at a time: x = -H^-1 g + y H^-1 a. False where H is singular or nearly so, or a is next to nothing.
+    bool hold_alone(const Quadratic &qp) {
+        const double *row = qp.equality_rows;
+        const Index across = across_of(n);
+        double most = 0;
+        for (Index k = 0; k < n; ++k) {
+            copy(wide + k * across, qp.hessian + k * n, n);
+            wide[k * across + n] = -qp.gradient[k];
+            wide[k * across + n + 1] = row[k];
+            zero(wide + k * across + n + 2, across - n - 2);
+            most = larger(most, qp.hessian[k * n + k]);
+        }
+        for (Index k = 0; k < n; ++k) {
+            const double *above = wide + k * across;
+            if (!(above[k] > shifts[0] * most)) return false;
+            const double per_pivot = 1 / above[k];
+            for (Index i = k + 1; i < n; ++i) {
+                const Vector factor = all(-above[i] * per_pivot);
+                double *own = wide + i * across;
+                for (Index c = i / LANES * LANES; c < across; c += LANES)  // what is before i counts no more
+                    store(own + c, multiply_add(factor, load(above + c), load(own + c)));
+            }
+        }
+        for (Index i = n; i-- > 0;) {
+            const double *own = wide + i * across, per_pivot = 1 / own[i];
+            double of_gradient = own[n], of_row = own[n + 1];
+            for (Index k = i + 1; k < n; ++k) {
+                of_gradient -= own[k] * x[k];
+                of_row -= own[k] * z[k];
+            }
+            x[i] = of_gradient * per_pivot, z[i] = of_row * per_pivot;
+        }
+        const double value = qp.equality[0] + dot(row, x, n), curvature = dot(row, z, n);
+        if (!std::isfinite(value) || !(curvature > dependent * dependent)) return false;
+        pulls[0] = -value / curvature;
+        active[0] = 0;
+        count = held = 1;
+        add(pulls[0], z, n, x);
         return true;
     }
 

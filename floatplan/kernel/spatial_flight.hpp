@@ -299,7 +299,7 @@ class SpatialFlight {
     using Body = InSpace;
     using Rows = SpatialRows;
     static constexpr Index most_equalities = 3;
-    static constexpr bool scales_equalities = true;
+    static constexpr bool scales_equalities = true, has_adjoint = false;
 
     struct State {
         SpatialAt at;        // its motion's planned joints are those of the program's motion

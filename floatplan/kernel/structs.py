@@ -269,8 +269,9 @@ class StructRows:
     def __init__(self, like: Struct, count: int) -> None:
         self.name = like.name
         self.pointer: Pointer = _NEW(layout(like.name).array, count)
-        self.numbers: Any = np.frombuffer(FFI.buffer(self.pointer), dtype(like.name))
-        self.numbers[:] = np.frombuffer(FFI.buffer(like.pointer), dtype(like.name))
+        content = FFI.buffer(self.pointer)
+        content[:] = bytes(FFI.buffer(like.pointer)) * count
+        self.numbers: Any = np.frombuffer(content, dtype(like.name))
         self._kept: list[Any] = [like]
 
     def set_numbers(self, **numbers: npt.ArrayLike) -> None:
@@ -287,6 +288,10 @@ class StructRows:
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Let each copy point to its own row of arrays (count, ..), which then live as long."""
         for member, address in _addresses(self.name, arrays).items():
+            if len(self.numbers) == 1:  # the way through NumPy takes a microsecond for each
+                setattr(self.pointer[0], member, address)
+                self._kept.append(arrays[member])
+                continue
             first = int(FFI.cast("uintptr_t", address))
             rows = arrays[member]
             self.numbers[member] = first + np.arange(len(rows)) * rows.strides[0]

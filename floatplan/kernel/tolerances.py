@@ -30,7 +30,7 @@ FINE = Stage(feasibility=1e-9, optimality=1e-9, quadrature_error=QUADRATURE_ERRO
 
 @dataclass(frozen=True)
 class Settings:
-    """SQP, its stages, and the starts of a search without inequalities.
+    """SQP and its stages, and the starts of programs without rows.
 
     Equations of Nocedal and Wright, Numerical Optimization, 2nd ed.
     """
@@ -70,19 +70,15 @@ class Settings:
     levels: int = 0  # [-] of grids that there are: as many as NODE_COUNTS has
     finer: int = 2  # [-] levels of grids, from one to the next with twice the nodes
 
-    level_of_starts: int = 1  # of grids, where random starts are drawn
+    level_of_starts: int = 1  # of grids, where candidates for starts are ranked
     candidates: int = 12  # [-] for starts, from which those are followed that promise most
     followed: int = 6  # [-] of these
     ranked_rounds: int = 2  # [-] of candidates; where all of these fail, what promises little is followed too
     steps_to_rank: int = 3  # [-] taken with each candidate, before they are compared
-    starts: int = 1  # [-] solved ones to choose the best from
-    first_start: int = 0  # number of the first that is followed
-    most_starts: int = 65  # [-] the plain one, and random ones
     easy_iterations: int = 40  # [-] of the plain start: with fewer of them other starts promise little
     wanted_after_failure: int = 4  # [-] solutions to choose from where the plain start did not converge quickly
     starts_to_agree: int = 16  # [-] after so many a problem is given up, where
     agreeing: int = 4  # [-] of them ended equally near to (14), and none nearer
-    seed: int = 0  # of the random starts
     # [rad] standard deviations of random motions, in turn; beyond, few of them lead anywhere
     spreads_of_starts: tuple[float, ...] = (0.2, 0.4, 0.8, 1.6, 0.8, 1.6)
 
@@ -167,7 +163,7 @@ class CorrectionGains:
 
 
 WORK_IN_SPACE = 0.25  # [-] of an instant in the kernel, relative to one of a lifted motion, by which work is counted
-
+MOST_STARTS = 65  # [-] of a problem without inequalities, the plain one and random ones, until one is solved
 SETTINGS = Settings()
 CONSTRAINED_SETTINGS = Settings(stages=(COARSE, FINE, FINE), longest_step=0.2)  # beyond an obstacle a long step lands
 EXCHANGE = Exchange()

@@ -274,6 +274,44 @@ static inline void swing_joints(Index n, Motion &m, const double *centre, const 
         }
 }
 
+// p and its derivative (2, n, stride) of the first columns of a basis, with coefficients (n, columns).
+static inline void combine_first(const Motion &m, Index n, const double *coefficients, Index columns, const double *value,
+                                 const double *first, double *result) {
+    for (Index i = 0; i < n; ++i)
+        for (Index k = 0; k < m.instants; k += LANES) {
+            Vector p = all(0), rate = all(0);
+            for (Index c = 0; c < columns; ++c) {
+                p = add_product(coefficients[i * columns + c], load(value + c * m.stride + k), p);
+                rate = add_product(coefficients[i * columns + c], load(first + c * m.stride + k), rate);
+            }
+            store(result + i * m.stride + k, p);
+            store(result + (n + i) * m.stride + k, rate);
+        }
+}
+
+// Positions and speeds alone of joints that swing, whose p is that of some columns (2, n, stride) and of the others, with
+// coefficients (others, n).
+static inline void swing_joints(Index n, Motion &m, const double *of_first, const double *coefficients, Index others,
+                                const double *value, const double *first, const double *centre, const double *amplitude) {
+    const Vector per_second = all(m.per_second);
+    for (Index i = 0; i < n; ++i)
+        for (Index k = 0; k < m.instants; k += LANES) {
+            const Index at = i * m.stride + k;
+            Vector s, c, p = load(of_first + at), rate = load(of_first + n * m.stride + at);
+            for (Index other = 0; other < others; ++other) {
+                p = add_product(coefficients[other * n + i], load(value + other * m.stride + k), p);
+                rate = add_product(coefficients[other * n + i], load(first + other * m.stride + k), rate);
+            }
+            sine_cosine(p, s, c);
+            s = all(amplitude[i]) * s, c = all(amplitude[i]) * c;
+            store(m.sine + at, s);
+            store(m.cosine + at, c);
+            store(m.p_rate + at, rate);
+            store(m.position + at, all(centre[i]) + s);
+            store(m.speed + at, per_second * c * rate);
+        }
+}
+
 static inline void lay_out_turn(Arena &arena, Motion &m, const Robot &robot, Index instants) {
     const Index n = robot.joints, bodies = robot.bodies;
     m.instants = instants;

@@ -6,25 +6,20 @@ and the answer is the same for the same seed.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array
-from floatplan.compiled.batch import STATUS, Answers, Rows, Search, solver
-from floatplan.compiled.numbers import Numbers, is_plain
-from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import impossibilities, momentum_set
 from floatplan.planning.starts import Start, plain_start
 from floatplan.planning.transcription.compiled_attempt import CompiledProblem, PreparedStarts, compiled_problem
 from floatplan.planning.transcription.constraints import Constraint, applies, changes_at_ends, constraints
 from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
+from floatplan.planning.transcription.variables import scaled_variables
 from floatplan.planning.transcription.work import FlightModel, flight_model
-from floatplan.plans.plans import COUNTS, Answer
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
@@ -32,61 +27,10 @@ Stop: TypeAlias = Callable[[], bool]
 ATTEMPTS = 300  # [-] most starts tried at each degree
 
 
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """Starts of a plain problem that the kernel has followed: h (1,), kg m^2/s, and the answers of one row."""
-
-    momentum: Array
-    answers: Answers
-    bodies: int
-
-    @property
-    def status(self) -> str:
-        """Of the best of them: "optimal", "feasible" or "infeasible"."""
-        return STATUS[int(self.answers.status[0])]
-
-    @property
-    def work(self) -> float:
-        """What it took, instants of one body."""
-        return float(self.answers.evaluations[0] * EXCHANGE.evaluation + self.answers.instants[0] * self.bodies)
-
-    @property
-    def counts(self) -> dict[str, Any]:
-        """Of all of them together."""
-        return {name: int(getattr(self.answers, name)[0]) for name in COUNTS}
-
-    @property
-    def answer(self) -> Answer:
-        """The best of them."""
-        momentum, coefficients = float(self.momentum[0]), self.answers.coefficients[0]
-        return Answer(self.status, angular_momentum=momentum, coefficients=coefficients, **self.counts)
-
-
-def follow_together(problem: Problem, degrees: tuple[int, ...], search: Search) -> Followed:
-    """Follow the plain motion of a problem without inequalities, and random starts, as the search says."""
-    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, degrees)
-    return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
-
-
-def follow_compiled(problem: Problem, start: Start) -> Followed:
-    """Follow one start of a plain problem."""
-    compiled, variables = solver(problem, start.variables.degrees), start.variables
-    settings = SETTINGS if start.at_once else CONSTRAINED_SETTINGS
-    rows = Rows(
-        duration=np.array([variables.polynomials.duration]),
-        momentum=variables.angular_momentum(start.x),
-        change=np.array([problem.final.orientation - problem.initial.orientation]),
-        boundary=variables.polynomials.boundary[None],
-        start=variables.free_coefficients(start.x)[None],
-    )
-    answers = compiled.plan(rows, Search(longest_step=settings.longest_step))
-    return Followed(rows.momentum, answers, compiled.bodies)
-
-
 class Attempts:
     """A problem prepared for attempts, as far as they need it; ``momentum`` left out, those of the problem.
 
-    Of a problem whose plain motion has been ``followed`` in a batch, that is the first attempt.
+    Of a problem of which starts have been ``followed`` in a batch, what came of these is the first attempt.
     """
 
     def __init__(
@@ -180,10 +124,7 @@ class Attempts:
     def attempt(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> AttemptResult:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work
-        if is_plain(self.problem):
-            result = self._judge_compiled(follow_compiled(self.problem, start), start.variables)
-        else:
-            result = self._follow_compiled(self._starts_from(start), range(1), most_work, expired=stop())
+        result = self._follow_compiled(self._starts_from(start), range(1), most_work, expired=stop())
         result.work = self.model.work - before
         return result
 
@@ -209,22 +150,11 @@ class Attempts:
         plain = self.plain_start if own else plain_start(self.problem, degrees, self.momentum)
         if number and not plain.variables.size:
             return None
-        if is_plain(self.problem):
-            search = Search(first_start=number, most_starts=number + 1, seed=self.seed)
-            result = self._judge_compiled(follow_together(self.problem, degrees, search), plain.variables)
-        else:
-            starts = self._starts_from(plain)
-            expired = stop()
-            result = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
-            if not result.starts and not self.impossible:
-                result = self._follow_compiled(starts, numbers, most_work, expired=expired)
-        result.work = self.model.work - before
-        return result
-
-    def result_of(self, followed: Followed) -> AttemptResult:
-        """Return the best of the starts that the kernel has followed together."""
-        before = self.model.work
-        result = self._judge_compiled(followed, self.plain_start.variables)
+        starts = self._starts_from(plain)
+        expired = stop()
+        result = self._follow_compiled(starts, numbers, most_work, asks=asks, expired=expired)
+        if not result.starts and not self.impossible:
+            result = self._follow_compiled(starts, numbers, most_work, expired=expired)
         result.work = self.model.work - before
         return result
 
@@ -251,25 +181,6 @@ class Attempts:
         """Keep what the kernel said before it followed starts."""
         self._ends_hold |= starts.ends_hold
         self._path_is_clear |= starts.path_is_clear
-
-    def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> AttemptResult:
-        """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
-
-        Its b counts where that holds: far from a solution, b may be of another x.
-        """
-        answers, counts, model = followed.answers, followed.counts, self.model
-        model.work += followed.work
-        if answers.branch[0].any():
-            branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
-            variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
-        x = variables.variables(answers.z[0], followed.momentum)
-        result = self.judge(Start(variables, x), followed.status)
-        result.iterations = counts["iterations"]
-        result.evaluations = counts["evaluations"]
-        result.starts = counts["starts"]
-        result.solved = max(counts["solved"], 1)
-        result.coefficients = answers.coefficients[0] if result.holds else None
-        return result
 
     def judge(self, start: Start, status: str) -> AttemptResult:
         """Check the attitude at landing and the constraints of a motion as it is, between the instants too.

@@ -13,15 +13,14 @@ import numpy as np
 from floatplan.arguments import flag, many
 from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.batch import INFEASIBLE, STATUS, Answers, Search, solver
+from floatplan.compiled.attempts import INFEASIBLE, STATUS
 from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
-from floatplan.kernel.tolerances import SETTINGS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
-from floatplan.planning.together import follow_batch
+from floatplan.planning.together import BatchedStarts, follow_batch, follow_unconstrained
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
@@ -177,20 +176,18 @@ def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[N
 def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions) -> list[int]:
     """Plan plain problems in chunks; those with doubtful numbers, which a Problem checks, are returned."""
     like, problems = _like(plans.problems, int(indices[0])), plans.problems
-    compiled, most = solver(like, like.degrees), SETTINGS.most_starts + options.starts - 1
-    search = Search(starts=options.starts, most_starts=most, seed=options.seed)
 
-    def answered(chunk: IntArray) -> tuple[BoolArray, Numbers, Answers | None]:
+    def followed(chunk: IntArray) -> tuple[BoolArray, BatchedStarts | None]:
         numbers, good = _numbers(problems, chunk)
-        return good, numbers, compiled.plan(numbers.rows(), search) if good.any() else None
+        return good, follow_unconstrained(like, numbers, options.starts, options.seed) if good.any() else None
 
     chunks, doubtful = _parts(indices, CHUNK), []
     with ThreadPoolExecutor(options.jobs) as pool:
-        each = (map if options.jobs == 1 else pool.map)(answered, chunks)
-        for chunk, (good, numbers, answers) in zip(chunks, each, strict=True):
+        each = (map if options.jobs == 1 else pool.map)(followed, chunks)
+        for chunk, (good, batch) in zip(chunks, each, strict=True):
             doubtful += chunk[~good].tolist()
-            if answers:
-                _keep(plans, chunk[good], numbers, answers)
+            if batch:
+                _keep(plans, chunk[good], batch)
     return doubtful
 
 
@@ -204,19 +201,21 @@ def _alone(indices: Iterable[int], plans: Plans | None = None) -> list[_Task]:
     return [_Task(each.tolist(), known=[plans.answer(i) for i in each.tolist()] if plans else ()) for each in parts]
 
 
-def _keep(plans: Plans, indices: IntArray, numbers: Numbers, answers: Answers) -> None:
-    """Take the answers of a chunk."""
-    solved = answers.status != INFEASIBLE
+def _keep(plans: Plans, indices: IntArray, followed: BatchedStarts) -> None:
+    """Take the solutions of a chunk."""
+    numbers = followed.attempts.numbers
+    status, started = numbers["status"], numbers["started"]
+    solved = status != INFEASIBLE
     for code, word in STATUS.items():
-        plans.status[indices[answers.status == code]] = "not_found" if code == INFEASIBLE else word
-    plans.objective[indices[solved]] = answers.objective[solved]
-    plans.angular_momentum[indices] = numbers.angular_momentum()
-    plans.residual[indices] = answers.residual
-    _, n, columns = answers.coefficients.shape
-    plans.coefficients[indices, :n, :columns] = answers.coefficients
+        plans.status[indices[status == code]] = "not_found" if code == INFEASIBLE else word
+    plans.objective[indices[solved]] = numbers["objective"][solved]
+    plans.angular_momentum[indices] = followed.rows.momentum
+    plans.residual[indices] = followed.residual
+    _, n, columns = followed.coefficients.shape
+    plans.coefficients[indices, :n, :columns] = followed.coefficients
     for name in COUNTS:
-        getattr(plans, name)[indices] = getattr(answers, name)
-    for index, starts in zip(indices[~solved].tolist(), answers.starts[~solved].tolist(), strict=True):
+        getattr(plans, name)[indices] = numbers["started" if name == "starts" else name]
+    for index, starts in zip(indices[~solved].tolist(), started[~solved].tolist(), strict=True):
         plans.messages[index] = f"No plan was found from {starts} starts; {LONGER}."
 
 

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.batch import Search, is_planar
-from floatplan.compiled.numbers import is_plain
+from floatplan.compiled.attempts import is_planar
+from floatplan.compiled.numbers import Numbers, is_plain
 from floatplan.errors import refuse
-from floatplan.kernel.tolerances import SETTINGS
 from floatplan.motion.flight import difficulties, motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, follow_together
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
+from floatplan.planning.together import BatchedStarts, follow_unconstrained
 from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
@@ -44,14 +44,14 @@ class SearchedPlan:
     Attributes
     ----------
     plan : Plan
-    result : AttemptResult, or of a plain problem what the kernel answered
+    result : AttemptResult, or of a problem without inequalities the batch of which it is the only one
     others : further solutions, from the second best on
     gave_up : whether the search's patience ended: a longer one may find another plan
     work : instants of one body, of the whole search
     """
 
     plan: Plan
-    result: AttemptResult | Followed
+    result: AttemptResult | BatchedStarts
     others: tuple[AttemptResult, ...] = ()
     gave_up: bool = False
     work: float = 0.0
@@ -66,7 +66,7 @@ class SearchedPlan:
         """The attempt that the plan was made of."""
         if isinstance(self.result, AttemptResult):
             return self.result
-        return Attempts(self.plan.problem, self.plan.solver["seed"]).result_of(self.result)
+        return self.result.result(0, self.plan.problem, self.plan.solver["seed"])
 
 
 def searched_answer(result: SearchResult) -> Answer:
@@ -126,25 +126,22 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
 def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | SearchResult:
     """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
     began = time.perf_counter()
-    most = min(SETTINGS.most_starts + options.starts - 1, ATTEMPTS)
-    together = is_plain(problem) and not problem.raises_degree
-    followed = (
-        follow_together(problem, problem.degrees, Search(options.starts, most, options.seed)) if together else None
-    )
-    if followed and followed.status != "infeasible":
-        plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
-        LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
-        return SearchedPlan(plan, followed, work=followed.work)
-    result = _searched(problem, options, near, followed, began)
+    prepared = None
+    if is_plain(problem) and not problem.raises_degree:
+        followed = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
+        if followed.solved.size:
+            plan = followed.answer(0).plan(problem, options.seed, time.perf_counter() - began)
+            LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
+            return SearchedPlan(plan, followed, work=followed.attempts.row(0).work)
+        prepared = followed.prepared(0, problem, options.seed)
+    result = _searched(prepared or Attempts(problem, options.seed), options, near, began)
     return replace(result, seconds=time.perf_counter() - began)
 
 
 @one_thread
-def _searched(
-    problem: Problem, options: SearchOptions, near: Plan | None, followed: Followed | None, began: float
-) -> SearchResult:
+def _searched(prepared: Attempts, options: SearchOptions, near: Plan | None, began: float) -> SearchResult:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
-    prepared = Attempts(problem, options.seed)
+    problem = prepared.problem
     if not prepared.momentum.free:
         refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
     result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
@@ -157,7 +154,7 @@ def _searched(
         from floatplan.planning.in_space import search_in_space  # here, since most problems do without
 
         return search_in_space(prepared, options)
-    return search(prepared, options, followed=followed)
+    return search(prepared, options)
 
 
 def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> SearchResult | None:

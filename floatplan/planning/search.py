@@ -21,7 +21,7 @@ from floatplan.arguments import SEED, Check, Checked, function, optional, positi
 from floatplan.arrays import Array
 from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed
+from floatplan.planning.attempt import ATTEMPTS, Attempts
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
 from floatplan.planning.transcription.result import AttemptResult, best
@@ -156,9 +156,7 @@ class SearchOptions(Checked):
         return DEFAULT_WORK if self.budget is None else np.inf
 
 
-def search(
-    prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS, followed: Followed | None = None
-) -> SearchResult:
+def search(prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
     The budget is of seconds, or of the default work where it is None. ``most`` limits the starts; where the first fails
@@ -172,7 +170,7 @@ def search(
     interrupted = False
     announced = time.monotonic()
     try:
-        for result in _results(prepared, options, expired, allowance, followed, most):
+        for result in _results(prepared, options, expired, allowance, most):
             results.append(result)
             log_attempt(prepared, results)
             if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
@@ -294,7 +292,6 @@ def _results(
     options: SearchOptions,
     expired: Callable[[], bool],
     allowance: Allowance,
-    followed: Followed | None,
     most: int,
 ) -> Iterator[AttemptResult]:
     """Results of the attempts, in their order, from this process or from several; of so many starts at most.
@@ -303,12 +300,7 @@ def _results(
     none: how far it came would depend on what ran beside it.
     """
     tried: list[AttemptResult] = []
-    together = prepared.result_of(followed) if followed else None
-    is_first = together is None
-    if together:
-        allowance.grants(together, True)
-        most -= together.starts
-        yield together
+    is_first = True
 
     def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
         return prepared.attempts(degrees, given, numbers, expired, allowance.left, not options.near_miss)
@@ -331,8 +323,7 @@ def _results(
         for degrees, attempts in _stages(prepared.problem):
             nearest = _nearest(tried)
             raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
-            first = together.starts if together else 0
-            numbers = range(first, min(attempts, first + most))
+            numbers = range(min(attempts, most))
             tried = []
             alone = ((degrees, raised, range(number, number + 1)) for number in numbers)
             for result in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):

@@ -1,49 +1,82 @@
-"""Problems with inequalities that go together: the plain motion of each is followed, by the kernel in one call.
+"""Problems that go together: of each the kernel follows the plain motion, or so many starts as it needs, in one call.
 
 They differ from one that is made ready for attempts in numbers alone. What holds is an answer; the others are ready for
 more starts.
 """
 
-from dataclasses import dataclass, replace
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import OPTIMAL, Rows, powers_of_basis
+from floatplan.compiled.attempts import OPTIMAL, STATUS, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
-from floatplan.compiled.numbers import Numbers
+from floatplan.compiled.numbers import Numbers, Rows, key
 from floatplan.kernel.structs import Struct, StructRows, doubles
+from floatplan.kernel.tolerances import MOST_STARTS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.attempt import ATTEMPTS, Attempts
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.compiled_attempt import (
     CompiledProblem,
     Inputs,
     MinimaArrays,
     PreparedStarts,
-    draws_struct,
 )
 from floatplan.planning.transcription.constraints import Limit
+from floatplan.planning.transcription.result import AttemptResult
 from floatplan.planning.transcription.variables import DecisionVariables, whitened
 from floatplan.plans.plans import ALL_HOLDS, Answer
 from floatplan.problem.problem import Problem, shares_of_limits
 
 
 @dataclass(frozen=True, eq=False)
+class Alike:
+    """What problems that go together share, as the kernel takes it: the structs of one, which the others copy."""
+
+    prepared: Attempts
+    compiled: CompiledProblem
+    inputs: Inputs
+    powers: Struct
+    constraints: StructRows
+    attempt: Struct
+    motions: Struct
+    draws: Struct
+
+    @classmethod
+    def of(cls, prepared: Attempts) -> Alike:
+        """Of a problem prepared for attempts."""
+        compiled, variables = prepared.compiled, prepared.plain_start.variables
+        inputs, motions = compiled.inputs(variables)
+        branch = np.empty(len(variables.polynomials.free), np.int64)
+        return cls(
+            prepared=prepared,
+            compiled=compiled,
+            inputs=inputs,
+            powers=powers_of_basis(variables.polynomials.width),
+            constraints=StructRows(compiled.watch.struct, 1),
+            attempt=compiled.attempt_struct(variables, np.empty(variables.size), True),
+            motions=motions,
+            draws=compiled.draws_struct(variables, branch),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class BatchedStarts:
-    """N problems whose plain motions the kernel has followed, prepared for further starts of each.
+    """N problems of which the kernel has followed starts, each prepared for further ones.
 
     Attributes
     ----------
-    like : Attempts
-        One problem, from which they differ in numbers alone.
+    alike : Alike
+        Of one problem, from which they differ in numbers alone.
     rows : Rows
     offset, scaling, offset_map : (N, ..)
         Of each problem's variables.
-    inputs : Inputs
-        Of the problem ``like``: its robot, levels, settings and rules are those of all.
-    powers : Struct
     attempts, draws, motions, constraints : StructRows
     plain, x : (N, size)
         Where each began, and ended.
@@ -53,13 +86,11 @@ class BatchedStarts:
         b of (12).
     """
 
-    like: Attempts
+    alike: Alike
     rows: Rows
     offset: Array
     scaling: Array
     offset_map: Array
-    inputs: Inputs
-    powers: Struct
     attempts: StructRows
     draws: StructRows
     motions: StructRows
@@ -70,54 +101,49 @@ class BatchedStarts:
     minima: MinimaArrays
     coefficients: Array
 
-    def follow(self) -> None:
-        """Follow the plain motion of each problem."""
-        kernel = self.like.compiled.watch.kernel
-        no_memory = kernel.attempt(
-            *self.inputs.flying,
-            self.constraints.pointer,
-            self.motions.pointer,
-            self.inputs.levels,
-            self.inputs.settings,
-            self.inputs.rules,
-            self.powers.pointer,
-            self.attempts.pointer,
-            self.draws.pointer,
-            len(self.plain),
-            kernel.instructions,
-        )
-        if no_memory:
-            raise MemoryError("no memory to follow starts")
-
     @property
     def solved(self) -> IntArray:
-        """Those that need no more starts."""
+        """Those that need no more starts: the best of several holds, or the plain motion led to the optimum."""
         numbers = self.attempts.numbers
-        return np.flatnonzero((numbers["violation"] <= 0) & (numbers["status"] == OPTIMAL))
+        holds = numbers["violation"] <= 0
+        if self.alike.prepared.constraints:
+            holds &= numbers["status"] == OPTIMAL
+        return np.flatnonzero(holds)
+
+    @property
+    def residual(self) -> Array:
+        """By how much (N,) each misses the goal, rad; infinite where the nodes do not resolve the motion."""
+        numbers = self.attempts.numbers
+        return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
 
     def answer(self, row: int) -> Answer:
-        """Where the plain motion of one that is solved led."""
+        """Where the best start of one that is solved led."""
         b = self.coefficients[row]
         attempt = self.attempts.row(row)
         return Answer(
-            status="optimal",
+            status=STATUS[attempt.status],
             objective=float(np.linalg.norm(b)),
             angular_momentum=float(self.rows.momentum[row]),
             residual=abs(attempt.missed[0]),
             coefficients=b,
             evaluations=attempt.evaluations,
             iterations=attempt.iterations,
-            starts=1,
-            solved=1,
-            message=ALL_HOLDS,
+            starts=attempt.started,
+            solved=attempt.solved,
+            message=ALL_HOLDS if self.alike.prepared.constraints else "",
         )
+
+    def result(self, row: int, problem: Problem, seed: int) -> AttemptResult:
+        """What came of the starts of one of the problems."""
+        prepared = self.prepared(row, problem, seed)
+        return prepared.attempt(prepared.plain_start)
 
     def prepared(self, row: int, problem: Problem, seed: int) -> Attempts:
         """One of the problems, prepared for attempts: the first, from the plain motion, is done."""
-        compiled = self.like.compiled
+        alike = self.alike
         momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
         polynomials = replace(
-            self.like.plain_start.variables.polynomials,
+            alike.prepared.plain_start.variables.polynomials,
             duration=float(self.rows.duration[row]),
             boundary=self.rows.boundary[row],
         )
@@ -125,13 +151,13 @@ class BatchedStarts:
             polynomials, self.offset[row], self.scaling[row], momentum, offset_map=self.offset_map[row]
         )
         start = Start(variables, self.plain[row], at_once=True)
-        inputs = replace(self.inputs, constraints=self.constraints.row(row), motions=self.motions.row(row))
+        inputs = replace(alike.inputs, constraints=self.constraints.row(row), motions=self.motions.row(row))
         starts = PreparedStarts(
-            compiled=compiled,
+            compiled=alike.compiled,
             variables=variables,
             plain=start.x,
             inputs=inputs,
-            powers=self.powers.pointer,
+            powers=alike.powers.pointer,
             attempt=self.attempts.row(row),
             draws=self.draws.row(row),
             x=self.x[row],
@@ -146,12 +172,67 @@ class BatchedStarts:
         return prepared
 
 
+@dataclass(frozen=True)
+class _Kind:
+    """What problems without inequalities share that are followed together, and one of them."""
+
+    key: tuple[Any, ...]
+    problem: Problem = field(compare=False)
+
+
+@lru_cache(maxsize=32)
+def _alike(kind: _Kind) -> Alike:
+    """Return what the problems of a kind share: any of them serves all."""
+    return Alike.of(Attempts(kind.problem, 0))
+
+
+def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: int) -> BatchedStarts:
+    """Follow starts of problems without inequalities, which ``problem`` is one of, until so many of each are solved."""
+    alike = _alike(_Kind(key(problem), problem))
+    most = min(MOST_STARTS + wanted - 1, ATTEMPTS)
+    rows = numbers.rows()
+    count = len(rows.duration)
+    attempts = StructRows(alike.attempt, count)
+    attempts.set_numbers(count=most, wanted=wanted, most_work=np.inf)
+    constraints = alike.constraints if count == 1 else StructRows(alike.compiled.watch.struct, count)
+    return _follow(alike, rows, attempts, constraints, MinimaArrays.empty(count, 0), seed=seed)
+
+
 def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedStarts:
-    """Follow the plain motions of problems; each as if it were alone."""
-    compiled, variables = like.compiled, like.plain_start.variables
-    watch = compiled.watch
-    assert isinstance(watch, CompiledConstraints), "flights in space go alone"
-    rows, polynomials = numbers.rows(), variables.polynomials
+    """Follow the plain motions of problems with inequalities; each as if it were alone."""
+    alike = Alike.of(like)
+    compiled, rows = alike.compiled, numbers.rows()
+    count = len(rows.duration)
+    arrays = MinimaArrays.empty(count, compiled.most_minima)
+    minima = StructRows(compiled.minima, count)
+    minima.point_to(row=arrays.row, s=arrays.s, least=arrays.least)
+
+    attempts = StructRows(alike.attempt, count)
+    obstacles = numbers.obstacles or [()] * count
+    attempts.set_numbers(
+        count=1,
+        most_work=most_work,
+        reach=compiled.reach,  # it is asked first whether there is a chance
+        thickness=np.array([min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]),
+    )
+    attempts.set_structs(minima=minima)
+
+    constraints = StructRows(compiled.watch.struct, count)
+    constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
+    return _follow(alike, rows, attempts, constraints, arrays, orientation=numbers.values["orientation"][:, 0])
+
+
+def _follow(
+    alike: Alike,
+    rows: Rows,
+    attempts: StructRows,
+    constraints: StructRows,
+    minima: MinimaArrays,
+    seed: int = 0,
+    orientation: Array | None = None,
+) -> BatchedStarts:
+    """Follow starts of problems, each as if it were alone; the orientation at takeoff (N,) matters to rows alone."""
+    polynomials = alike.prepared.plain_start.variables.polynomials
     count, n = rows.boundary.shape[:2]
     durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
     offset, scaling, offset_map = map(doubles, whitened(polynomials.form, polynomials.free, durations, rows.boundary))
@@ -159,31 +240,40 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
     x = plain.copy()
     branch = np.zeros((count, n), np.int64)
     coefficients = np.empty((count, n, CONDITIONS + polynomials.width))
-    minima = MinimaArrays.empty(count, compiled.most_minima)
-
-    attempts = StructRows(compiled.attempt_struct(variables, x[0], True), count)
-    attempts.set_numbers(first=0, count=1, most_work=most_work, thickness=_thickness(numbers, count))
-    attempts.set_numbers(reach=compiled.reach)  # it is asked first whether there is a chance
-    attempts.set_structs(minima=_minima_rows(compiled, minima, count))
     attempts.point_to(plain=plain, x=x, coefficients=coefficients)
-    inputs, motions_like = compiled.inputs(variables)
-    motions = StructRows(motions_like, count)
-    motions.set_numbers(duration=rows.duration, momentum=rows.momentum, change=rows.change)
-    motions.set_numbers(orientation=numbers.values["orientation"][:, 0])
-    motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
-    draws = StructRows(draws_struct(variables, True, branch[0]), count)
-    draws.point_to(branch=branch, offset_map=offset_map)
-    constraints = StructRows(watch.struct, count)
-    constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
 
-    batch = BatchedStarts(
-        like=like,
+    motions = StructRows(alike.motions, count)
+    motions.set_numbers(duration=rows.duration, momentum=rows.momentum, change=rows.change)
+    if orientation is not None:
+        motions.set_numbers(orientation=orientation)
+    motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
+
+    draws = StructRows(alike.draws, count)
+    draws.set_numbers(seed=seed)
+    draws.point_to(branch=branch, offset_map=offset_map)
+
+    inputs, kernel = alike.inputs, alike.compiled.watch.kernel
+    no_memory = kernel.attempt(
+        *inputs.flying,
+        constraints.pointer,
+        motions.pointer,
+        inputs.levels,
+        inputs.settings,
+        inputs.rules,
+        alike.powers.pointer,
+        attempts.pointer,
+        draws.pointer,
+        count,
+        kernel.instructions,
+    )
+    if no_memory:
+        raise MemoryError("no memory to follow starts")
+    return BatchedStarts(
+        alike=alike,
         rows=rows,
         offset=offset,
         scaling=scaling,
         offset_map=offset_map,
-        inputs=inputs,
-        powers=powers_of_basis(polynomials.width),
         attempts=attempts,
         draws=draws,
         motions=motions,
@@ -194,8 +284,6 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
         minima=minima,
         coefficients=coefficients,
     )
-    batch.follow()
-    return batch
 
 
 def _minima_rows(compiled: CompiledProblem, arrays: MinimaArrays, count: int) -> StructRows:

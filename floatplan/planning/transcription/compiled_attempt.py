@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import knots
-from floatplan.compiled.batch import STATUS, constrained_settings, is_planar, powers_of_basis
+from floatplan.compiled.attempts import STATUS, is_planar, knots, powers_of_basis, search_settings
 from floatplan.compiled.constraints import CompiledConstraints, Watch
 from floatplan.kernel.structs import Pointer, Struct, doubles, integers
 from floatplan.kernel.tolerances import EXCHANGE, EXCHANGE_IN_SPACE, WORK_IN_SPACE
@@ -121,6 +120,7 @@ class PreparedStarts:
         self.x[:] = self.plain
         attempt.first = numbers.start
         attempt.count = len(numbers)
+        attempt.wanted = 0
         attempt.most_work = EXPIRED if expired else most_work
         attempt.reach = self.compiled.reach if asks else 0.0
         self.draws.seed = seed
@@ -181,6 +181,7 @@ class PreparedStarts:
             missed=np.array(missed),
             work=attempt.work,
             starts=attempt.started,
+            solved=max(attempt.solved, 1),
             coefficients=None if self.coefficients is None else self.coefficients.copy(),
             integral=attempt.objective if attempt.objective_sums else None,
             branch=self.branch.copy() if any(self.branch.tolist()) else None,
@@ -231,7 +232,7 @@ class CompiledProblem:
         attempt = self.attempt_struct(variables, best, at_once)
         inputs, motions = self.inputs(variables)
         powers = powers_of_basis(variables.polynomials.form.bubbles)
-        draws = draws_struct(variables, bool(self._constraints), branch)
+        draws = self.draws_struct(variables, branch)
         coefficients = None
         if not variables.polynomials.free_ends:
             coefficients = np.empty((len(branch), CONDITIONS + variables.polynomials.width))
@@ -279,6 +280,21 @@ class CompiledProblem:
             coefficients=None,
         )
 
+    def draws_struct(self, variables: DecisionVariables, branch: IntArray) -> Struct:
+        """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
+        fraction = MOMENTUM_FRACTIONS if self._constraints else ()
+        offset_map = variables.offset_map
+        return Struct(
+            "Draws",
+            level=LEVEL_OF_DRAWS,
+            random=MOTIONS_PER_VARIABLE * variables.size,
+            spreads=SPREADS,
+            fractions=len(fraction),
+            fraction=doubles(fraction),
+            offset_map=None if offset_map is None else doubles(offset_map),
+            branch=branch,
+        )
+
     def inputs(self, variables: DecisionVariables) -> tuple[Inputs, Struct]:
         """Return what the kernel reads of a class of motions, and that class, which must live as long."""
         watch = self.watch
@@ -289,7 +305,7 @@ class CompiledProblem:
             constraints=watch.struct.pointer,
             motions=motions.pointer,
             levels=watch.nodes(variables.polynomials.form).pointer,
-            settings=constrained_settings(len(flight.node_counts)).pointer,
+            settings=search_settings(bool(self._constraints) or not self._is_planar, len(flight.node_counts)).pointer,
             rules=_rules(flight.node_counts, flight.bodies, self._is_planar).pointer,
         )
         return inputs, motions
@@ -309,22 +325,6 @@ def compiled_problem(problem: Problem, flight: FlightDynamics, constraints: tupl
     from floatplan.compiled.in_space import SpatialConstraints  # here, since most problems do without
 
     return CompiledProblem(problem, constraints, SpatialConstraints(flight, blocks, quantity))
-
-
-def draws_struct(variables: DecisionVariables, constrained: bool, branch: IntArray) -> Struct:
-    """How starts are drawn, and where the branch goes; where nothing is constrained, h is not tried first."""
-    fraction = MOMENTUM_FRACTIONS if constrained else ()
-    offset_map = variables.offset_map
-    return Struct(
-        "Draws",
-        level=LEVEL_OF_DRAWS,
-        random=MOTIONS_PER_VARIABLE * variables.size,
-        spreads=SPREADS,
-        fractions=len(fraction),
-        fraction=doubles(fraction),
-        offset_map=None if offset_map is None else doubles(offset_map),
-        branch=branch,
-    )
 
 
 @lru_cache(maxsize=32)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.batch import is_planar
+from floatplan.compiled.attempts import is_planar
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.transcription.minima import Worst
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables

@@ -1,7 +1,8 @@
 """The numbers that the search chooses, the motions they stand for, and the conditions (13) at both ends of these."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import accumulate
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -212,14 +213,21 @@ def whitened(
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
     """
-    count, size, end = len(boundary), sum(free), 0
+    scale = _scale_of_one if len(durations) == 1 else _scale_of_one.__wrapped__
+    scaling, offset_map = scale(form, free, durations)
+    offset = (offset_map * np.repeat(boundary, free, axis=1)).sum(axis=2)
+    shape = len(boundary), *scaling.shape[1:]
+    return offset, np.broadcast_to(scaling, shape), np.broadcast_to(offset_map, (*shape[:2], boundary.shape[2]))
+
+
+@lru_cache(maxsize=64)
+def _scale_of_one(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array]:
+    """The scaling and the offsets' maps of each duration; kept where it is one."""
     by_boundary, orthogonal, inverse, unit = whitening(form, durations)
     maps = {w: -inverse[:, :w, :w] @ (orthogonal[..., :w].swapaxes(1, 2) @ by_boundary) for w in set(free)}
-    offset, scaling = np.zeros((count, size)), np.zeros((count, size, size))
-    scaled, offset_map = unit[:, None, None] * inverse, np.empty((count, size, boundary.shape[2]))
-    for joint, width in enumerate(free):
-        own = slice(end, end := end + width)
-        offset[:, own] = (maps[width] * boundary[:, joint, None]).sum(axis=2)
+    scaled = unit[:, None, None] * inverse
+    scaling = np.zeros((len(durations), sum(free), sum(free)))
+    for width, end in zip(free, accumulate(free), strict=True):
+        own = slice(end - width, end)
         scaling[:, own, own] = scaled[:, :width, :width]
-        offset_map[:, own] = maps[width]
-    return offset, scaling, offset_map
+    return scaling, np.concatenate([maps[width] for width in free], axis=1)
