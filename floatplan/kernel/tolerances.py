@@ -169,7 +169,7 @@ CONSTRAINED_SETTINGS = Settings(stages=(COARSE, FINE, FINE), longest_step=0.2)  
 EXCHANGE = Exchange()
 EXCHANGE_IN_SPACE = Exchange(
     entry=WORK_IN_SPACE * EXCHANGE.entry,
-    solving=0.005,  # variables may be a hundred and more
-    closer=0,  # there are no distances, which would be watched more closely
+    solving=0.005,  # [instants of one body] variables may be a hundred and more
+    closer=0,  # every start is a lifted motion, followed at once like the plain one
 )
 CORRECTION_GAINS = CorrectionGains()
