@@ -20,10 +20,10 @@ from peers_compiled import CompiledSqp, can_compile
 from peers_pinocchio import PinocchioSlsqp
 
 import floatplan as fp
-from floatplan.tolerances import QUADRATURE_ERROR
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.optimization import programs
+from floatplan.tolerances import QUADRATURE_ERROR
 
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 

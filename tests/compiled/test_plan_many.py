@@ -14,15 +14,14 @@ from general_path import take_general_path
 from plain_problems import plain_problems, problem_of, random_robot
 
 import floatplan as fp
-from floatplan.compiled.batch import INFEASIBLE, Search, solver
-from floatplan.compiled.numbers import Numbers
-from floatplan.planning import many
+from floatplan.planning import many, together
 from floatplan.planning import search as searching
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.transcription import exchange
 from floatplan.tables import BOUNDARY, ORIENTATION
-from floatplan.tolerances import SETTINGS
+from floatplan.tolerances import MOST_STARTS, SETTINGS
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +54,7 @@ def test_plans_hold_by_independent_dynamics():
 
 def test_plans_are_those_of_the_general_path(monkeypatch):
     """From the plain start alone, with the same nodes at first."""
-    monkeypatch.setattr(many, "SETTINGS", replace(SETTINGS, most_starts=1))
+    monkeypatch.setattr(together, "MOST_STARTS", 1)
     # There few nodes are no cheaper.
     monkeypatch.setattr(exchange, "cheap_level", lambda counts, bodies: SETTINGS.first_level)
     problems = plain_problems(48)
@@ -288,7 +287,7 @@ def test_what_is_out_of_reach_is_seen_before_all_starts_are_tried(gymnast_proble
     """No motion turns the base so little: the most is h T = 5.3992, by hundreds of local searches."""
     plans = fp.plan_many(somersaults(gymnast_problem, 5.6))
     assert set(plans.status) == {"not_found"}
-    assert (plans.starts < SETTINGS.most_starts).mean() > 0.9
+    assert (plans.starts < MOST_STARTS).mean() > 0.9
     assert (plans.starts > SETTINGS.starts_to_agree).all()
     assert f"from {plans.starts[0]} starts" in plans.messages[0]
 
@@ -296,13 +295,14 @@ def test_what_is_out_of_reach_is_seen_before_all_starts_are_tried(gymnast_proble
 def test_a_start_alone_is_as_among_others(gymnast_problem):
     """Of ranked rounds and of those after them."""
     problem = somersaults(gymnast_problem, 2.6)[0]
-    rows, found = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
-    together = found.plan(rows, Search(most_starts=SETTINGS.most_starts))
-    count = int(together.starts[0])
+    plans = fp.plan_many([problem])
+    count = int(plans.starts[0])
     assert count > 1 + SETTINGS.ranked_rounds * SETTINGS.followed
-    alone = [found.plan(rows, Search(first_start=number, most_starts=number + 1)) for number in range(count)]
-    assert together.objective[0] == min(each.objective[0] for each in alone if each.status[0] != INFEASIBLE)
-    assert together.iterations[0] == sum(each.iterations[0] for each in alone)
+    prepared = Attempts(problem, 0)
+    alone = [prepared.attempts(problem.degrees, [], range(k, k + 1), lambda: False) for k in range(count)]
+    assert plans.objective[0] == min(each.objective_value for each in alone if each.holds)
+    assert plans.iterations[0] == sum(each.iterations for each in alone)
+    assert plans.solved[0] == sum(each.holds for each in alone)
 
 
 def test_plans_are_proved(gymnast_problem):

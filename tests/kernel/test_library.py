@@ -16,14 +16,14 @@ from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.compiled.batch import Search, solver
 from floatplan.compiled.bodies import Bodies
 from floatplan.compiled.numbers import Numbers
 from floatplan.kernel import build, library
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import Form, SinePolynomials, basis
+from floatplan.motion.sine_polynomial import basis
+from floatplan.planning.together import follow_unconstrained
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,20 +33,20 @@ def kernel():
     return library.kernel()
 
 
-def planned_by(problem, **search):
-    return solver(problem, problem.degrees).plan(Numbers.of_problems([problem]).rows(), Search(**search))
+def followed(problem):
+    return follow_unconstrained(problem, Numbers.of_problems([problem]), 1, 0)
 
 
 def test_all_sets_of_instructions_agree(kernel, monkeypatch):
     if kernel.instructions == 0:
         pytest.skip("this processor has one set")
     problems = plain_problems(64)[::2]
-    widest = [planned_by(problem) for problem in problems]
+    widest = list(map(fp.plan_many, [[problem] for problem in problems]))
     for narrower in range(kernel.instructions):
         monkeypatch.setattr(kernel, "instructions", narrower)
-        found = [planned_by(problem) for problem in problems]
+        found = list(map(fp.plan_many, [[problem] for problem in problems]))
         assert np.mean([one.status[0] == other.status[0] for one, other in zip(widest, found, strict=True)]) > 0.95
-        solved = [pair for pair in zip(widest, found, strict=True) if all(each.status[0] for each in pair)]
+        solved = [pair for pair in zip(widest, found, strict=True) if all(each.ok[0] for each in pair)]
         assert np.mean([abs(one.objective[0] / other.objective[0] - 1) < 1e-9 for one, other in solved]) > 0.95
 
 
@@ -55,26 +55,32 @@ def test_coefficients_are_rounded_as_exact_arithmetic_does(kernel, degree):
     """Sums of two doubles against whole numbers of 2^-256."""
     problem = plain_problems(24)[17]
     problem = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(degree=degree))
-    numbers = Numbers.of_problems([problem]).rows()
-    found = planned_by(problem, most_starts=3)
-    assert found.branch[0].tolist() == [0] * len(problem.degrees)
-    for joint, b in enumerate(found.coefficients[0]):
-        combination = [*numbers.boundary[0, joint], *found.z[0, joint]]
+    batch = followed(problem)
+    assert batch.branch[0].tolist() == [0] * len(problem.degrees)
+    x = batch.x[0].tolist()
+    free = degree - 5
+    for joint, b in enumerate(batch.coefficients[0]):
+        own = range(joint * free, (joint + 1) * free)
+        z = []
+        for r in own:  # as the kernel sums
+            beyond = 0.0
+            for c in own:
+                beyond += float(batch.scaling[0, r, c]) * x[c]
+            z.append(float(batch.offset[0, r]) + beyond)
+        combination = [*batch.rows.boundary[0, joint].tolist(), *z]
         assert powers_of_seconds(combination, problem.flight.duration) == b.tolist()
 
 
 def test_the_orientation_is_that_of_the_closed_form(kernel):
     """Whatever the tree, with coupled joints and mirrored planes: what is left of (14), with many more nodes."""
     for problem in plain_problems(160)[::8]:
-        found = planned_by(problem)
-        if not found.status[0]:
+        batch = followed(problem)
+        if not batch.solved.size:
             continue
-        low, high = problem.position_limits.T
-        rows = Numbers.of_problems([problem]).rows()
-        free = tuple(degree - 5 for degree in problem.degrees)
-        motion = SinePolynomials((low + high) / 2, (high - low) / 2, rows.duration[0], rows.boundary[0], free)
+        result, rows = batch.result(0, problem, 0), batch.rows
         quadrature = gauss_legendre(200)
-        joints = motion.motion(found.z[0], basis(Form(max(free))).values(quadrature.nodes))
+        motion, z = result.variables.polynomials, result.variables.free_coefficients(result.x)
+        joints = motion.motion(z, basis(motion.form).values(quadrature.nodes))
         rate = Dynamics(problem.robot.tree).base_rate(joints.positions, joints.velocities, rows.momentum[0])
         assert abs(rows.duration[0] * quadrature.weights @ rate - rows.change[0]) < 1e-9
 

@@ -10,7 +10,6 @@ from general_flight import general_flight
 from independent import Look
 
 import floatplan as fp
-from floatplan.tolerances import QUADRATURE_ERROR
 from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -18,6 +17,7 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.exchange import local_minima, solve
 from floatplan.planning.transcription.program import objective
 from floatplan.planning.transcription.trajectory import FlightModel, sample_also, sample_nodes, trajectory
+from floatplan.tolerances import QUADRATURE_ERROR
 
 DENSE = 1024
 ERROR = 1e-9  # rad, that quadrature may leave of theta0(T)
