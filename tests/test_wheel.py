@@ -95,7 +95,7 @@ def test_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:
     describe = "import floatplan as fp, floatplan.kernel.library as kernel; print(fp.__file__, kernel.description())"
     assert str(unpacked) in told(describe, unpacked)
     assert "compiled kernel (" in told(describe, unpacked)
-    with (unpacked / "floatplan" / "kernel" / "batch.hpp").open("a") as source:
+    with (unpacked / "floatplan" / "kernel" / "starts.hpp").open("a") as source:
         source.write("// changed\n")
     with pytest.raises(subprocess.CalledProcessError) as failed:
         told(describe, unpacked)

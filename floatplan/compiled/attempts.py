@@ -16,6 +16,7 @@ from floatplan.motion.planar.end_rates import EndRates
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
+from floatplan.tables import ORIENTATION
 
 INFEASIBLE, FEASIBLE, OPTIMAL = enumeration("Status")
 STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
@@ -67,7 +68,8 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 @cache
 def search_settings(constrained: bool, levels: int = len(NODE_COUNTS)) -> Struct:
     """Return every number of a search, with inequalities or without, on so many levels of grids."""
-    return Struct.of_numbers(replace(CONSTRAINED_SETTINGS if constrained else SETTINGS, levels=levels))
+    settings = CONSTRAINED_SETTINGS if constrained else SETTINGS
+    return Struct.of_numbers(replace(settings, tolerance=ORIENTATION, levels=levels))
 
 
 def is_planar(flight: FlightDynamics) -> bool:

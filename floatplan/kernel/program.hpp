@@ -126,7 +126,7 @@ template <typename Flight> class Program {
         for (Index k = N; k < stride; k += LANES) add_instants(k);
         flight.look_at(level, s, stride, watches);
         equalities = Flight::most_equalities;
-        has_basis = false;
+        has_basis = is_boundary_known = false;
         if (watches) find_outside();
         for (At &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
@@ -316,7 +316,7 @@ template <typename Flight> class Program {
     const double *at_instants[3];  // (columns, stride): the functions that p is a sum of, and their derivatives by s
     double *beside[3];             // the same where there are instants beside the nodes
     double *by_coefficient, *sums;
-    Index known_level = -1;        // of what is kept of the conditions (13), and these
+    bool is_boundary_known = false;  // what is kept of the conditions (13), and these
     double *of_boundary, *known_boundary;
     double *basis, *s, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
@@ -342,10 +342,10 @@ template <typename Flight> class Program {
     // Positions and speeds of the joints; what the conditions (13) make of p is kept as long as these are the same.
     void swing_alone(Motion &motion, const double *coefficients) {
         const Index given = motions.given;
-        if (known_level != level || !std::equal(boundary, boundary + n * given, known_boundary)) {
+        if (!is_boundary_known || !std::equal(boundary, boundary + n * given, known_boundary)) {
             combine_first(motion, n, boundary, given, at_instants[0], at_instants[1], of_boundary);
             copy(known_boundary, boundary, n * given);
-            known_level = level;
+            is_boundary_known = true;
         }
         swing_joints(n, motion, of_boundary, coefficients + given * n, motions.columns - given,
                      at_instants[0] + given * stride, at_instants[1] + given * stride, motions.centre,

@@ -241,19 +241,18 @@ def _addresses(name: str, arrays: Mapping[str, Array | IntArray | None]) -> dict
 
 
 class StructArray:
-    """Structs of one name, one after the other in memory; zeros where there is None.
+    """Structs of one name, one after the other in memory.
 
     Attributes
     ----------
     pointer : ``name[]`` of cffi
     """
 
-    def __init__(self, name: str, structs: Sequence[Struct | None]) -> None:
+    def __init__(self, name: str, structs: Sequence[Struct]) -> None:
         self.pointer: Pointer = _NEW(layout(name).array, len(structs))
         self._structs = structs  # with the arrays that they point to
         for index, struct in enumerate(structs):
-            if struct is not None:
-                self.pointer[index] = struct.pointer[0]
+            self.pointer[index] = struct.pointer[0]
 
 
 class StructRows:

@@ -246,7 +246,6 @@ def powers_map(form: Form, duration: float | Array) -> Array:
     return np.asarray(powers / (np.array(duration)[..., None] ** np.arange(len(powers)))[..., None])
 
 
-@lru_cache(maxsize=64)
 def whitening(form: Form, durations: tuple[float, ...]) -> tuple[Array, Array, Array, Array]:
     """Of the ``b = b_0 + C z`` of a joint with all of a form's coefficients, ``C = Q R``: the map to b_0, Q and R^-1.
 
@@ -256,7 +255,7 @@ def whitening(form: Form, durations: tuple[float, ...]) -> tuple[Array, Array, A
     powers, given = powers_map(form, np.array(durations)), len(form.given)
     orthogonal, triangular = np.linalg.qr(powers[..., given:])
     inverse = np.linalg.inv(triangular)
-    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.zeros(len(durations))
+    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.ones(len(durations))
     return powers[..., :given], orthogonal, inverse, np.asarray(1 / longest)
 
 

@@ -204,7 +204,7 @@ def _alone(indices: Iterable[int], plans: Plans | None = None) -> list[_Task]:
 def _keep(plans: Plans, indices: IntArray, followed: BatchedStarts) -> None:
     """Take the solutions of a chunk."""
     numbers = followed.attempts.numbers
-    status, started = numbers["status"], numbers["started"]
+    status, started = followed.status, numbers["started"]
     solved = status != INFEASIBLE
     for code, word in STATUS.items():
         plans.status[indices[status == code]] = "not_found" if code == INFEASIBLE else word

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import OPTIMAL, STATUS, powers_of_basis
+from floatplan.compiled.attempts import INFEASIBLE, OPTIMAL, STATUS, powers_of_basis
 from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.compiled.numbers import Numbers, Rows, key
 from floatplan.kernel.structs import Struct, StructRows, doubles
@@ -104,11 +104,14 @@ class BatchedStarts:
     @property
     def solved(self) -> IntArray:
         """Those that need no more starts: the best of several holds, or the plain motion led to the optimum."""
+        status = self.status
+        return np.flatnonzero(status == OPTIMAL if self.alike.prepared.constraints else status != INFEASIBLE)
+
+    @property
+    def status(self) -> IntArray:
+        """INFEASIBLE, FEASIBLE or OPTIMAL (N,)."""
         numbers = self.attempts.numbers
-        holds = numbers["violation"] <= 0
-        if self.alike.prepared.constraints:
-            holds &= numbers["status"] == OPTIMAL
-        return np.flatnonzero(holds)
+        return np.where(numbers["violation"] <= 0, numbers["status"], INFEASIBLE)
 
     @property
     def residual(self) -> Array:
@@ -139,7 +142,7 @@ class BatchedStarts:
         return prepared.attempt(prepared.plain_start)
 
     def prepared(self, row: int, problem: Problem, seed: int) -> Attempts:
-        """One of the problems, prepared for attempts: the first, from the plain motion, is done."""
+        """One of the problems, prepared for attempts, of which the first is done."""
         alike = self.alike
         momentum = MomentumSet(self.rows.momentum[row : row + 1], np.empty((1, 0)))
         polynomials = replace(
@@ -150,12 +153,12 @@ class BatchedStarts:
         variables = DecisionVariables(
             polynomials, self.offset[row], self.scaling[row], momentum, offset_map=self.offset_map[row]
         )
-        start = Start(variables, self.plain[row], at_once=True)
         inputs = replace(alike.inputs, constraints=self.constraints.row(row), motions=self.motions.row(row))
+        start = Start(variables, self.plain[row], at_once=True)
         starts = PreparedStarts(
             compiled=alike.compiled,
             variables=variables,
-            plain=start.x,
+            plain=start.x,  # by which attempts know that it is the same
             inputs=inputs,
             powers=alike.powers.pointer,
             attempt=self.attempts.row(row),

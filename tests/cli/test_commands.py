@@ -448,7 +448,7 @@ class TestProcess:
             "import os, signal, floatplan.planning.planned, floatplan.cli\n"
             "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
             "def interrupt(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
-            "floatplan.planning.planned.follow_together = interrupt\n"
+            "floatplan.planning.planned.follow_unconstrained = interrupt\n"
             "floatplan.cli.main()"
         )
         done = subprocess.run(

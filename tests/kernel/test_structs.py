@@ -6,22 +6,22 @@ import copy
 import pickle
 import subprocess
 import sys
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.compiled import batch
-from floatplan.compiled.bodies import grid_struct
+from floatplan.compiled import attempts
 from floatplan.inflight import prediction
 from floatplan.kernel import build, library
 from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, all_names, dtype, enumeration, layout
 from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
+from floatplan.planning import together
 
 
-def grid_arrays() -> dict[str, np.ndarray]:
-    return {name: np.arange(8.0) + index for index, name in enumerate(layout("Grid").arrays)}
+def node_arrays() -> dict[str, np.ndarray]:
+    return {name: np.arange(8.0) + index for index, name in enumerate(layout("Nodes").arrays)}
 
 
 def test_structs_and_enumerations_are_the_compiler_s(tmp_path):
@@ -74,15 +74,19 @@ def test_kept_declarations_are_those_of_the_header(tmp_path):
 @pytest.mark.parametrize(
     ("name", "values", "message"),
     [
-        ("Grid", {"nods": 8, **grid_arrays()}, "Grid has no nods"),
+        ("Nodes", {"nods": 8, **node_arrays()}, "Nodes has no nods"),
         (
             "Settings",
             {**asdict(SETTINGS), "spreads_of_starts": (0.1,)},
             "Settings.spreads_of_starts has 1 entries of 6",
         ),
-        ("Grid", {"nodes": 41, **grid_arrays()}, "Grid.nodes is 41: it must be a multiple of 8"),
+        ("Nodes", {"nodes": 41, **node_arrays()}, "Nodes.nodes is 41: it must be a multiple of 8"),
         ("Stage", {"feasibility": 1e-9, "iterations": 3}, "Stage needs optimality, quadrature_error"),
-        ("Grid", {"nodes": 8, "weights": None, "value": None}, "Grid needs slope, tail"),
+        (
+            "Nodes",
+            {"nodes": 8, **dict.fromkeys(("s", "weights", "value", "first", "second", "integrals"))},
+            "Nodes needs antiderivative, tail",
+        ),
         ("Peaks", {"count": 1}, "Peaks needs .*, minima,"),
     ],
 )
@@ -95,27 +99,26 @@ def test_what_a_struct_does_not_hold_is_refused(name, values, message):
     "array", [np.zeros(8, np.float32), np.zeros(8, np.int64), np.zeros(16)[::2], np.zeros((4, 2)).T, [0.0] * 8, 0.0]
 )
 def test_arrays_are_contiguous_and_of_the_right_numbers(array):
-    with pytest.raises(TypeError, match=r"Grid\.tail takes a(n| contiguous) array of float64"):
-        Struct("Grid", nodes=8, **{**grid_arrays(), "tail": array})
-    grid = Struct("Grid", nodes=8, **grid_arrays())
-    with pytest.raises(TypeError, match=r"Grid\.tail takes a(n| contiguous) array of float64"):
+    with pytest.raises(TypeError, match=r"Nodes\.tail takes a(n| contiguous) array of float64"):
+        Struct("Nodes", nodes=8, **{**node_arrays(), "tail": array})
+    grid = Struct("Nodes", nodes=8, **node_arrays())
+    with pytest.raises(TypeError, match=r"Nodes\.tail takes a(n| contiguous) array of float64"):
         grid.point_to(tail=array)
-    with pytest.raises(TypeError, match="Grid points to no head"):
+    with pytest.raises(TypeError, match="Nodes points to no head"):
         grid.point_to(head=np.zeros(8))
 
 
 def test_arrays_live_as_long_as_what_points_to_them():
-    grid = Struct("Grid", nodes=8, **grid_arrays())
+    grid = Struct("Nodes", nodes=8, **node_arrays())
     minima = Struct("Minima", grid=None, low=None, high=None, row=np.arange(3), s=np.arange(3.0), least=None)
     outer = Struct("Peaks", **{**dict.fromkeys(layout("Peaks").required), "minima": minima})
-    several = StructArray("Grid", [grid, None])
+    several = StructArray("Nodes", [grid, grid])
     del minima
     for _ in range(100):
         np.full(8, np.nan)
-    assert [grid.pointer.tail[k] for k in range(8)] == [3.0 + k for k in range(8)]
+    assert [grid.pointer.tail[k] for k in range(8)] == [2.0 + k for k in range(8)]
     assert outer.pointer.minima.s[2] == 2.0
-    assert several.pointer[0].tail[1] == 4.0
-    assert several.pointer[1].nodes == 0
+    assert several.pointer[1].tail[1] == 3.0
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, lambda it: pickle.loads(pickle.dumps(it))])
@@ -139,7 +142,7 @@ def test_copies_hold_the_same_and_have_arrays_of_their_own(copied):
 
 
 def test_rows_differ_in_numbers_and_arrays():
-    like = Struct("Grid", nodes=8, **grid_arrays())
+    like = Struct("Nodes", nodes=8, **node_arrays())
     rows = StructRows(like, 3)
     own = np.arange(24.0).reshape(3, 8)
     rows.point_to(tail=own)
@@ -147,7 +150,7 @@ def test_rows_differ_in_numbers_and_arrays():
     assert [rows.row(k).nodes for k in range(3)] == [8, 16, 24]
     assert [rows.row(k).tail[1] for k in range(3)] == [1.0, 9.0, 17.0]
     assert rows.row(2).value[0] == like.pointer.value[0]
-    with pytest.raises(TypeError, match=r"Grid\.tail takes a contiguous array"):
+    with pytest.raises(TypeError, match=r"Nodes\.tail takes a contiguous array"):
         rows.point_to(tail=np.zeros((8, 3)).T)
 
 
@@ -166,18 +169,18 @@ def test_tolerances_are_those_of_the_structs(numbers):
 
 def test_tolerances_belong_together():
     assert EXCHANGE.tight == 10 * EXCHANGE.back_off
-    assert replace(SETTINGS, seed=2**64 - 1).seed == Struct.of_numbers(replace(SETTINGS, seed=2**64 - 1)).pointer.seed
 
 
 def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypatch):
     with pytest.raises(ValueError, match="must be a multiple of 8"):
-        grid_struct(3, 41)
+        Struct("Nodes", nodes=41, **node_arrays())
     problem = fp.load_problem(root / "problems" / "handstand.toml")
-    monkeypatch.setattr(batch, "NODE_COUNTS", (16, 24, 36, 48))
-    batch._grids.cache_clear()
-    with pytest.raises(ValueError, match=r"Grid\.nodes is 36: it must be a multiple of 8"):
+    monkeypatch.setattr(attempts, "NODE_COUNTS", (16, 24, 36, 48))
+    attempts.nodes_of_levels.cache_clear()
+    together._alike.cache_clear()
+    with pytest.raises(ValueError, match=r"Nodes\.nodes is 36: it must be a multiple of 8"):
         fp.plan(problem)
-    batch._grids.cache_clear()
+    attempts.nodes_of_levels.cache_clear()
 
 
 def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):

@@ -159,6 +159,11 @@ class PreparedStarts:
         """Whether the kernel was asked, and obstacles leave the path of the centre of mass clear."""
         return bool(self.attempt.path_is_clear)
 
+    @property
+    def _tells_coefficients(self) -> bool:
+        """Whether b is that of x: without rows, and far from a solution, x tells less of a long flight."""
+        return self.coefficients is not None and (self.attempt.rows > 0 or self.attempt.violation <= 0)
+
     def result(self, problem: Problem, model: FlightModel) -> AttemptResult:
         """Return the best of the starts that were followed last."""
         attempt, minima = self.attempt, self.minima
@@ -182,7 +187,7 @@ class PreparedStarts:
             work=attempt.work,
             starts=attempt.started,
             solved=max(attempt.solved, 1),
-            coefficients=None if self.coefficients is None else self.coefficients.copy(),
+            coefficients=self.coefficients.copy() if self._tells_coefficients else None,
             integral=attempt.objective if attempt.objective_sums else None,
             branch=self.branch.copy() if any(self.branch.tolist()) else None,
         )
