@@ -155,7 +155,7 @@ static inline Index follow_starts(const typename Flight::Body &body, const Const
     };
     if (attempt.reach > 0 && attempt.first == 0 && !follower.may_hold(x))
         return follower.finish(x, attempt.level, infeasible), write();
-    if (attempt.count == 0) return follower.weigh(x), write();
+    if (attempt.count == 0) return follower.judge_given(x), write();
     bool is_best = false;
     double least = HUGE_VAL;
     for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
