@@ -113,6 +113,31 @@ class BaseMotion(Protocol):
         """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
 
 
+class JointSlopes(NamedTuple):
+    """How joints' motion changes with p, its rate and its curvature by s: (N, n) each."""
+
+    position_by_p: Array
+    velocity_by_p: Array
+    velocity_by_rate: Array
+    acceleration_by_p: Array
+    acceleration_by_rate: Array
+    acceleration_by_curvature: Array
+
+    @classmethod
+    def of(cls, motion: JointMotion) -> JointSlopes:
+        """Of the motion (12)."""
+        per_second, rate, sine, cosine = motion.per_second, motion.p_rate, motion.sine, motion.cosine
+        velocity_by_p = -per_second * sine * rate
+        return cls(
+            position_by_p=cosine,
+            velocity_by_p=velocity_by_p,
+            velocity_by_rate=per_second * cosine,
+            acceleration_by_p=-(per_second**2) * (sine * motion.p_curvature + cosine * rate**2),
+            acceleration_by_rate=2 * per_second * velocity_by_p,
+            acceleration_by_curvature=per_second**2 * cosine,
+        )
+
+
 class DifferentiableMotion(BaseMotion, Protocol):
     """One with its derivatives: what the general path asks, which the kernel has not.
 
@@ -380,7 +405,7 @@ class Trajectory:
 
     def _chained(self, partials: Partials) -> Array:
         """Derivatives (L, r, size) by x through joints and h alone, of partials at the first L instants."""
-        motion = self.motion
+        motion = JointSlopes.of(self.motion)
         weights: dict[int, Array] = {}  # by p, its rate and its curvature
 
         def add(derivative: int, partial: Array, slope: Array) -> None:

@@ -74,7 +74,7 @@ template <typename Flight> class Follower {
     }
 
     // Judges x as it is.
-    void weigh(const double *x) {
+    void judge_given(const double *x) {
         copy(best, x, program.size);
         program.watches = has_rows;
         attempt.violation = HUGE_VAL;

@@ -125,7 +125,7 @@ template <typename Flight> class FollowedStarts {
         if (attempt.reach > 0 && attempt.first == 0 && !follower.may_hold(x)) {
             follower.finish(x, attempt.level, infeasible);
         } else if (!attempt.count) {
-            follower.weigh(x);
+            follower.judge_given(x);
         } else {
             follow_all(at_once);
             if (!is_best) take_best();

@@ -106,23 +106,17 @@ def basis(form: Form) -> Basis:
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class JointMotion:
-    """Joint motion at N instants and how it changes with p; the terms of the accelerations are computed on first use.
+    """Joint motion at N instants; the accelerations are computed on first use.
 
     ``positions, velocities, accelerations`` are (N, n) in rad and s; ``p_rate, p_curvature`` are the derivatives of p
-    by s, from ``coefficients`` (6+width, n) of the basis and its ``second`` derivatives (N, 6+width); ``sine,
-    position_by_p`` are ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis and its
-    derivatives by s, the derivative of the motion by a coefficient of the basis is
-
-        d positions     = position_by_p B0
-        d velocities    = velocity_by_p B0 + velocity_by_rate B1
-        d accelerations = acceleration_by_p B0 + acceleration_by_rate B1 + acceleration_by_curvature B2.
+    by s, from ``coefficients`` (6+width, n) of the basis and its ``second`` derivatives (N, 6+width); ``sine, cosine``
+    are ``amplitude sin p, amplitude cos p``.
     """
 
     positions: Array
     velocities: Array
-    position_by_p: Array
-    velocity_by_rate: Array
     sine: Array
+    cosine: Array
     p_rate: Array
     second: Array
     coefficients: Array
@@ -137,39 +131,19 @@ class JointMotion:
     def accelerations(self) -> Array:
         """Joint accelerations (N, n) rad/s^2."""
         swing = self.sine * self.p_rate
-        return np.asarray(self.per_second**2 * (self.position_by_p * self.p_curvature - swing * self.p_rate))
-
-    @property
-    def velocity_by_p(self) -> Array:
-        """Factor (N, n) of B0."""
-        return np.asarray(-self.per_second * (self.sine * self.p_rate))
-
-    @property
-    def acceleration_by_p(self) -> Array:
-        """Factor (N, n) of B0."""
-        return np.asarray(-(self.per_second**2) * (self.sine * self.p_curvature + self.position_by_p * self.p_rate**2))
-
-    @property
-    def acceleration_by_rate(self) -> Array:
-        """Factor (N, n) of B1."""
-        return np.asarray(2 * self.per_second * self.velocity_by_p)
-
-    @property
-    def acceleration_by_curvature(self) -> Array:
-        """Factor (N, n) of B2."""
-        return self.per_second * self.velocity_by_rate
+        return np.asarray(self.per_second**2 * (self.cosine * self.p_curvature - swing * self.p_rate))
 
 
 def joint_motion(
     centre: Array, amplitude: Array, duration: float, coefficients: Array, values: tuple[Array, Array, Array]
 ) -> JointMotion:
-    """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values."""
+    """Joint motion (12) from all coefficients (6+width, n) at the instants of basis values."""
     value, first, second = values
     p, p_rate = value @ coefficients, first @ coefficients
     sine, cosine = amplitude * np.sin(p), amplitude * np.cos(p)
     per_second = 1 / duration
-    by_rate = per_second * cosine
-    return JointMotion(centre + sine, by_rate * p_rate, cosine, by_rate, sine, p_rate, second, coefficients, per_second)
+    velocities = per_second * cosine * p_rate
+    return JointMotion(centre + sine, velocities, sine, cosine, p_rate, second, coefficients, per_second)
 
 
 @dataclass(frozen=True, eq=False)

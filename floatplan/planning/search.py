@@ -30,7 +30,7 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
 LOG = logging.getLogger(__name__)
-DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 3 to 7 s in space, 1 s in a plane
+DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 1 to 2 s
 MOST_JOBS = 64  # [-] processes
 MOST_ATTEMPTS = 10**6  # [-] at all degrees
 MOST_SOLVED = 1000  # [-] solved starts to choose the best from

@@ -67,7 +67,7 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
     found = answer(name)
     problem = moved(found.plan, lacking)
     prepared = Attempts(problem, 0)
-    judged = prepared.judge(found.best.variables, found.best.x, found.best.status)
+    judged = prepared.judge(Start(found.best.variables, found.best.x), found.best.status)
     certificate = certify(replace(found.plan, problem=problem))
     assert judged.holds == (lacking < 1)
     failed = {finding.verdict for finding in certificate.findings if finding.kind != "recorded"}

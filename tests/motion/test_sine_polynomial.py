@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from sampled_flight import JointSlopes
 
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import (
@@ -138,7 +139,7 @@ class TestMotion:
                 shift[joint, k] = step
                 ahead, behind = (getattr(motion.motion(z + sign * shift, values), what) for sign in (1, -1))
                 column = sum(
-                    getattr(here, name) * values[order][:, CONDITIONS + k, None]
+                    getattr(JointSlopes.of(here), name) * values[order][:, CONDITIONS + k, None]
                     for order, name in enumerate(partials[what])
                 )
                 expected = np.zeros_like(column)
