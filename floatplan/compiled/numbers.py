@@ -212,8 +212,11 @@ class Numbers:
         centre, amplitude = (low + high) / 2, (high - low) / 2
         p, rate, curvature = boundary_arguments(positions, rates, accelerations, centre, amplitude, branch)
         time = duration[:, None, None]
-        boundary = np.stack((p, time * rate, time**2 * curvature), axis=-1).swapaxes(1, 2)
-        change = np.diff(self.values["orientation"], axis=1)[:, 0]
+        boundary = np.empty((len(duration), len(low), 2, 3))
+        for order, argument in enumerate((p, time * rate, time**2 * curvature)):
+            boundary[..., order] = argument.swapaxes(1, 2)
+        orientation = self.values["orientation"]
+        change = orientation[:, 1] - orientation[:, 0]
         return Rows(duration, self.angular_momentum(), change, boundary.reshape(len(duration), len(low), 6))
 
     def angular_momentum(self) -> Array:

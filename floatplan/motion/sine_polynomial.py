@@ -235,7 +235,11 @@ def whitening(form: Form, durations: tuple[float, ...]) -> tuple[Array, Array, A
 
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:
     """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
-    return np.asarray(np.pi * branch + (1 - 2 * (branch % 2)) * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
+    return _on_branch(sine, branch, 1 - 2 * (branch % 2))
+
+
+def _on_branch(sine: Array, branch: IntArray, sign: IntArray) -> Array:
+    return np.asarray(np.pi * branch + sign * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
 
 
 def boundary_arguments(
@@ -251,8 +255,9 @@ def boundary_arguments(
     has_edges = on_edge.any()
     if has_edges:
         sine = np.where(on_edge, np.sign(sine), sine)
-    p = arcsine_argument(sine, branch)
-    cosine = np.sqrt((1 - sine) * (1 + sine)) * (1 - 2 * (branch % 2))
+    sign = 1 - 2 * (branch % 2)
+    p = _on_branch(sine, branch, sign)
+    cosine = np.sqrt((1 - sine) * (1 + sine)) * sign
     if not has_edges:
         rate = velocities / (amplitude * cosine)
         return p, rate, (accelerations / amplitude + sine * rate**2) / cosine

@@ -129,7 +129,7 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
     prepared = None
     if is_plain(problem) and not problem.raises_degree:
         followed = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
-        if followed.solved.size:
+        if followed.holds(0):
             plan = followed.answer(0).plan(problem, options.seed, time.perf_counter() - began)
             LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
             return SearchedPlan(plan, followed, work=followed.attempts.row(0).work)

@@ -66,7 +66,7 @@ class Alike:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one for every plan without inequalities
 class BatchedStarts:
     """N problems of which the kernel has followed starts, each prepared for further ones.
 
@@ -119,13 +119,17 @@ class BatchedStarts:
         numbers = self.attempts.numbers
         return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
 
+    def holds(self, row: int) -> bool:
+        """Whether the best start of one of them led to a plan."""
+        return bool(self.attempts.row(row).violation <= 0)
+
     def answer(self, row: int) -> Answer:
         """Where the best start of one that is solved led."""
         b = self.coefficients[row]
         attempt = self.attempts.row(row)
         return Answer(
             status=STATUS[attempt.status],
-            objective=float(np.linalg.norm(b)),
+            objective=attempt.objective if attempt.wanted else float(np.linalg.norm(b)),
             angular_momentum=float(self.rows.momentum[row]),
             residual=abs(attempt.missed[0]),
             coefficients=b,
@@ -237,7 +241,7 @@ def _follow(
     """Follow starts of problems, each as if it were alone; the orientation at takeoff (N,) matters to rows alone."""
     polynomials = alike.prepared.plain_start.variables.polynomials
     count, n = rows.boundary.shape[:2]
-    durations = tuple(rows.duration[: 1 if (rows.duration == rows.duration[0]).all() else count].tolist())
+    durations = tuple(rows.duration[: 1 if count == 1 or (rows.duration == rows.duration[0]).all() else count].tolist())
     offset, scaling, offset_map = map(doubles, whitened(polynomials.form, polynomials.free, durations, rows.boundary))
     plain = doubles(np.linalg.solve(scaling, -offset[..., None])[..., 0])
     x = plain.copy()

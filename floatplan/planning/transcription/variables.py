@@ -215,9 +215,12 @@ def whitened(
     """
     scale = _scale_of_one if len(durations) == 1 else _scale_of_one.__wrapped__
     scaling, offset_map = scale(form, free, durations)
-    offset = (offset_map * np.repeat(boundary, free, axis=1)).sum(axis=2)
-    shape = len(boundary), *scaling.shape[1:]
-    return offset, np.broadcast_to(scaling, shape), np.broadcast_to(offset_map, (*shape[:2], boundary.shape[2]))
+    offset = (offset_map * boundary.repeat(free, axis=1)).sum(axis=2)
+    if len(durations) < len(boundary):
+        scaling, offset_map = (
+            np.broadcast_to(each, (len(boundary), *each.shape[1:])) for each in (scaling, offset_map)
+        )
+    return offset, scaling, offset_map
 
 
 @lru_cache(maxsize=64)
