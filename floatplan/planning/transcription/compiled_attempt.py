@@ -160,9 +160,10 @@ class PreparedStarts:
         return bool(self.attempt.path_is_clear)
 
     @property
-    def _tells_coefficients(self) -> bool:
-        """Whether b is that of x: without rows, and far from a solution, x tells less of a long flight."""
-        return self.coefficients is not None and (self.attempt.rows > 0 or self.attempt.violation <= 0)
+    def _known_coefficients(self) -> Array | None:
+        """b of where the best start ended; without rows, and far from a solution, x tells more of a long flight."""
+        is_known = self.attempt.rows > 0 or self.attempt.violation <= 0
+        return self.coefficients.copy() if self.coefficients is not None and is_known else None
 
     def result(self, problem: Problem, model: FlightModel) -> AttemptResult:
         """Return the best of the starts that were followed last."""
@@ -187,7 +188,7 @@ class PreparedStarts:
             work=attempt.work,
             starts=attempt.started,
             solved=max(attempt.solved, 1),
-            coefficients=self.coefficients.copy() if self._tells_coefficients else None,
+            coefficients=self._known_coefficients,
             integral=attempt.objective if attempt.objective_sums else None,
             branch=self.branch.copy() if any(self.branch.tolist()) else None,
         )
