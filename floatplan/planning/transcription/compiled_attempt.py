@@ -161,7 +161,7 @@ class PreparedStarts:
 
     @property
     def _known_coefficients(self) -> Array | None:
-        """b of where the best start ended; without rows, and far from a solution, x tells more of a long flight."""
+        """Coefficients b of the best start; None where they may be of another x: without rows, of what is no plan."""
         is_known = self.attempt.rows > 0 or self.attempt.violation <= 0
         return self.coefficients.copy() if self.coefficients is not None and is_known else None
 
