@@ -1,5 +1,5 @@
 // Variables in which (17) is half a sum of squares, but for a constant: whitened_variables() of
-// planning/transcription/program.py.
+// planning/transcription/variables.py.
 
 inline void Planner::whiten(double duration, const Powers &powers) {
     T = duration;

@@ -1,4 +1,4 @@
-// The search from one start: floatplan/optimization/sqp.py without inequalities, in the stages of exchange.solve(). The
+// The search from one start of a plain problem: as constrained.hpp, without rows, in the stages of exchange.hpp. The
 // inverse of the Hessian is kept: a step then needs products only (Nocedal and Wright, section 16.2, range-space method).
 
 inline Solution Planner::minimise(double *x, Point &current, const Stage &stage, bool polish, double largest,
