@@ -1,4 +1,4 @@
-"""Flights in a plane with derivatives in NumPy, which the general path through the seam takes.
+"""Flights in a plane with derivatives in NumPy, by any dynamics that have them.
 
 The reference that tests hold the kernel to, and how other people's dynamics stand behind floatplan's program.
 """
@@ -244,7 +244,7 @@ def between(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, o
 
 
 class GeneralFlight:
-    """A flight in the plane that the kernel does not know as one: the general path takes it."""
+    """A flight in the plane whose motions have derivatives."""
 
     def __init__(self, flight: PlanarFlight, equations: Dynamics | None = None) -> None:
         self._flight = replace(flight, equations=equations or GeneralDynamics(flight.tree))
@@ -259,5 +259,5 @@ class GeneralFlight:
 
 
 def general_flight(problem: fp.Problem, equations: Dynamics | None = None) -> Any:
-    """Return a problem's flight for the general path, with dynamics that have derivatives."""
+    """Return a problem's flight, with dynamics that have derivatives."""
     return GeneralFlight(planar_flight(problem), equations)

@@ -139,7 +139,7 @@ class JointSlopes(NamedTuple):
 
 
 class DifferentiableMotion(BaseMotion, Protocol):
-    """One with its derivatives: what the general path asks, which the kernel has not.
+    """One with its derivatives: of a motion in NumPy.
 
     Derivatives by shapes are by the turns of the bodies, or by 3 numbers for each of them in space.
     """

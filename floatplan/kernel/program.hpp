@@ -49,6 +49,18 @@ static inline void place_coefficients(const Motions &motions, Index n, const dou
     }
 }
 
+// What values lack of being positive, at as many instants as are computed at once: sum, sum of squares, largest.
+struct Violations {
+    Vector sum, squares, worst;
+
+    void take(Vector value) {
+        const Vector lacks = select(value < all(0), -value, all(0));
+        sum += lacks;
+        squares = multiply_add(lacks, lacks, squares);
+        worst = larger(lacks, worst);
+    }
+};
+
 template <typename Flight> class Program {
   public:
     using At = Evaluated<Flight>;
@@ -426,7 +438,7 @@ template <typename Flight> class Program {
 
     // Values of all rows, and by how much they are violated; of the first rows alone where their squares are enough.
     void evaluate_rows(At &at, double enough = HUGE_VAL) {
-        Violations of_rows;
+        Violations of_rows{all(0), all(0), all(0)};
         for (Index row = 0; row < rows && !(sum(of_rows.squares) > enough); ++row) {
             flight.write_row(at.motion, at.state, row, plain);
             for (Index k = 0; k < stride; k += LANES) {
@@ -440,21 +452,10 @@ template <typename Flight> class Program {
 
     // The same of values that are known.
     void sum_rows(At &at) {
-        Violations of_rows;
+        Violations of_rows{all(0), all(0), all(0)};
         for (Index entry = 0; entry < rows * stride; entry += LANES) of_rows.take(load(at.values + entry));
         add_violations(at, of_rows);
     }
-
-    struct Violations {
-        Vector sum = all(0), squares = all(0), worst = all(0);
-
-        void take(Vector value) {
-            const Vector lacks = select(value < all(0), -value, all(0));
-            sum += lacks;
-            squares = multiply_add(lacks, lacks, squares);
-            worst = larger(lacks, worst);
-        }
-    };
 
     void add_violations(At &at, const Violations &of_rows) {
         at.violation += sum(of_rows.sum);

@@ -126,7 +126,7 @@ class Present:
 
 
 class Reference:
-    """The rest of a flight under a motion by the general path."""
+    """The rest of a flight under a motion, in NumPy."""
 
     landed = False
 

@@ -1,6 +1,6 @@
 """The kernel's program: its rows, objectives and derivatives, its elastic steps, and minima of rows between instants.
 
-Derivatives are held to differences, to the general path's in NumPy, and those of torques to Pinocchio's.
+Derivatives are held to differences, to those of a reference in NumPy, and those of torques to Pinocchio's.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def close(actual, expected):
 
 @pytest.mark.parametrize("instructions", range(3))
 @pytest.mark.parametrize("aim", AIMS)
-def test_values_and_derivatives_are_those_of_the_general_path(kernel, problem, aim, instructions, monkeypatch):
+def test_values_and_derivatives_are_those_in_numpy(kernel, problem, aim, instructions, monkeypatch):
     if instructions > kernel.instructions:
         pytest.skip("the processor has no such instructions")
     problem = replace(problem, motion=replace(problem.motion, objective=aim))
@@ -202,7 +202,7 @@ def test_elastic_steps_are_the_least_of_their_program(problem, penalty):
 @pytest.mark.parametrize("instructions", range(3))
 @pytest.mark.parametrize("seed", range(3))
 def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, problem, seed, instructions, monkeypatch):
-    """Of a start that may do no work: what the kernel says of it, and what the general path finds."""
+    """Of a start that may do no work: what the kernel says of it, and what looks in NumPy find."""
     if instructions > kernel.instructions:
         pytest.skip("the processor has no such instructions")
     monkeypatch.setattr(kernel, "instructions", instructions)

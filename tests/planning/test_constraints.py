@@ -101,7 +101,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def flight(problem):
-    """What evaluates a motion x on the general path: (model, variables, sampling)."""
+    """What evaluates a motion x in NumPy: (model, variables, sampling)."""
     branches = np.array([[0, 0, 0], [0, 1, -1]])
     variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
     polynomials = variables.polynomials
