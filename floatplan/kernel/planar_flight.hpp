@@ -14,6 +14,7 @@
 //     combine              equalities of what is lacking; scale_equalities chooses which
 //     move_links           what rows and sums need beside
 //     differentiate        derivatives of what is lacking; after it those of rows and sums may be asked for
+//     has_adjoint          whether it has differentiate_backward, for programs without rows and sums
 
 // What is known before a search.
 struct Chance {

@@ -1,4 +1,4 @@
-"""Starts of a problem with constraints in a plane, followed to their ends by the kernel: ``starts.hpp``.
+"""Starts of a problem in a plane, followed to their ends by the kernel: ``starts.hpp``.
 
 What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
 """
@@ -145,17 +145,16 @@ class PreparedStarts:
         """Whether the kernel was asked, and obstacles leave the path of the centre of mass clear."""
         return bool(self.attempt.path_is_clear)
 
-    @property
-    def _tells_coefficients(self) -> bool:
-        """Whether b is that of x: without rows, and far from a solution, x tells less of a long flight."""
-        return self.coefficients is not None and (self.attempt.rows > 0 or self.attempt.violation <= 0)
-
     def result(self, problem: Problem, model: FlightModel) -> AttemptResult:
         """Return the best of the starts that were followed last."""
         attempt, minima = self.attempt, self.minima
         blocks, rows, _ = self.compiled.rows
         found = attempt.minima.found
         row = minima.row[:found]
+        coefficients = None
+        # Without rows, far from a solution, x does not tell the b of a long flight to the last digits.
+        if self.coefficients is not None and (attempt.rows or attempt.violation <= 0):
+            coefficients = self.coefficients.copy()
         worst = Worst(block=blocks[row], row=rows[row], s=minima.s[:found].copy(), value=minima.least[:found].copy())
         return AttemptResult(
             problem=problem,
@@ -172,14 +171,14 @@ class PreparedStarts:
             work=attempt.work,
             starts=attempt.started,
             solved=max(attempt.solved, 1),
-            coefficients=self.coefficients.copy() if self._tells_coefficients else None,
+            coefficients=coefficients,
             integral=attempt.objective if attempt.objective_sums else None,
             branch=self.branch.copy() if any(self.branch.tolist()) else None,
         )
 
 
 class CompiledProblem:
-    """A problem with constraints as the kernel takes it, whatever the class of motions."""
+    """A problem as the kernel takes it, whatever the class of motions."""
 
     def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: CompiledConstraints) -> None:
         self._problem = problem
