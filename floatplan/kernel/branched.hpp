@@ -1,4 +1,5 @@
 // A class of motions that lands on other branches of the arcsine than another: odd ones mirror p about pi/2.
+
 class BranchedMotions {
   public:
     Motions at;

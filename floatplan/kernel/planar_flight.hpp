@@ -16,6 +16,7 @@
 //     combine              equalities of what is lacking, and combine_rows their derivatives; scale_equalities chooses them
 //     move_links           what rows and sums need beside; then write_row and write_sum give their values
 //     differentiate        derivatives of what is lacking; then row_slopes and add_sum_slopes give those of rows and sums
+//     has_adjoint          whether it has differentiate_backward, for programs without rows and sums
 //     unresolved           what the nodes may miss of the motion, and level_needed how many more would not
 //     rows_between         rows at any instants, as minima.hpp looks at them
 //     chance, longest_way  what a motion tells before a search

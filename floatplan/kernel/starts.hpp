@@ -7,8 +7,7 @@ template <typename Flight> class NumberedStarts {
     NumberedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings, const Exchange &rules,
                    double bodies, Draws &draws, Index joints)
         : program(program), motions(motions), ranked(program, motions, settings, draws, joints), rules(rules),
-          bodies(bodies), draws(draws), n(joints),
-          free(motions.at.first[joints]), size(motions.at.size) {}
+          bodies(bodies), draws(draws), n(joints), free(motions.at.first[joints]), size(motions.at.size) {}
 
     void lay_out(Arena &arena) {
         for (double **each : {&given, &z}) arena.take(*each, size);
@@ -104,8 +103,8 @@ template <typename Flight> class FollowedStarts {
                    Attempt &attempt, Draws &draws)
         : joints(body.joints), columns(plain.columns), size(plain.size), motions(plain, draws.offset_map, body.joints),
           follower(body, constraints, motions.at, levels, settings, rules, attempt),
-          starts(follower.program, motions, settings, rules, attempt.bodies, draws, body.joints), levels(levels), set(settings),
-          rules(rules), powers(powers), attempt(attempt), draws(draws) {}
+          starts(follower.program, motions, settings, rules, attempt.bodies, draws, body.joints), levels(levels),
+          set(settings), rules(rules), powers(powers), attempt(attempt), draws(draws) {}
 
     void lay_out(Arena &arena) {
         motions.lay_out(arena);
@@ -146,11 +145,14 @@ template <typename Flight> class FollowedStarts {
     const Powers *powers;
     Attempt &attempt;
     Draws &draws;
-    Index *branch, level = 0, status = infeasible;  // of the best
-    double least = HUGE_VAL, cost = HUGE_VAL, nearest = HUGE_VAL, missed[3] = {};
-    Index as_near = 0;   // starts that ended as near to the goal as any
-    bool is_best = false, is_easy = false;
-    double *x, *best, *b;
+    double *x, *b;                                  // of the start that is followed
+    double *best;                                   // x of the best one, and what else is kept of that
+    Index *branch, level = 0, status = infeasible;
+    double least = HUGE_VAL, cost = HUGE_VAL;       // least: violation; cost: |b|
+    double missed[3] = {};
+    double nearest = HUGE_VAL;                      // least violation of all, and how many starts ended with that
+    Index as_near = 0;
+    bool is_best = false, is_easy = false;          // of the last one; whether the plain motion was solved quickly
 
     void follow_all(bool at_once) {
         for (Index number = attempt.first; number < attempt.first + attempt.count; ++number) {
@@ -183,9 +185,11 @@ template <typename Flight> class FollowedStarts {
     }
 
     void keep() {
-        least = attempt.violation, level = attempt.judged_level, status = attempt.status;
-        cost = attempt.objective;
+        least = attempt.violation;
         copy(missed, attempt.missed, 3);
+        cost = attempt.objective;
+        level = attempt.judged_level;
+        status = attempt.status;
         copy(best, attempt.x, size);
         std::copy(draws.branch, draws.branch + joints, branch);
         if (attempt.wanted) copy(attempt.coefficients, b, joints * columns);
@@ -196,9 +200,11 @@ template <typename Flight> class FollowedStarts {
         motions.land_on(branch);
         if (!attempt.wanted) return follower.finish(best, level, status);
         copy(attempt.x, best, size);
-        attempt.violation = least, attempt.objective = cost;
+        attempt.violation = least;
         copy(attempt.missed, missed, 3);
-        attempt.status = status, attempt.judged_level = level;
+        attempt.objective = cost;
+        attempt.judged_level = level;
+        attempt.status = status;
     }
 
     bool are_enough(Index number) {

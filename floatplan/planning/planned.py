@@ -1,4 +1,4 @@
-"""The one way from a problem to a plan: a row of a batch where nothing is to be kept below a limit, else one search.
+"""The one way from a problem to a plan: a batch of one where there are no inequalities, else one search.
 
 Where there is no plan it says why: what is violated least in the nearest motion, and what no motion could mend.
 """

@@ -195,7 +195,7 @@ class PreparedStarts:
 
 
 class CompiledProblem:
-    """A problem with constraints as the kernel takes it, whatever the class of motions."""
+    """A problem as the kernel takes it, whatever the class of motions."""
 
     def __init__(self, problem: Problem, constraints: tuple[Constraint, ...], watch: Watch) -> None:
         self._problem = problem

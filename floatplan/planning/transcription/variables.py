@@ -213,19 +213,23 @@ def whitened(
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
     """
-    scale = _scale_of_one if len(durations) == 1 else _scale_of_one.__wrapped__
-    scaling, offset_map = scale(form, free, durations)
+    scaling, offset_map = (
+        _scale_of_one(form, free, durations[0]) if len(durations) == 1 else _scale(form, free, durations)
+    )
     offset = (offset_map * boundary.repeat(free, axis=1)).sum(axis=2)
     if len(durations) < len(boundary):
-        scaling, offset_map = (
-            np.broadcast_to(each, (len(boundary), *each.shape[1:])) for each in (scaling, offset_map)
-        )
+        scaling = np.broadcast_to(scaling, (len(boundary), *scaling.shape[1:]))
+        offset_map = np.broadcast_to(offset_map, (len(boundary), *offset_map.shape[1:]))
     return offset, scaling, offset_map
 
 
 @lru_cache(maxsize=64)
-def _scale_of_one(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array]:
-    """The scaling and the offsets' maps of each duration; kept where it is one."""
+def _scale_of_one(form: Form, free: tuple[int, ...], duration: float) -> tuple[Array, Array]:
+    return _scale(form, free, (duration,))
+
+
+def _scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array]:
+    """The scaling (N, m, m) and the offsets' maps (N, m, g) of each duration."""
     by_boundary, orthogonal, inverse, unit = whitening(form, durations)
     maps = {w: -inverse[:, :w, :w] @ (orthogonal[..., :w].swapaxes(1, 2) @ by_boundary) for w in set(free)}
     scaled = unit[:, None, None] * inverse
