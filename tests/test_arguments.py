@@ -23,7 +23,7 @@ MADE_BY_FLOATPLAN = {
     *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch"),
 }
 TRIED_AMONG_JUMPS = ("jump", "launch", "load_jump", "replay_jump")  # in tests of their own
-NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError"}
+NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError", "method"}
 FEW_LETTERS = 1500  # of any representation
 
 STRANGE: dict[str, Callable[[], Any]] = {

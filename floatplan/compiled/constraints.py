@@ -173,7 +173,11 @@ class CompiledConstraints:
         own = all_sums[: self.first_also]
         needs_moments = "torque" in also or bool(own[:, self._sums.of_moments].any())
         accelerate = needs_moments or also == "accelerations" or own[:, self._sums.of_accelerations].any()
-        shapes, ends = flight.link_shapes, _ends(tree, flight.link_shapes)
+        needs_places = max(kind, default=SUM) > SHARE
+        ends, radius = np.empty((0, 2, 0)), np.empty(0)
+        if needs_places:
+            ends = _ends(tree, flight.link_shapes)
+            radius = flight.link_shapes.radius
         opposite = opposite_rows(kind, first, own)
         self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
         path = flight.ballistics
@@ -185,11 +189,11 @@ class CompiledConstraints:
             rows=self.rows,
             needs_moments=needs_moments,
             needs_accelerations=bool(accelerate),
-            needs_places=max(kind, default=SUM) > SHARE,
+            needs_places=needs_places,
             turn=tree.turn,
             ends_real=doubles(ends.real),
             ends_imaginary=doubles(ends.imag),
-            radius=doubles(shapes.radius),
+            radius=doubles(radius),
             path=self.path,
             obstacles=doubles(obstacles),
             kind=integers(kind),

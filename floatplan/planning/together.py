@@ -101,6 +101,27 @@ class BatchedStarts:
     minima: MinimaArrays
     coefficients: Array
 
+    def follow(self) -> None:
+        """Follow starts of each problem."""
+        alike = self.alike
+        inputs = alike.inputs
+        kernel = alike.compiled.watch.kernel
+        no_memory = kernel.attempt(
+            *inputs.flying,
+            self.constraints.pointer,
+            self.motions.pointer,
+            inputs.levels,
+            inputs.settings,
+            inputs.rules,
+            alike.powers.pointer,
+            self.attempts.pointer,
+            self.draws.pointer,
+            len(self.plain),
+            kernel.instructions,
+        )
+        if no_memory:
+            raise MemoryError("no memory to follow starts")
+
     @property
     def solved(self) -> IntArray:
         """Those that need no more starts: the best of several holds, or the plain motion led to the optimum."""
@@ -211,18 +232,11 @@ def follow_batch(like: Attempts, numbers: Numbers, most_work: float) -> BatchedS
     compiled, rows = alike.compiled, numbers.rows()
     count = len(rows.duration)
     arrays = MinimaArrays.empty(count, compiled.most_minima)
-    minima = StructRows(compiled.minima, count)
-    minima.point_to(row=arrays.row, s=arrays.s, least=arrays.least)
 
     attempts = StructRows(alike.attempt, count)
-    obstacles = numbers.obstacles or [()] * count
-    attempts.set_numbers(
-        count=1,
-        most_work=most_work,
-        reach=compiled.reach,  # it is asked first whether there is a chance
-        thickness=np.array([min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]),
-    )
-    attempts.set_structs(minima=minima)
+    attempts.set_numbers(count=1, most_work=most_work, thickness=_thickness(numbers, count))
+    attempts.set_numbers(reach=compiled.reach)  # it is asked first whether there is a chance
+    attempts.set_structs(minima=_minima_rows(compiled, arrays, count))
 
     constraints = StructRows(compiled.watch.struct, count)
     constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(compiled, numbers, count))
@@ -259,23 +273,7 @@ def _follow(
     draws.set_numbers(seed=seed)
     draws.point_to(branch=branch, offset_map=offset_map)
 
-    inputs, kernel = alike.inputs, alike.compiled.watch.kernel
-    no_memory = kernel.attempt(
-        *inputs.flying,
-        constraints.pointer,
-        motions.pointer,
-        inputs.levels,
-        inputs.settings,
-        inputs.rules,
-        alike.powers.pointer,
-        attempts.pointer,
-        draws.pointer,
-        count,
-        kernel.instructions,
-    )
-    if no_memory:
-        raise MemoryError("no memory to follow starts")
-    return BatchedStarts(
+    followed = BatchedStarts(
         alike=alike,
         rows=rows,
         offset=offset,
@@ -291,6 +289,8 @@ def _follow(
         minima=minima,
         coefficients=coefficients,
     )
+    followed.follow()
+    return followed
 
 
 def _minima_rows(compiled: CompiledProblem, arrays: MinimaArrays, count: int) -> StructRows:

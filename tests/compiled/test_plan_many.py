@@ -10,17 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from general_path import take_general_path
 from plain_problems import plain_problems, problem_of, random_robot
 
 import floatplan as fp
 from floatplan.kernel.tolerances import MOST_STARTS, SETTINGS
-from floatplan.planning import many, together
-from floatplan.planning import search as searching
+from floatplan.planning import many
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
-from floatplan.planning.transcription import exchange
 from floatplan.tables import BOUNDARY, ORIENTATION
 
 
@@ -50,24 +45,6 @@ def test_plans_hold_by_independent_dynamics():
         assert plan.objective_value == pytest.approx(plans.objective[index], rel=1e-12)
         assert plans.residual[index] < ORIENTATION
         assert not np.isnan(plans.evaluations[index])
-
-
-def test_plans_are_those_of_the_general_path(monkeypatch):
-    """From the plain start alone, with the same nodes at first."""
-    monkeypatch.setattr(together, "MOST_STARTS", 1)
-    # There few nodes are no cheaper.
-    monkeypatch.setattr(exchange, "cheap_level", lambda counts, bodies: SETTINGS.first_level)
-    problems = plain_problems(48)
-    compiled = fp.plan_many(problems)
-    take_general_path(monkeypatch)
-    monkeypatch.setattr(searching, "ATTEMPTS", 1)
-    general = [planned(problem, SearchOptions()).plan for problem in problems]
-    ok = np.array([plan.ok for plan in general])
-    objective = np.array([plan.objective_value if plan.ok else np.nan for plan in general])
-    both = compiled.ok & ok
-    assert both.mean() > 0.7
-    assert (compiled.ok == ok).mean() >= 0.97
-    assert (np.abs(compiled.objective / objective - 1) < 1e-9)[both].mean() >= 0.95
 
 
 def test_a_family_is_planned_as_its_problems_are(gymnast_problem):

@@ -21,7 +21,6 @@ from floatplan.motion.planar.closed_form import Ballistics, Dynamics
 from floatplan.motion.sine_polynomial import joint_motion
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
-from floatplan.tolerances import CORRECTION_GAINS
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elsewhere import told
-from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
@@ -185,18 +184,3 @@ def test_an_installation_that_is_not_complete_says_so(checkout, content, reason)
     assert done.returncode == 1
     assert f"InputError: the kernel cannot be used: {reason}" in done.stderr
     assert "install floatplan again" in done.stderr.splitlines()[-1]
-
-
-def test_a_single_plan_is_that_of_the_general_path(root, monkeypatch):
-    """From the plain start; the kernel alone draws further ones."""
-    for name in ("new_configuration", "handstand"):
-        problem = fp.load_problem(root / "problems" / f"{name}.toml")
-        compiled = fp.plan(problem)
-        with monkeypatch.context() as context:
-            take_general_path(context)
-            general = fp.plan(problem)
-        assert (compiled.status, general.status) == ("optimal", "optimal")
-        assert (compiled.solver["starts"], general.solver["starts"]) == (1, 1)
-        assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-9)
-        assert compiled.solver["evaluations"] != general.solver["evaluations"]  # nodes are raised by other steps
-        np.testing.assert_allclose(compiled.coefficients, general.coefficients, rtol=1e-4, atol=1e-4)

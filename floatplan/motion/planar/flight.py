@@ -5,8 +5,9 @@ The orientation is a quadrature, (14) and (18), of the rate theta0' of (4), whic
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -59,11 +60,14 @@ def gauss_grid(count: int) -> GaussGrid:
 
 @dataclass(frozen=True, eq=False)
 class PlanarFlight:
-    """What a problem fixes of every motion in its plane; orientations and their change in rad, the duration in s."""
+    """What a problem fixes of every motion in its plane; orientations and their change in rad, the duration in s.
+
+    Shapes are made when they are asked for: a mesh that cannot be read stops nothing that needs none.
+    """
 
     tree: PlanarTree
     equations: Dynamics
-    link_shapes: LinkShapes
+    make_link_shapes: Callable[[], LinkShapes]
     ballistics: Ballistics
     initial_orientation: float
     final_orientation: float
@@ -71,6 +75,11 @@ class PlanarFlight:
     change: float
     tangent: int = 1
     node_counts: tuple[int, ...] = NODE_COUNTS
+
+    @cached_property
+    def link_shapes(self) -> LinkShapes:
+        """The links' capsules."""
+        return self.make_link_shapes()
 
     @cached_property
     def bodies(self) -> int:
@@ -98,7 +107,7 @@ def planar_flight(problem: Problem) -> PlanarFlight:
     return PlanarFlight(
         problem.robot.tree,
         tree_dynamics(problem.robot.tree),
-        _link_shapes(problem.robot, problem.ground_shapes if problem.ground else ()),
+        partial(_link_shapes, problem.robot, problem.ground_shapes if problem.ground else ()),
         ballistics(problem),
         problem.initial.orientation,
         problem.final.orientation,
