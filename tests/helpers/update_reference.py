@@ -21,7 +21,6 @@ from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import joint_motion
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
-from floatplan.tolerances import CORRECTION_GAINS
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:
@@ -56,13 +55,13 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     aside = inertia[1:] @ (joints[0] - here) / inertia[0]
     angle = np.eye(len(state))[0]
     for h, value, variance in (
-        (angle, orientation + aside, CORRECTION_GAINS.angle_noise**2 * noise / inertia[0] ** 2),
-        (row, momenta(joints[0], joints[1], rate)[0], CORRECTION_GAINS.rate_noise**2 * noise),
+        (angle, orientation + aside, update.CORRECTION_GAINS.angle_noise**2 * noise / inertia[0] ** 2),
+        (row, momenta(joints[0], joints[1], rate)[0], update.CORRECTION_GAINS.rate_noise**2 * noise),
     ):
         gain = covariance @ h / (h @ covariance @ h + variance)
         state += gain * (value - h @ state)
         covariance = covariance - np.outer(gain, h @ covariance)
-    state[2:] = np.clip(state[2:], -CORRECTION_GAINS.largest_error, CORRECTION_GAINS.largest_error)
+    state[2:] = np.clip(state[2:], -update.CORRECTION_GAINS.largest_error, update.CORRECTION_GAINS.largest_error)
     return state, covariance
 
 
@@ -87,11 +86,11 @@ def step(replanner: fp.Replanner, begun: Reference, sigma: float, acceleration: 
         return np.array([(value(ahead) - value(back)) / (2 * difference) for ahead, back in ends]).T
 
     now = looked_at(np.zeros(size))
-    tolerance = max(sigma, abs(now.miss) / CORRECTION_GAINS.weighed) if views.rows else sigma
+    tolerance = max(sigma, abs(now.miss) / update.CORRECTION_GAINS.weighed) if views.rows else sigma
     jacobian, residual = [slopes(lambda each: np.array([each.miss]))], [np.array([now.miss])]
     scale = [np.array([tolerance])]
     for index, (block, values) in enumerate(zip(views.rows, now.values, strict=True)):
-        worst = np.argsort(values, axis=None)[: min(CORRECTION_GAINS.most_rows, int((values < block.aim).sum()))]
+        worst = np.argsort(values, axis=None)[: min(update.CORRECTION_GAINS.most_rows, int((values < block.aim).sum()))]
         residual.append(values.ravel()[worst] - block.aim)
         jacobian.append(slopes(partial(_chosen, index, worst)))
         scale.append(np.full(len(worst), block.softness))
