@@ -174,7 +174,8 @@ class CompiledConstraints:
         needs_moments = "torque" in also or bool(own[:, self._sums.of_moments].any())
         accelerate = needs_moments or also == "accelerations" or own[:, self._sums.of_accelerations].any()
         needs_places = max(kind, default=SUM) > SHARE
-        ends, radius = np.empty((0, 2, 0)), np.empty(0)
+        ends: ComplexArray = np.empty((0, 2, 0), np.complex128)
+        radius = np.empty(0)
         if needs_places:
             ends = _ends(tree, flight.link_shapes)
             radius = flight.link_shapes.radius

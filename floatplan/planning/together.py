@@ -250,7 +250,7 @@ def _follow(
     constraints: StructRows,
     minima: MinimaArrays,
     seed: int = 0,
-    orientation: Array | None = None,
+    orientation: Array | float = 0.0,
 ) -> BatchedStarts:
     """Follow starts of problems, each as if it were alone; the orientation at takeoff (N,) matters to rows alone."""
     polynomials = alike.prepared.plain_start.variables.polynomials
@@ -264,9 +264,7 @@ def _follow(
     attempts.point_to(plain=plain, x=x, coefficients=coefficients)
 
     motions = StructRows(alike.motions, count)
-    motions.set_numbers(duration=rows.duration, momentum=rows.momentum, change=rows.change)
-    if orientation is not None:
-        motions.set_numbers(orientation=orientation)
+    motions.set_numbers(duration=rows.duration, momentum=rows.momentum, change=rows.change, orientation=orientation)
     motions.point_to(boundary=doubles(rows.boundary), offset=offset, scaling=scaling)
 
     draws = StructRows(alike.draws, count)
