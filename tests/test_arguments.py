@@ -231,11 +231,11 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
     toml = fp.save_problem(problem, folder / "problem.toml")
     asked = {"problem": problem, "angular_momentum": 3.0}
     replanner = fp.Replanner(plan)
-    options = {"seed": 0, "starts": 1, "jobs": 1, "prove": False}
+    options = {"seed": 0, "starts": 1, "prove": False}
     flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 50.0}
     return {
         "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
-        "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "search": False, "attempts": 4}),
+        "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "jobs": 1, "search": False, "attempts": 4}),
         "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000}),
         "takeoff": Call(fp.takeoff, asked),
         "landing": Call(fp.landing, asked),
@@ -432,7 +432,6 @@ def test_a_problem_of_wrong_parts(problem: fp.Problem, field: str, value: Any, m
     ("option", "message"),
     [
         ({"seed": 1.5}, "seed: 1.5 is not a whole number"),
-        ({"jobs": "x"}, "jobs: 'x' is not a whole number"),
         ({"budget": "x"}, "budget: 'x' is not a number"),
         ({"starts": 10**9}, "starts: 1000000000 is outside 1 to 1000"),
     ],

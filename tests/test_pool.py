@@ -104,7 +104,7 @@ def test_a_study_executes_nothing_of_the_working_directory(here: Path, study_fil
 
 def test_nor_does_a_search(here: Path) -> None:
     problem = ROOT / "problems" / "obstacle.toml"
-    run_there(here, PROGRAM, "plan", problem, "--jobs", "2", "--starts", "4", "--no-figures")
+    run_there(here, PROGRAM, "plan", problem, "--starts", "4", "--no-figures")
 
 
 def test_nor_do_many_searches(here: Path) -> None:

@@ -75,7 +75,6 @@ def plan(
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
     starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is kept.")] = 1,
     budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     method: Annotated[
         str, option("NAME", "The planner: kernel, or reference, which is the paper's in Python.")
     ] = "kernel",
@@ -98,8 +97,8 @@ def plan(
     from floatplan.export.table import sample_times
 
     one_of("kernel", "reference")(method, "--method")
-    if method == "reference" and (starts != 1 or budget is not None or jobs != 1):
-        reason = "the reference method takes no --starts, --budget or --jobs"
+    if method == "reference" and (starts != 1 or budget is not None):
+        reason = "the reference method takes no --starts or --budget"
         raise InputError(reason, element="--method", advice="leave these out")
     if prove and not certify:
         raise InputError("nothing is proved with --no-certify", element="--prove", advice="leave one of the two out")
@@ -115,9 +114,7 @@ def plan(
         if method == "reference":
             answer = _by_reference(problem, seed, certify, source)
         else:
-            answer = fp.plan(
-                problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify
-            )
+            answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, progress=bar.say, prove=certify)
     with progress("stances", quiet, tell=True) as bar:
         stances, of_stances = launches(answer, seed, progress=bar.say) if launch and answer.ok else ([], {})
     with progress("writing", quiet):

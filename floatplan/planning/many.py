@@ -19,7 +19,7 @@ from floatplan.errors import InputError
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
+from floatplan.planning.search import JOBS, Allowance, SearchOptions, SearchResult, search
 from floatplan.planning.together import BatchedStarts, follow_batch, follow_unconstrained
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
@@ -95,14 +95,20 @@ def plan_many(
     InputError
         What is to be planned is no sequence of problems, or a number is none, or out of its range.
     """
-    options = SearchOptions(seed=seed, starts=starts, jobs=jobs, attempts=attempts, near_miss=False)
+    options = SearchOptions(seed=seed, starts=starts, attempts=attempts, near_miss=False)
+    jobs = JOBS(jobs, "jobs")
     problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
     search, prove = flag(search, "search"), flag(prove, "prove")
-    return planned_together(problems, options, lambda index: seed, search, prove)
+    return planned_together(problems, options, lambda index: seed, search, prove, jobs)
 
 
 def planned_together(
-    problems: Sequence[Problem] | Family, options: SearchOptions, seed: Callable[[int], int], search: bool, prove: bool
+    problems: Sequence[Problem] | Family,
+    options: SearchOptions,
+    seed: Callable[[int], int],
+    search: bool,
+    prove: bool,
+    jobs: int = 1,
 ) -> Plans:
     """Plan many flights as :func:`plan_many` does, where a search of one has its own ``seed``, by its index."""
     plans = Plans.of(problems, *_shape(problems), options.seed)
@@ -112,25 +118,25 @@ def planned_together(
     for indices in batches:
         first = int(indices[0])
         if is_plain(_like(problems, first)):
-            alone += _plan_plain(plans, indices, options)
+            alone += _plan_plain(plans, indices, options, jobs)
         else:
-            size = WITH_ROWS if options.jobs == 1 else min(WITH_ROWS, -(-len(indices) // (SHARES * options.jobs)))
+            size = WITH_ROWS if jobs == 1 else min(WITH_ROWS, -(-len(indices) // (SHARES * jobs)))
             tasks += [_Task(part.tolist(), first) for part in _parts(indices, size)]
-    _finish(plans, [*tasks, *_alone(alone)], brief, options.jobs, seed)
+    _finish(plans, [*tasks, *_alone(alone)], brief, jobs, seed)
     if search:
         missed = set(np.flatnonzero(plans.status == "not_found").tolist())
         searched = {index for task in tasks for index in task.indices}.union(alone)
-        _finish(plans, _alone(missed - searched), whole, options.jobs, seed)
+        _finish(plans, _alone(missed - searched), whole, jobs, seed)
     if prove:
         solved = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
-        _finish(plans, _alone(solved, plans), whole, options.jobs, seed)
+        _finish(plans, _alone(solved, plans), whole, jobs, seed)
     return plans
 
 
 def _efforts(options: SearchOptions, search: bool) -> tuple[SearchOptions, SearchOptions]:
     """How to search for what is not planned in a batch, and the whole search."""
-    whole = replace(options, jobs=1, attempts=None)
-    return whole if search else replace(options, jobs=1, patience=PATIENCE * SearchOptions().work), whole
+    whole = replace(options, attempts=None)
+    return whole if search else replace(options, patience=PATIENCE * SearchOptions().work), whole
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
@@ -173,7 +179,7 @@ def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[N
     return numbers(indices[good]) if good.any() and not good.all() else all_numbers, good
 
 
-def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions) -> list[int]:
+def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions, jobs: int) -> list[int]:
     """Plan plain problems in chunks; those with doubtful numbers, which a Problem checks, are returned."""
     like, problems = _like(plans.problems, int(indices[0])), plans.problems
 
@@ -182,8 +188,8 @@ def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions) -> list
         return good, follow_unconstrained(like, numbers, options.starts, options.seed) if good.any() else None
 
     chunks, doubtful = _parts(indices, CHUNK), []
-    with ThreadPoolExecutor(options.jobs) as pool:
-        each = (map if options.jobs == 1 else pool.map)(followed, chunks)
+    with ThreadPoolExecutor(jobs) as pool:
+        each = (map if jobs == 1 else pool.map)(followed, chunks)
         for chunk, (good, batch) in zip(chunks, each, strict=True):
             doubtful += chunk[~good].tolist()
             if batch:

@@ -19,7 +19,6 @@ def plan(
     seed: int = 0,
     starts: int = 1,
     budget: float | None = None,
-    jobs: int = 1,
     progress: Callable[[str], None] | None = None,
     prove: bool = False,
 ) -> Plan:
@@ -35,9 +34,7 @@ def plan(
         budget ends them.
     budget : float, optional
         Seconds, by the clock, after which the search ends with the best motion so far; left out, so much work as takes
-        about 7 s at most, counted without a clock: the same problem and seed then have the same answer everywhere.
-    jobs : int
-        Processes among which the starts are shared; they find what one finds, sooner.
+        about 2 s at most, counted without a clock: the same problem and seed then have the same answer everywhere.
     progress : callable, optional
         Told in a few words what the search is doing, about once a second.
     prove : bool
@@ -57,7 +54,7 @@ def plan(
         The problem is none, or its file is wrong; a number is none, or out of its range; or what stands on the ground
         moves down at takeoff.
     """
-    found = planned(given_problem(problem), SearchOptions(seed, starts, budget, jobs, progress))
+    found = planned(given_problem(problem), SearchOptions(seed, starts, budget, progress))
     if not flag(prove, "prove") or found.plan.robot.in_plane is None:
         return _noted(found.plan)
     from floatplan.planning.repair import proved_plan  # here, because most plans do without

@@ -1,8 +1,8 @@
-"""The search for a motion: attempts from many starts, at rising degrees, in one process or several; the best kept.
+"""The search for a motion: attempts from many starts, at rising degrees; the best is kept.
 
-The attempts are a sequence that the problem and the seed settle: neither the number of solutions wanted nor that of the
-processes changes it. More solutions wanted make it longer, so that its best is never worse. Unless a budget of seconds
-is given, it ends by the work done in its order.
+The attempts are a sequence that the problem and the seed settle: the number of solutions wanted does not change it.
+More solutions wanted make it longer, so that its best is never worse. Unless a budget of seconds is given, it ends by
+the work done in its order.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -20,12 +19,10 @@ import numpy as np
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.arrays import Array
 from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
-from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.attempt import ATTEMPTS, Attempts
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
 from floatplan.planning.transcription.result import AttemptResult, best
-from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
@@ -117,13 +114,11 @@ class SearchOptions(Checked):
     seed : of the random starts
     starts : solved starts to choose the best from
     budget : s, or None: the usual work
-    jobs : processes
     progress : told in a few words what the search is doing
     patience : instants of one body, how much of the usual work may be done before a start is solved; None: all of it
-        Only with one process. A search that ends sooner is otherwise the same.
+        A search that ends sooner is otherwise the same.
     attempts : unsolved starts at a degree, after which no more are tried there, or five where none comes near a plan;
         None: as many as the work allows
-        With one process too.
     near_miss : whether a motion is searched that nearly meets a problem which is proved impossible
 
     Raises
@@ -135,7 +130,6 @@ class SearchOptions(Checked):
     seed: int = 0
     starts: int = 1
     budget: float | None = None
-    jobs: int = 1
     progress: Callable[[str], None] | None = None
     patience: float | None = None
     attempts: int | None = None
@@ -145,7 +139,6 @@ class SearchOptions(Checked):
         "seed": SEED,
         "starts": whole(Range(1, MOST_SOLVED, "")),
         "budget": optional(positive(unit="s")),
-        "jobs": JOBS,
         "progress": optional(function),
         "attempts": optional(whole(Range(1, ATTEMPTS, ""))),
     }
@@ -294,16 +287,13 @@ def _results(
     allowance: Allowance,
     most: int,
 ) -> Iterator[AttemptResult]:
-    """Results of the attempts, in their order, from this process or from several; of so many starts at most.
+    """Results of the attempts, in their order; of so many starts at most.
 
     The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
-    none: how far it came would depend on what ran beside it.
+    none: how far it came would depend on what was done before.
     """
     tried: list[AttemptResult] = []
     is_first = True
-
-    def here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
-        return prepared.attempts(degrees, given, numbers, expired, allowance.left, not options.near_miss)
 
     def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[AttemptResult | None]:
         """One after the other as long as it matters where each ends, then together."""
@@ -313,31 +303,28 @@ def _results(
             matters = len(tried) < alone or any(each.holds for each in tried)
             most = min(options.attempts, FEW if _starts(tried) < FEW else ATTEMPTS) if options.attempts else ATTEMPTS
             count = 1 if matters or prepared.problem.raises_degree else most - _starts(tried)
-            result = here(degrees, given, range(number, min(number + count, numbers.stop)))
+            these = range(number, min(number + count, numbers.stop))
+            result = prepared.attempts(degrees, given, these, expired, allowance.left, not options.near_miss)
             yield result
             number += result.starts if result else 1
 
-    ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
-    several = options.jobs > 1
-    with processes(options.jobs, (__name__,), _attempting, *ready) if several else nullcontext() as pool:
-        for degrees, attempts in _stages(prepared.problem):
-            nearest = _nearest(tried)
-            raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
-            numbers = range(min(attempts, most))
-            tried = []
-            alone = ((degrees, raised, range(number, number + 1)) for number in numbers)
-            for result in in_order(pool, list(alone), here) if several else in_turn(degrees, raised, numbers):
-                if result is None:  # there are not so many starts
-                    break
-                if not allowance.grants(result, is_first):
-                    return
-                is_first = False
-                most -= result.starts
-                yield result
-                tried.append(result)
-                allowance.gave_up = options.attempts is not None and _are_hopeless(tried, options.attempts)
-                if allowance.gave_up:
-                    break
+    for degrees, attempts in _stages(prepared.problem):
+        nearest = _nearest(tried)
+        raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
+        numbers = range(min(attempts, most))
+        tried = []
+        for result in in_turn(degrees, raised, numbers):
+            if result is None:  # there are not so many starts
+                break
+            if not allowance.grants(result, is_first):
+                return
+            is_first = False
+            most -= result.starts
+            yield result
+            tried.append(result)
+            allowance.gave_up = options.attempts is not None and _are_hopeless(tried, options.attempts)
+            if allowance.gave_up:
+                break
 
 
 def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
@@ -367,18 +354,3 @@ def expiry(budget: float | None) -> Callable[[], bool]:
         return lambda: False
     end = time.monotonic() + budget
     return lambda: time.monotonic() > end
-
-
-@one_thread
-def _attempting(
-    problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float
-) -> Callable[..., AttemptResult | None]:
-    """Return what follows starts in a process of its own, by degrees, given starts and number."""
-    prepared, expired = Attempts(problem, seed, momentum), expiry(budget)
-
-    @one_thread
-    def attempt(degrees: tuple[int, ...], given: list[Start], numbers: range) -> AttemptResult | None:
-        result = prepared.attempts(degrees, given, numbers, expired, most_work)
-        return result and replace(result, start_variables=result.variables, branch=None)  # without what it caches
-
-    return attempt

@@ -273,7 +273,7 @@ class TestRobotAndOptions:
             ["plan"],
             ["plan", EXAMPLE, "--sed", "1"],
             ["plan", EXAMPLE, "--seed", "x"],
-            ["plan", EXAMPLE, "--jobs", "0"],
+            ["plan", EXAMPLE, "--starts", "0"],
             ["fly"],
         ],
     )

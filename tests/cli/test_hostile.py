@@ -385,7 +385,7 @@ def test_a_table_has_no_formula(root, tmp_path):
     ("arguments", "reason"),
     [
         (["--seed", str(10**30)], "seed: 1000"),
-        (["--jobs", "100000"], "100000 is outside 1 to 64"),
+        (["--starts", "100000"], "100000 is outside 1 to 1000"),
         (["--duration", "1e-300"], "is outside 0.001 to 1000 s"),
         (["--angular-momentum", "1e308"], "is outside -1e"),
         (["--horizontal-velocity", "1e300"], "is outside -10000 to 10000 m/s"),

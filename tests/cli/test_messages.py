@@ -30,7 +30,7 @@ ROBOT = ("plan", GYMNAST, "--start", "0,0,0", "--goal", "1,0,0", "--duration", "
         (("plan", EXAMPLE, "--duration", "0"), ["command line: --duration: 0.0 s is not positive"]),
         (("plan", EXAMPLE, "--seed", "9" * 30), ["--seed: 9"]),
         (("plan", EXAMPLE, "--rate", "0"), ["--rate: 0.0 Hz"]),
-        (("plan", EXAMPLE, "--jobs", "1000"), ["--jobs: 1000"]),
+        (("plan", EXAMPLE, "--starts", "10000"), ["--starts: 10000"]),
         (("study", PROBLEMS / "studies" / "first.toml", "--engine", "x"), ["--engine: must be"]),
     ],
 )

@@ -75,9 +75,8 @@ def interrupted(wanted: str, folder: Path, *arguments: str | Path) -> tuple[int,
 
 
 class TestInterrupt:
-    @pytest.mark.parametrize("jobs", ["1", "2"])
-    def test_the_nearest_motion_is_kept(self, jobs: str, endless: Path, tmp_path: Path) -> None:
-        code, told = interrupted("0 solved", tmp_path / "out", endless, "--budget", "500", "--jobs", jobs)
+    def test_the_nearest_motion_is_kept(self, endless: Path, tmp_path: Path) -> None:
+        code, told = interrupted("0 solved", tmp_path / "out", endless, "--budget", "500")
         assert code == 1, told
         assert "planning: " in told
         assert "Traceback" not in told
@@ -108,7 +107,7 @@ class TestBudget:
         assert "ran out of time" in content["explanation"]
         assert "violated by" in content["explanation"]
 
-    @pytest.mark.parametrize("option", ["--budget", "--jobs", "--starts"])
+    @pytest.mark.parametrize("option", ["--budget", "--starts"])
     def test_nothing_is_no_amount(self, option: str, hopeless: Path, floatplan: Callable[..., Any]) -> None:
         assert floatplan("plan", hopeless, option, "0").code == 2
 
@@ -137,25 +136,6 @@ class TestProgress:
     def test_quiet(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
         run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--quiet")
         assert (run.code, run.stdout, run.stderr) == (1, "", "")
-
-
-def test_several_processes_find_the_same_plan(floatplan: Callable[..., Any]) -> None:
-    for folder, jobs in (("one", "1"), ("two", "2")):
-        run = floatplan(
-            "plan",
-            PROBLEMS / "obstacle.toml",
-            "-o",
-            folder,
-            "--jobs",
-            jobs,
-            "--quiet",
-            "--no-figures",
-            "--budget",
-            "60",
-        )
-        assert run.code == 0
-    one, two = (json.loads(Path(folder, "plan.json").read_text()) for folder in ("one", "two"))
-    np.testing.assert_allclose(one["coefficients"], two["coefficients"], rtol=1e-6)
 
 
 def test_pictures_show_the_plan_that_knows_no_obstacle(floatplan: Callable[..., Any]) -> None:

@@ -206,7 +206,7 @@ def test_threads_and_processes_plan_the_same():
 
 def test_starts_seeds_and_degrees_are_the_searchs_own():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    several = fp.plan(problem, starts=3, seed=5, jobs=1)
+    several = fp.plan(problem, starts=3, seed=5)
     assert several.ok
     assert several.solver["seed"] == 5
     assert several.objective_value <= fp.plan(problem, seed=5).objective_value * (1 + 1e-9)

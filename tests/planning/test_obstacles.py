@@ -235,14 +235,3 @@ class TestObjectives:
         free, given = planned("somersault_low_torque"), planned("somersault")
         times = np.linspace(0, free.duration, 4001)
         assert (free.at(times).torques ** 2).mean() < 0.7 * (given.at(times).torques ** 2).mean()
-
-
-class TestJobs:
-    @pytest.mark.parametrize("name", ["obstacle_hard", "falling_cat_apart"])
-    def test_several_processes_find_the_same_plan(self, planned: Planned, name: str) -> None:
-        together = fp.plan(problem_of(name), jobs=2, budget=BUDGET)
-        assert together.solver["starts"] == planned(name).solver["starts"]
-        assert together.objective_value == pytest.approx(planned(name).objective_value, rel=1e-8)
-        times = np.linspace(0, together.duration, 101)
-        alone = planned(name).at(times)
-        np.testing.assert_allclose(together.at(times).positions, alone.positions, atol=1e-5)

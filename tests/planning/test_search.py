@@ -138,12 +138,6 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
     assert found.counts["starts"] == max(after, 1)
 
 
-def test_processes_find_what_one_finds(problem):
-    alone, shared = (run(problem, starts=3, jobs=jobs) for jobs in (1, 2))
-    assert shared.counts["starts"] == alone.counts["starts"]
-    assert shared.best.x.tobytes() == alone.best.x.tobytes()
-
-
 class TestAllowance:
     def test_the_first_attempt_is_always_granted(self, problem):
         outcome = replace(run(problem).best, work=10.0)
@@ -175,8 +169,10 @@ class Killed(executor.WorkerPool):
 
 
 def test_killed_processes_lose_no_answer(hopeless, monkeypatch):
-    alone = run(hopeless, most=3, starts=3)
+    objectives = ("torque", "acceleration")
+    problems = [replace(hopeless, motion=replace(hopeless.motion, objective=name)) for name in objectives]
+    alone = fp.plan_many(problems, attempts=3)
     monkeypatch.setattr(executor, "WorkerPool", Killed)
-    shared = run(hopeless, most=3, starts=3, jobs=2)
-    assert shared.counts["starts"] == alone.counts["starts"] == 3
-    assert np.array_equal(shared.best.x, alone.best.x)
+    shared = fp.plan_many(problems, attempts=3, jobs=2)
+    assert shared.starts.tolist() == alone.starts.tolist()
+    assert shared.coefficients.tobytes() == alone.coefficients.tobytes()
