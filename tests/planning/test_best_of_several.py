@@ -105,13 +105,6 @@ class TestWork:
         assert values == sorted(values, reverse=True)
 
 
-@pytest.mark.parametrize("name", ["starts_10_obstacle_acceleration", "starts_11_free_h_acceleration"])
-def test_processes_find_what_one_finds(name: str) -> None:
-    alone, shared = (searched(problems()[name], 3, jobs).plan for jobs in (1, 2))
-    assert shared.coefficients.tobytes() == alone.coefficients.tobytes()
-    assert {**shared.solver, "seconds": 0} == {**alone.solver, "seconds": 0}
-
-
 def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(9, 9))
