@@ -124,9 +124,11 @@ def test_a_process_that_was_killed_is_started_anew(tmp_path):
 
 
 INTERRUPTED = """
+import signal
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background has it ignored
 from test_mjcf_safety import endless
 from floatplan.robot.mjcf import process
 from floatplan.robot.mjcf.compiled import compiled_mjcf
