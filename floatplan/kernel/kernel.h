@@ -73,6 +73,8 @@ typedef struct {
     const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
 } Interpolation;
 
+// In this order: first those of sums, up to share_row, then those of distances. A share_row is what the magnitudes of two
+// sums leave of 1: corrections in flight have it; a search has a sum_row for each pair of signs.
 typedef enum {
     sum_row, share_row, circle_row, bar_row, half_plane_start_row, half_plane_end_row, pair_row
 } RowKind;

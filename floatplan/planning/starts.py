@@ -1,4 +1,4 @@
-"""Where a search begins: the plain motion, then motions drawn at random that already meet (14) and violate little."""
+"""Where a search begins: the plain motion. Others are drawn by the kernel, ``starts.hpp`` and ``ranked.hpp``."""
 
 from dataclasses import dataclass
 from functools import lru_cache
