@@ -7,7 +7,7 @@ as it is: contiguous, of the header's numbers, or None where there is none.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from functools import cache
@@ -299,9 +299,3 @@ class StructRows:
     def row(self, index: int) -> Pointer:
         """Return a pointer to one of the copies, which lives no longer than they do."""
         return self.pointer + index
-
-
-def all_names(kind: str) -> Iterable[str]:
-    """Return the names of everything of a kind that the header declares: "struct" or "enum"."""
-    declared, _, _ = FFI.list_types()
-    return [name for name in declared if FFI.typeof(name).kind == kind]

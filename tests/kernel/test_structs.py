@@ -15,9 +15,15 @@ import floatplan as fp
 from floatplan.compiled import attempts
 from floatplan.inflight import prediction
 from floatplan.kernel import build, library
-from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, all_names, dtype, enumeration, layout
+from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, dtype, enumeration, layout
 from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
 from floatplan.planning import together
+
+
+def all_names(kind: str) -> list[str]:
+    """Return the names of everything of a kind that the header declares: "struct" or "enum"."""
+    declared, _, _ = FFI.list_types()
+    return [name for name in declared if FFI.typeof(name).kind == kind]
 
 
 def node_arrays() -> dict[str, np.ndarray]:
