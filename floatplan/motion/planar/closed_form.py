@@ -32,12 +32,14 @@ class TurningBodies:
     Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right, are one here.
 
     ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
-    the moments of inertia on its diagonal; ``turn`` the tree's.
+    the moments of inertia on its diagonal; ``turn`` the tree's; ``rates`` (g, n+1) derivatives of the absolute angles
+    by orientation and planned positions.
     """
 
     turns: Array
     coupling: ComplexArray
     turn: float
+    rates: Array
 
     @classmethod
     def of(cls, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> TurningBodies:
@@ -45,12 +47,8 @@ class TurningBodies:
         turns, group = tree.distinct_turns
         rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
         each = (tree.coupling if coupling is None else coupling) + np.diag(tree.inertia if inertia is None else inertia)
-        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn)
-
-    @property
-    def rates(self) -> Array:
-        """Derivatives (g, n+1) of the absolute angles by (orientation, planned positions)."""
-        return np.concatenate((np.ones((len(self.turns), 1)), self.turns), axis=1)
+        rates = np.concatenate((np.ones((len(turns), 1)), turns), axis=1)
+        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn, rates)
 
 
 class Dynamics:
@@ -147,12 +145,9 @@ def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
 
 def frames_from_com(robot: Robot, frame: Frame, orientation: Array, positions: Array) -> ComplexArray:
     """Places (..) of a frame so, for orientations (..) and positions (.., n), rad: each as if it were alone."""
-    return _places(robot.tree, frame_weights(robot, frame), orientation, positions)
-
-
-def _places(tree: PlanarTree, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
+    tree = robot.tree
     angles = orientation[..., None] + (positions[..., None, :] * tree.turns).sum(axis=-1) + tree.offsets
-    return np.asarray((tree.rotations(angles) * weights).sum(axis=-1))
+    return np.asarray((tree.rotations(angles) * frame_weights(robot, frame)).sum(axis=-1))
 
 
 def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any) -> Any:
@@ -167,11 +162,9 @@ def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any)
 @lru_cache(maxsize=8)
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
-    flight, tree, ends = problem.flight, problem.robot.tree, (problem.initial, problem.final)
-    frames = problem.takeoff_frame, problem.landing_frame
-    weights = np.array([frame_weights(problem.robot, frame) for frame in frames])
-    orientations, positions = np.array([end.orientation for end in ends]), np.array([end.positions for end in ends])
-    foot, landing = _places(tree, weights, orientations, positions).tolist()
+    robot, flight = problem.robot, problem.flight
+    foot = frame_from_com(robot, robot.frames[problem.takeoff.frame], problem.initial)
+    landing = frame_from_com(robot, robot.frames[problem.landing.frame], problem.final)
     takeoff = complex(*problem.takeoff.place_in_plane) - foot
     vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(
