@@ -273,10 +273,10 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
     intervals null where they are not bounded.
     """
-    from floatplan.motion.flight import End, angular_momentum_interval, inertia_extremes
+    from floatplan.motion.flight import End, flight_of, inertia_extremes
 
     low, high = inertia_extremes(problem.robot, problem.position_limits)
-    interval = angular_momentum_interval(problem)
+    interval = flight_of(problem).momentum_interval
     if interval is None:
         raise problem.robot.not_in_plane
     facts: dict[str, Any] = plain(

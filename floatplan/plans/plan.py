@@ -16,7 +16,7 @@ from floatplan.arguments import in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.motion.flight import Ballistics, Contact, angular_momentum_interval, ballistics, landing, takeoff
+from floatplan.motion.flight import Ballistics, Contact, flight_of, landing, takeoff
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import Outputs, output
@@ -90,10 +90,11 @@ class Plan(Outputs, PlannedMotion):
             b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
+        flight = flight_of(problem)
         return cls(
             **_motion(problem, polynomials, z, angular_momentum, coefficients),
-            ballistics=ballistics(problem),
-            angular_momentum_bounds=angular_momentum_interval(problem),
+            ballistics=flight.ballistics,
+            angular_momentum_bounds=flight.momentum_interval,
             **answer,
         )
 
@@ -261,7 +262,7 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
             for index, end in enumerate(("start", "goal"))
         },
         "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
-        "com": vars(ballistics(problem)),
+        "com": vars(flight_of(problem).ballistics),
         "orientation": plan.whole.orientation_at_ends,
         "objective": {"value": plan.objective_value},
         "torque_peak": peaks.torque,

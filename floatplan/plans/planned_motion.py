@@ -63,7 +63,7 @@ class PlannedMotion(flight.MotionInFile):
     @cached_property
     def whole(self) -> WholeMotion:
         """The whole robot's motion, as the joints' makes it."""
-        return flight.whole_motion(self.problem, self._written, self.angular_momentum, self.ballistics)
+        return flight.flight_of(self.problem).whole_motion(self._written, self.angular_momentum, self.ballistics)
 
     @property
     def dynamics(self) -> Any:

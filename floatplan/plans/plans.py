@@ -12,7 +12,7 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.motion.flight import angular_momentum_interval, ballistics
+from floatplan.motion.flight import flight_of
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 
@@ -59,6 +59,7 @@ class Answer:
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
         """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
         low, high = problem.position_limits.T
+        flight = flight_of(problem)
         ok = self.status in SOLVED and self.verdict != "refuted"
         plan = Plan(
             problem=problem,
@@ -66,8 +67,8 @@ class Answer:
             amplitude=read_only((high - low) / 2),
             coefficients=read_only(self.coefficients),
             angular_momentum=self.angular_momentum,
-            ballistics=ballistics(problem),
-            angular_momentum_bounds=angular_momentum_interval(problem),
+            ballistics=flight.ballistics,
+            angular_momentum_bounds=flight.momentum_interval,
             status=self.status if ok else "infeasible",
             ok=ok,
             explanation=self.message or GOAL_MET,

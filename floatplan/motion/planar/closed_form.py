@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.motion.dynamics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
@@ -104,30 +105,6 @@ class Dynamics:
 def tree_dynamics(tree: PlanarTree) -> Dynamics:
     """Return a tree's dynamics, prepared once."""
     return Dynamics(tree)
-
-
-@dataclass(frozen=True, eq=False)
-class Ballistics:
-    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
-
-    In space x, y and z, the last of which is the vertical.
-    """
-
-    position0: Array
-    velocity0: Array
-    gravity: float
-
-    def positions(self, times: Array) -> Array:
-        """Places (N, 2) or (N, 3), m, at times (N,), s."""
-        path = self.position0 + times[:, None] * self.velocity0
-        path[:, -1] -= self.gravity * times**2 / 2
-        return np.asarray(path)
-
-    def velocities(self, times: Array) -> Array:
-        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
-        velocities = np.tile(self.velocity0, (len(times), 1))
-        velocities[:, -1] -= self.gravity * times
-        return velocities
 
 
 @lru_cache(maxsize=64)

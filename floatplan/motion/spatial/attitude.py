@@ -30,6 +30,7 @@ from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import exponential, of_quaternions
 
+LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages of the search, by levels
 TOLERANCES: dict[str, float] = {
     "sweeps": 12,  # of Newton's method; more than it takes where it comes to an end
     "settled": 1e-13,  # [-] of |h|: a step of mu below which Newton's method has ended
