@@ -172,7 +172,7 @@ def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> Sear
     variables = decision_variables(prepared.problem, degrees, branches, prepared.momentum)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
-    z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
+    z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).given) :]
     start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
     stop = expiry(None if budget is None else SHARE * budget)
     if prepared.problem.robot.in_plane is None:
