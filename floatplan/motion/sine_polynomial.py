@@ -13,7 +13,7 @@ quintic with p'' there is one of the free functions, scaled to the same length.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -141,6 +141,14 @@ class SinePolynomials:
     free : (n,) int
         Free polynomials of each joint: degree - 5, and one for each free end.
     free_ends : which of ``CURVATURES`` are free
+    form : Form
+        Which polynomials make p.
+    width : int
+        Free polynomials of the joint that has most.
+    free_indices : int array
+        Which entries of a flattened z (n, width) the joints have; the others stay zero.
+    given_boundary : (n, g)
+        The conditions (13) that are given.
     """
 
     centre: Array
@@ -149,21 +157,21 @@ class SinePolynomials:
     boundary: Array
     free: tuple[int, ...]
     free_ends: tuple[int, ...] = ()
+    form: Form = field(init=False)
+    width: int = field(init=False)
+    free_indices: IntArray = field(init=False)
+    given_boundary: Array = field(init=False)
 
-    @cached_property
-    def form(self) -> Form:
-        """Which polynomials make p."""
-        return Form(self.width, self.free_ends)
-
-    @cached_property
-    def width(self) -> int:
-        """Free polynomials of the joint that has most."""
-        return max(self.free)
-
-    @cached_property
-    def free_indices(self) -> IntArray:
-        """Which entries of a flattened z (n, width) the joints have; the others stay zero."""
-        return np.flatnonzero(np.arange(self.width) < np.array(self.free)[:, None])
+    def __post_init__(self) -> None:
+        """Derive what every motion of the class needs."""
+        width = max(self.free)
+        form = Form(width, self.free_ends)
+        vars(self).update(
+            form=form,
+            width=width,
+            free_indices=np.flatnonzero(np.arange(width) < np.array(self.free)[:, None]),
+            given_boundary=self.boundary[:, basis(form).given] if self.free_ends else self.boundary,
+        )
 
     @property
     def no_free_part(self) -> Array:
@@ -180,11 +188,6 @@ class SinePolynomials:
     def _plain_coefficients(self) -> Array:
         """All coefficients (n, 6+width) of the motion with no free part."""
         return np.concatenate((self.given_boundary, self.no_free_part), axis=1)
-
-    @property
-    def given_boundary(self) -> Array:
-        """The conditions (13) that are given (n, g)."""
-        return self.boundary[:, basis(self.form).given] if self.free_ends else self.boundary
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""

@@ -140,8 +140,10 @@ def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any)
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     robot, flight = problem.robot, problem.flight
-    foot = frame_from_com(robot, robot.frames[problem.takeoff.frame], problem.initial)
-    landing = frame_from_com(robot, robot.frames[problem.landing.frame], problem.final)
+    takeoff_frame, landing_frame = robot.frames[problem.takeoff.frame], robot.frames[problem.landing.frame]
+    start, goal = problem.initial, problem.final
+    foot = complex(frames_from_com(robot, takeoff_frame, np.array(start.orientation), start.positions))
+    landing = complex(frames_from_com(robot, landing_frame, np.array(goal.orientation), goal.positions))
     takeoff = complex(*problem.takeoff.place_in_plane) - foot
     vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(

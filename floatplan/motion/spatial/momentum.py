@@ -40,7 +40,7 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
         return MomentumSet(read_only(suggested), read_only(np.empty((3, 0))))
     size = float(np.linalg.norm(suggested))
     if size == 0.0:
-        reach = ALONG * np.trace(_PlainMotion(problem).inertia) / 3 / problem.flight.duration
+        reach = ALONG * np.trace(_PlainMotion(problem).mean_inertia_B) / 3 / problem.flight.duration
         return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
     beside = np.linalg.svd(along[None])[2][1:]
@@ -59,7 +59,7 @@ def suggested_momentum(problem: Problem) -> Array:
     change = angle_changes(start, goal)
     if np.abs(change).max() < SHORT:
         turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
-        return plain.reaching(plain.mean_inertia(start.matrix) @ turn / problem.flight.duration)
+        return plain.reaching(plain.mean_inertia_W @ turn / problem.flight.duration)
     assert goal.axes is not None
     along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
     if np.abs(change[:2]).max() < SHORT:
@@ -73,7 +73,11 @@ def suggested_momentum(problem: Problem) -> Array:
 
 
 class _PlainMotion:
-    """The motion with no free part, as it turns the base for any h."""
+    """The motion with no free part, as it turns the base for any h.
+
+    ``mean_inertia_B`` (3, 3) is the mean over the flight in the base's axes, kg m^2; ``mean_inertia_W`` the same in the
+    world's axes, at takeoff.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.duration = problem.flight.duration
@@ -95,17 +99,11 @@ class _PlainMotion:
         polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
         values = basis(polynomials.form).values(self.cells.s)
         joints = polynomials.motion(polynomials.no_free_part, values)
-        self._inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(joints.positions)
+        inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(joints.positions)
+        self._inertia = inertia
         self._relative = np.einsum("kan,kn->ka", joint_map, joints.velocities)
-
-    @property
-    def inertia(self) -> Array:
-        """Inertia (3, 3) in the base's axes, the mean over the flight, kg m^2."""
-        return np.asarray(np.linalg.inv(np.linalg.inv(self._inertia).mean(axis=0)))
-
-    def mean_inertia(self, attitude: Array) -> Array:
-        """The same in the world's axes."""
-        return np.asarray(attitude @ self.inertia @ attitude.T)
+        self.mean_inertia_B = np.asarray(np.linalg.inv(np.linalg.inv(inertia).mean(axis=0)))
+        self.mean_inertia_W = np.asarray(self.initial_attitude @ self.mean_inertia_B @ self.initial_attitude.T)
 
     def turned(self, h: Array) -> Turning:
         """Turn the base; errors as of :func:`turn`."""
@@ -139,7 +137,7 @@ class _PlainMotion:
                 if missed < ENOUGH:
                     break
                 step = -np.linalg.lstsq(self.residual_slope(turning), residual, rcond=1e-9)[0]
-                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.inertia)) / self.duration)
+                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:
             pass
@@ -149,7 +147,7 @@ class _PlainMotion:
         """The h along an axis (3,) of the world with which one of the angles about axes changes as asked (3,), rad."""
         low, of_low = 0.0, 0.0
         angle = float(change[which])
-        high = angle / self.duration * float(axis @ self.mean_inertia(self.initial_attitude) @ axis)
+        high = angle / self.duration * float(axis @ self.mean_inertia_W @ axis)
         try:
             for _ in range(STEPS):
                 angles = unwrapped_angles(axes, self.turned(high * axis).way)
