@@ -117,14 +117,17 @@ def frame_weights(robot: Robot, frame: Frame) -> ComplexArray:
 
 def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
     """Place of a frame relative to the centre of mass, (6), m, as a complex number."""
-    return complex(frames_from_com(robot, frame, np.array(state.orientation), state.positions))
+    weights = frame_weights(robot, frame)
+    return complex(places_from_com(robot.tree, weights, np.array(state.orientation), state.positions))
 
 
-def frames_from_com(robot: Robot, frame: Frame, orientation: Array, positions: Array) -> ComplexArray:
-    """Places (..) of a frame so, for orientations (..) and positions (.., n), rad: each as if it were alone."""
-    tree = robot.tree
+def places_from_com(tree: PlanarTree, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
+    """Places (..) of points by their weights (m,) or (.., m), for orientations (..) and positions (.., n), rad.
+
+    Each is computed as if it were alone: to the same bits.
+    """
     angles = orientation[..., None] + (positions[..., None, :] * tree.turns).sum(axis=-1) + tree.offsets
-    return np.asarray((tree.rotations(angles) * frame_weights(robot, frame)).sum(axis=-1))
+    return np.asarray((tree.rotations(angles) * weights).sum(axis=-1))
 
 
 def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any) -> Any:
@@ -140,10 +143,12 @@ def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any)
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     robot, flight = problem.robot, problem.flight
-    takeoff_frame, landing_frame = robot.frames[problem.takeoff.frame], robot.frames[problem.landing.frame]
-    start, goal = problem.initial, problem.final
-    foot = complex(frames_from_com(robot, takeoff_frame, np.array(start.orientation), start.positions))
-    landing = complex(frames_from_com(robot, landing_frame, np.array(goal.orientation), goal.positions))
+    ends = (problem.initial, problem.final)
+    frames = (robot.frames[problem.takeoff.frame], robot.frames[problem.landing.frame])
+    weights = np.array([frame_weights(robot, frame) for frame in frames])
+    orientations = np.array([state.orientation for state in ends])
+    positions = np.array([state.positions for state in ends])
+    foot, landing = places_from_com(robot.tree, weights, orientations, positions).tolist()
     takeoff = complex(*problem.takeoff.place_in_plane) - foot
     vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(

@@ -61,7 +61,7 @@ def gauss_grid(count: int) -> GaussGrid:
     return GaussGrid(quadrature, quadrature.nodes, quadrature.integrals(quadrature.nodes))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one for every plan
 class PlanarFlight:
     """What a problem fixes of every motion in its plane; orientations and their change in rad, the duration in s.
 
