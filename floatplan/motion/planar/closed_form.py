@@ -149,10 +149,11 @@ def ballistics(problem: Problem) -> Ballistics:
     orientations = np.array([state.orientation for state in ends])
     positions = np.array([state.positions for state in ends])
     foot, landing = places_from_com(robot.tree, weights, orientations, positions).tolist()
-    takeoff = complex(*problem.takeoff.place_in_plane) - foot
+    horizontal, vertical = problem.takeoff.position[:2]
+    takeoff = complex(horizontal, vertical) - foot
     vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),
-        velocity0=read_only([flight.speed_in_plane, vertical_velocity]),
+        velocity0=read_only(np.array([flight.horizontal_velocity, vertical_velocity])),
         gravity=float(flight.gravity),
     )

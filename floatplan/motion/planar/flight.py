@@ -93,12 +93,12 @@ class PlanarFlight:
 
         A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
         """
-        asked = self.problem.flight.momentum_in_plane
-        if not isinstance(asked, str):
-            return MomentumSet(read_only([asked]), read_only(np.empty((1, 0))))
+        requested = self.problem.flight.angular_momentum
+        if not isinstance(requested, str):
+            return MomentumSet(read_only(np.array([requested])), read_only(np.empty((1, 0))))
         low, high = self.momentum_interval
         middle = read_only([(low + high) / 2])
-        if asked != "free":
+        if requested != "free":
             return MomentumSet(middle, read_only(np.empty((1, 0))))
         _, largest = bounds.inertia_extremes(self.problem.robot, self.problem.position_limits)
         return MomentumSet(middle, read_only([[max((high - low) / 2, largest[0] / self.duration)]]))

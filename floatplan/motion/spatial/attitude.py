@@ -121,11 +121,6 @@ class Turning:
         """M (K, 3, 3), 1/(kg m^2)."""
         return np.asarray(self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2))
 
-    @property
-    def step(self) -> float:
-        """Length of a cell, s."""
-        return self.duration / self.cells.count
-
     @cached_property
     def carried(self) -> tuple[Array, Array]:
         """How small turns go on in each cell: transitions (C, 3, 3), and weights (C, S, 3, 3) of g at the stages.
