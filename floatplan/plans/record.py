@@ -55,6 +55,7 @@ class RobotRecord:
     ``sha256`` is that of the file (of a xacro file, of the URDF that it makes), ``meshes`` are those of the collision
     meshes that its shapes are around, by their file names in the file, and of an MJCF also those of all else that it is
     read with, such as included files;
+    ``resolved``, of an MJCF, is the URDF that the robot was planned as, and its SHA-256: {"urdf", "sha256"};
     ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them;
     ``balance_inertias`` and ``payload`` are there where they were asked for: whether inertias that no body can have
     were balanced, and point masses that links carry: {"link", "mass", "at"}, kg and m in the link's frame;
@@ -74,6 +75,7 @@ class RobotRecord:
     armature: Mapping[str, float] = field(default_factory=dict)
     damping: Mapping[str, float] = field(default_factory=dict)
     resting: tuple[float, ...] = ()
+    resolved: Mapping[str, str] | None = None
     balance_inertias: bool | None = None
     payload: tuple[Mapping[str, Any], ...] | None = None
 
@@ -266,6 +268,11 @@ ROBOTS = {  # by what the file is, and whether the robot flies in space
             "balance_inertias": flag,
             "payload": many(PAYLOAD, "payloads"),
             **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
+            **(
+                {"resolved": KeyedTable(dict.fromkeys(("urdf", "sha256"), text), unknown=NO_KEY)}
+                if kind == "mjcf"
+                else {}
+            ),
         },
         NO_KEY,
     )

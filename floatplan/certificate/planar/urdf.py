@@ -44,7 +44,8 @@ class Placement:
 class Link:
     """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2).
 
-    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body (``type="frame"``) or of a base that floats, and has no
+    shape at all.
     """
 
     name: str
@@ -150,9 +151,9 @@ def _parents_first(joints: list[Joint], root: str) -> tuple[Joint, ...]:
 def _link(element: Element) -> Link:
     name = _text(element, "name")
     inertial = element.find("inertial")
-    collides = element.find("collision") is not None
+    collides, frame = element.find("collision") is not None, element.get("type") == "frame"
     if inertial is None:
-        return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides)
+        return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides, frame)
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     if mass is None:
         raise InputError("its <inertial> has no <mass>", element=f'link "{name}"')
@@ -165,7 +166,7 @@ def _link(element: Element) -> Link:
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
     moments = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Link(name, value, _origin(inertial), moments, True, collides)
+    return Link(name, value, _origin(inertial), moments, True, collides, frame)
 
 
 def _joint(element: Element) -> Joint:
