@@ -24,7 +24,7 @@ from floatplan.files import (
     read_json,
     read_regular,
 )
-from floatplan.plans.record import FILE, FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
+from floatplan.plans.record import FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.shapes.collisions import LARGEST_MESH
@@ -83,9 +83,7 @@ def _record(content: dict[str, Any]) -> PlanRecord:
     if not isinstance(kind, str) or kind not in FILES:
         advice = "give a plan file: that of a jump's flight is plan.json, beside jump.json"
         raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format", advice=advice)
-    FILE(content, "")
-    for name, check in FILES[kind].items():
-        check(content[name], name)
+    FILES[kind](content, "")
     robot = RobotRecord.from_dict(content["robot"])
     values = {**content, "robot": robot}
     for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
