@@ -75,7 +75,8 @@ def certify(
     InputError
         The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
     """
-    urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
+    urdf = optional(as_path)(urdf, "urdf")
+    budget = MOST_CELLS(budget, "budget")
     record, file, robot = recorded(plan)
     with naming(file):
         path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
@@ -184,7 +185,8 @@ def _proved(
             asked.append(ground_finding(surroundings, robot, standing))
         if unknown_meshes:  # the shapes may not be those that were planned with: nothing is known of clearances
             unknown = [Finding("mesh", (name,), "undecided", None) for name in unknown_meshes]
-            asked, clearance = unknown + [replace(finding, verdict="undecided") for finding in asked], None
+            asked = unknown + [replace(finding, verdict="undecided") for finding in asked]
+            clearance = None
         clear += asked
     resolved = [Finding("resolved", (), "proved", None)] if record.robot.kind == "mjcf" else []
     findings = (*resolved, *orientation, *ends, *limits, *clear)
@@ -243,7 +245,8 @@ def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[l
     bound = min(item.bound for item in least)
     attained = min(item.attained for item in least)
     recorded = surroundings.record.clearance_min
-    kind, subject = "recorded", ("clearance_min",)
+    kind = "recorded"
+    subject = ("clearance_min",)
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
         return [*found, Finding(kind, subject, verdict, bound, None, None)], bound

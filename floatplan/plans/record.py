@@ -119,7 +119,8 @@ class Record(Keyed):
         ``absent`` are keys that this file has not; ``others`` are checks in the place of the fields' own.
         """
         checks = {**cls.checks, **(others or {})}
-        keys, optional_keys = dict[str, Check](), dict[str, Check]()
+        keys = dict[str, Check]()
+        optional_keys = dict[str, Check]()
         for each, _ in cls.keyed_fields():
             if each.name in needed or is_needed(each):
                 keys[each.name] = checks[each.name]
@@ -205,7 +206,8 @@ class RobotRecord(Record):
     def from_dict(cls, content: Any) -> RobotRecord:
         """Rebuild a record from what :meth:`to_dict` returned; InputError where it is none."""
         table(content, "robot")
-        kind, place = "mjcf" if "mjcf" in content else "urdf", "base" if "base" in content else "plane"
+        kind = "mjcf" if "mjcf" in content else "urdf"
+        place = "base" if "base" in content else "plane"
         absent = {"urdf", "mjcf", "plane", "base"} - {kind, place}
         cls.in_files(needed={kind, place}, absent=absent | ({"resolved"} if kind == "urdf" else set()))(
             content, "robot"
@@ -436,7 +438,8 @@ def check_asked(record: PlanRecord) -> None:
         A table of the problem holds a key that is not known or lacks one, a value is of the wrong kind, a list is not
         one entry per joint; or degree, objective and coefficients do not fit together.
     """
-    joints, problem = record.robot.joints, record.problem
+    joints = record.robot.joints
+    problem = record.problem
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
     problem_table(joints, (*joints, *record.robot.coupled), record.in_space)(problem, "problem")
@@ -452,7 +455,8 @@ def check_asked(record: PlanRecord) -> None:
 
 def _check_degree(record: PlanRecord) -> None:
     """The coefficients are those of polynomials of the degrees asked for, (12)."""
-    degree, joints = record.problem["motion"]["degree"], record.robot.joints
+    degree = record.problem["motion"]["degree"]
+    joints = record.robot.joints
     if isinstance(degree, str):
         return
     degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * len(joints)

@@ -79,7 +79,8 @@ def _resolved(record: RobotRecord) -> tuple[bytes, str]:
     """The URDF that a record holds of an MJCF, and its SHA-256."""
     if record.resolved is None:
         raise NotReadError("the MJCF", ": the plan file does not hold the URDF that it was resolved to; plan again")
-    content, digest = record.resolved["urdf"].encode(errors="surrogatepass"), record.resolved["sha256"]
+    content = record.resolved["urdf"].encode(errors="surrogatepass")
+    digest = record.resolved["sha256"]
     if hashlib.sha256(content).hexdigest() != digest:
         raise InputError(
             "its SHA-256 differs from robot.resolved.sha256", element="robot.resolved.urdf", advice="plan again"
@@ -204,14 +205,16 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             parent = body_of[joint.child] = body_of[joint.parent]
             if joint.name in signs:
                 body_of[joint.child] = len(bodies)
-                above, sign = bodies[parent], signs[joint.name] * normal
+                above = bodies[parent]
+                sign = signs[joint.name] * normal
                 turns, motor_turns = (
                     [turn + sign * ratio for turn, ratio in zip(so_far, of_joint, strict=True)]
                     for so_far, of_joint in zip((above.turns, above.motor_turns), ratios[joint.name], strict=True)
                 )
                 bodies.append(_Body(parent, turns, motor_turns, in_plane(placed[joint.child].translation)))
         for name, link in urdf.links.items():
-            body, center = bodies[body_of[name]], placed[name] * link.center
+            body = bodies[body_of[name]]
+            center = placed[name] * link.center
             normals = flint.arb_mat([[center.rotation[normal_axis, k] for k in range(3)]])
             about = (normals * link.inertia * normals.transpose())[0, 0]
             body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
@@ -243,7 +246,8 @@ def _rotors(bodies: Sequence[_Body], carriers: Mapping[int, Joint], record: Robo
     """Moments (m, n) that turn rotors: of each joint on the body that it carries, and against the one before."""
     rotors = [[flint.arb(0)] * len(record.joints) for _ in bodies]
     for index, joint in carriers.items():
-        body, armature = bodies[index], flint.arb(record.armature.get(joint.name, joint.armature))
+        body = bodies[index]
+        armature = flint.arb(record.armature.get(joint.name, joint.armature))
         for k, (turn, above) in enumerate(zip(body.turns, bodies[body.parent].turns, strict=True)):
             rotors[index][k] += armature * (turn - above)
             rotors[body.parent][k] -= armature * (turn - above)
@@ -277,7 +281,8 @@ def _ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[
     ratios = {}
     for name in (*record.joints, *record.coupled):
         coupling = record.coupled.get(name, {"leader": name})
-        leader, ratio = coupling["leader"], float(coupling.get("ratio", 1.0))
+        leader = coupling["leader"]
+        ratio = float(coupling.get("ratio", 1.0))
         motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
         by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
         ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]

@@ -70,7 +70,8 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
         return urdf
     if locked:
         raise InputError("is one of those by which the base floats", element=f'joint "{locked[0]}"')
-    frames, carriers = set[str](), {joint.child: joint for joint in urdf.joints}
+    frames = set[str]()
+    carriers = {joint.child: joint for joint in urdf.joints}
     link = base[-1].child
     while link in carriers:
         link = carriers[link].parent
@@ -85,7 +86,8 @@ def _free_base(urdf: Urdf) -> list[Joint]:
     below: dict[str, list[Joint]] = {}
     for joint in urdf.joints:
         below.setdefault(joint.parent, []).append(joint)
-    link, rotation = urdf.root, Placement().rotation
+    link = urdf.root
+    rotation = Placement().rotation
     chain: list[tuple[Joint, Any]] = []
     base: list[Joint] = []
     while _is_massless(urdf.links[link]) and len(below.get(link, ())) == 1:
