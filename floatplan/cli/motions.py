@@ -153,7 +153,8 @@ def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -
     given = {name: value for name, value in options.items() if value is not None}
     with progress("flying", tell=True) as bar:
         flown = replays(plan, flights, progress=partial(bar.count, "flight"), **given)
-    facts, ok = [each.to_dict() for each in flown], all(each.landed or each.disturbed for each in flown)
+    facts = [each.to_dict() for each in flown]
+    ok = all(each.landed or each.disturbed for each in flown)
     told = {"asked": flights, "flights": facts}
     common.finish(told, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
 
@@ -161,7 +162,8 @@ def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
     """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
     with progress("flying", tell=True) as bar:
-        flown, files = fp.replay_jump(jump, progress=bar.count, **options), list[Path]()
+        flown = fp.replay_jump(jump, progress=bar.count, **options)
+        files = list[Path]()
     if output is not None:
         from floatplan.view.report.flights import write_jump_pages
 

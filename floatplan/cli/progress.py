@@ -34,7 +34,9 @@ class ProgressBar:
     """
 
     def __init__(self, what: str, told: bool, bar: Progress | None) -> None:
-        self._what, self._told, self._bar = what, told, bar
+        self._what = what
+        self._told = told
+        self._bar = bar
         self._counted = time.monotonic()
 
     def say(self, words: str) -> None:

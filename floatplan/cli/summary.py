@@ -254,7 +254,8 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
     from floatplan.view.report.data import PHASES, STANCES, check_lines, phase_lines
 
-    name, took = jump.problem.name, f"in {seconds:.3g} s"
+    name = jump.problem.name
+    took = f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
     view = jump.view

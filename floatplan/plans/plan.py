@@ -141,7 +141,8 @@ class Plan(Outputs, PlannedMotion):
     @cached_property
     @one_thread
     def _measured_record(self) -> PlanRecord:
-        peaks, problem = self.peaks, self.problem
+        peaks = self.peaks
+        problem = self.problem
         return PlanRecord(
             **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
             problem=problem_to_dict(problem),
@@ -254,7 +255,9 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
 
 def _check_stated(plan: Plan, record: PlanRecord) -> None:
     """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
-    problem, peaks, h = plan.problem, plan.peaks, plan.problem.flight.angular_momentum
+    problem = plan.problem
+    peaks = plan.peaks
+    h = plan.problem.flight.angular_momentum
     state = plan.at([0.0, plan.duration])
     found = {
         "problem": {
@@ -280,7 +283,8 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
 def _unlike(stated: Any, found: Mapping[str, Any], within: str = "") -> Iterator[str]:
     """Which numbers, by their keys, are not those found; peaks are as near as a grid tells them."""
     for key, value in found.items():
-        element, own = within + key, stated.get(key)
+        element = within + key
+        own = stated.get(key)
         if isinstance(value, Mapping):
             yield from _unlike(own or {}, value, f"{element}.")
         elif own is None or not np.allclose(own, value, rtol=OF_GRIDS if "peak" in element else SAME, atol=SAME):
@@ -305,5 +309,6 @@ def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
     InputError
         Either is missing, damaged, or does not belong to the other.
     """
-    path, urdf = as_path(path, "path"), optional(as_path)(urdf, "urdf")
+    path = as_path(path, "path")
+    urdf = optional(as_path)(urdf, "urdf")
     return rebuild(load_record(path), path, urdf)

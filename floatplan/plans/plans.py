@@ -17,8 +17,10 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 
 SOLVED = ("optimal", "feasible")
-GOAL_MET, ALL_HOLDS = "The goal is met.", "Every constraint holds at all times."
-WORDS, NUMBERS = ("status", "verdict"), ("objective", "angular_momentum", "residual")
+GOAL_MET = "The goal is met."
+ALL_HOLDS = "Every constraint holds at all times."
+WORDS = ("status", "verdict")
+NUMBERS = ("objective", "angular_momentum", "residual")
 COUNTS = ("evaluations", "iterations", "starts", "solved")
 COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and an Answer one of
 
