@@ -272,8 +272,10 @@ def program() -> str:
     called = Path(sys.argv[0])
     if called.parts[-2:] == ("floatplan", "__main__.py"):
         return f"{shlex.quote(near(Path(sys.executable)))} -m floatplan"
-    found = shutil.which("floatplan")
-    if called.name != "floatplan" or (found is not None and os.path.realpath(found) == os.path.realpath(called)):
+    installed = shutil.which("floatplan")
+    if called.name != "floatplan" or (
+        installed is not None and os.path.realpath(installed) == os.path.realpath(called)
+    ):
         return "floatplan"
     return shlex.quote(near(called.absolute()))
 

@@ -214,7 +214,7 @@ def init(
         )
     check_folder(path.parent)
 
-    given = typed.robot_choices(choices, degrees)
+    robot_choices = typed.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
     asked = Asked(
         takeoff=takeoff,
@@ -227,8 +227,8 @@ def init(
         posture=typed.posture("--posture", posture, degrees),
         angles="deg" if degrees else "rad",
     )
-    with progress("init", quiet, tell=True) as bar, blamed(given, typed.PLACE, "--"):
-        chosen, flight = asked_flight(robot, asked, given, words, seed, lambda told: bar.say(escaped(told)))
+    with progress("init", quiet, tell=True) as bar, blamed(robot_choices, typed.PLACE, "--"):
+        chosen, flight = asked_flight(robot, asked, robot_choices, words, seed, lambda line: bar.say(escaped(line)))
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:

@@ -131,24 +131,17 @@ def _length(column: Any) -> Any:
 def _balanced(link: Link) -> Link:
     """Equal moments where no body has those that are written."""
     _, moments = principal(link.inertia)
-    least, largest = (pick(moments[0], pick(moments[1], moments[2])) for pick in (_min, _max))
+    least = moments[0].min(moments[1]).min(moments[2])
+    largest = moments[0].max(moments[1]).max(moments[2])
     between = sum(moments) - least - largest
     negligible = flint.arb(NEGLIGIBLE)
-    negative = _surely(least, -_max(abs(largest) * DEFINITE_SLACK, negligible), link.name)
-    if not negative and not _surely(least + between + _max(largest * TRIANGLE_SLACK, negligible), largest, link.name):
+    negative = _surely(least, -(abs(largest) * DEFINITE_SLACK).max(negligible), link.name)
+    if not negative and not _surely(least + between + (largest * TRIANGLE_SLACK).max(negligible), largest, link.name):
         return link
     mean = sum((link.inertia[k, k] for k in range(3)), start=flint.arb(0)) / 3
     if not mean > 0:
         raise InputError("the mean of its moments of inertia is not positive", element=f'link "{link.name}"')
     return replace(link, inertia=diagonal([mean] * 3))
-
-
-def _min(one: Any, other: Any) -> Any:
-    return one.min(other)
-
-
-def _max(one: Any, other: Any) -> Any:
-    return one.max(other)
 
 
 def _surely(small: Any, large: Any, link: str) -> bool:
