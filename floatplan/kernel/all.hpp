@@ -20,6 +20,8 @@
 #include "program.hpp"
 #include "lifting.hpp"
 #include "constrained.hpp"
+#include "elastic.hpp"
+#include "restoration.hpp"
 #include "plain.hpp"
 #include "evaluation.hpp"
 #include "exchange.hpp"

@@ -27,9 +27,9 @@ template <typename Flight> class Constrained {
         qp.lay_out(arena, size, most_rows);
         for (double **each : {&hessian, &initial, &matrix, &metric}) arena.take(*each, size * size);
         for (double **each : {&direction, &change, &gradient, &product, &right, &normal}) arena.take(*each, size);
-        for (double **each : {&gathered, &linear, &slope, &pulls, &step_pulls, &pull_of}) arena.take(*each, most_rows);
+        for (double **each : {&gathered, &linear, &slope, &multipliers, &step_multipliers, &multiplier_of}) arena.take(*each, most_rows);
         arena.take(squares_of_rows, size * (size + 3) / 2 * 8);
-        for (Index **each : {&pulled, &pulling, &taken}) arena.take(*each, most_rows);
+        for (Index **each : {&active, &step_active, &taken}) arena.take(*each, most_rows);
     }
 
     At *now, *trial;
@@ -55,8 +55,8 @@ template <typename Flight> class Constrained {
         bool was_reset = true, is_optimal = false;
         Index slow_steps = 0, iteration = 0;
         Progress of_elastic;
-        pull_count = 0;
-        for (double &pull : equality_pulls) pull = 0;
+        active_count = 0;
+        for (double &multiplier : equality_multipliers) multiplier = 0;
         while (size && iteration < stage.iterations && !is_exhausted() && program.is_known(*now)) {
             ++iteration, ++iterations;
             program.differentiate(*now);
@@ -77,7 +77,7 @@ template <typename Flight> class Constrained {
             const bool stationary = is_stationary(slope, stage);
             is_optimal = stationary && now->worst <= stage.feasibility;
             if (is_optimal) break;
-            const double required = set.penalty_factor * largest_pull();
+            const double required = set.penalty_factor * largest_step_multiplier();
             penalty = larger(required, required + set.penalty_kept * (penalty - required));
             if (!(squared > 0) || !(required <= set.largest_multiplier * slack_penalty)) break;
             const double first = smaller(1.0, longest_step / larger(program.metric(direction), 1e-300));
@@ -124,39 +124,8 @@ template <typename Flight> class Constrained {
         }
     }
 
-    // Minimises the squared violations from `now`, with steps damped in the metric and in x itself; what is left. It is
-    // stuck where a step that is hardly damped is to gain next to nothing.
-    double reduce_violations() {
-        program.metric_matrix(metric);
-        for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
-        double damping = rules.initial_damping, squared = squares(*now);
-        Progress progress;
-        is_stuck = false;
-        for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
-            const bool stalled = progress.stalls(squared, rules.stall_iterations, rules.stalled);
-            if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
-            if (!program.is_known(*now)) break;
-            if (damping > rules.largest_damping) break;
-            program.differentiate(*now);
-            program.differentiate_rows(*now, rules.reach);
-            while (damping <= rules.largest_damping) {
-                find_damped_step(damping);
-                const bool is_gain_due = squared > rules.far && damping <= rules.initial_damping;
-                if (is_gain_due && squares_left > (1 - rules.least_gain) * squared) return is_stuck = true, squared;
-                for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + direction[k];
-                program.evaluate(*trial);
-                if (program.watches && reach(1)) continue;
-                if (squares(*trial) < squared) {
-                    swap();
-                    squared = squares(*now);
-                    damping = larger(damping / 5, rules.smallest_damping);
-                    break;
-                }
-                damping *= 4;
-            }
-        }
-        return squared;
-    }
+    // restoration.hpp
+    double reduce_violations();
 
     const double *elastic_step(double penalty) {
         slack_penalty = penalty;
@@ -180,14 +149,14 @@ template <typename Flight> class Constrained {
     Index size;
     DualMethod qp;
     double slack_penalty = 1, violation_left = 0, squares_left = 0;
-    double equality_pulls[MOST] = {}, step_equality_pulls[MOST] = {};
+    double equality_multipliers[MOST] = {}, step_equality_multipliers[MOST] = {};
     bool elastic = false, is_tried = false;  // the latter: whether the trial is where the whole step leads
     double *initial, *matrix, *metric, *direction, *change, *gradient, *product, *right, *normal;
     // Of the differentiated rows: their values, those after a step, and how they change.
     double *squares_of_rows, *gathered, *linear, *slope;
     // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
-    Index pull_count = 0, step_count = 0, *pulled, *pulling, *taken;
-    double *pulls, *step_pulls, *pull_of;
+    Index active_count = 0, step_count = 0, *active, *step_active, *taken;
+    double *multipliers, *step_multipliers, *multiplier_of;
 
     double squares(const At &at) const {
         double total = 0;
@@ -241,188 +210,47 @@ template <typename Flight> class Constrained {
         count_solving();
         if (elastic) return find_elastic_step();
         copy(direction, qp.x, size);
-        for (Index e = 0; e < qp.held; ++e) step_equality_pulls[e] = -qp.pulls[e];
+        for (Index e = 0; e < qp.held; ++e) step_equality_multipliers[e] = -qp.multipliers[e];
         step_count = qp.count - qp.held;
         for (Index k = 0; k < step_count; ++k) {
-            pulling[k] = entry(qp.active[k + qp.held]);
-            step_pulls[k] = qp.pulls[k + qp.held];
+            step_active[k] = entry(qp.active[k + qp.held]);
+            step_multipliers[k] = qp.multipliers[k + qp.held];
         }
     }
 
-    // With a slack in every row and a quadratic penalty on them. Without the slacks it is the least of a convex function,
-    // quadratic piece by piece: by Newton's method on the rows that are violated, each step as far as it falls.
-    void find_elastic_step() {
-        const double penalty = slack_penalty;
-        program.differentiate_rows(*now, rules.reach);
-        gather(*now);
-        double left[MOST];
-        copy(left, now->equality, MOST);
-        zero(direction, size);
-        copy(linear, gathered, near());
-        for (Index iteration = 0; iteration < rules.elastic_iterations; ++iteration) {
-            copy(matrix, hessian, size * size);
-            for (Index k = 0; k < size; ++k) {
-                right[k] = -dot(hessian + k * size, direction, size, now->gradient[k]);
-                matrix[k * size + k] += rules.regularisation * penalty;
-            }
-            copy(product, right, size);
-            for (Index e = 0; e < program.equalities; ++e) add_normal(row_of(e), penalty, left[e]);
-            add_violated(penalty);
-            program.work += rules.solving * (size * size * size / 3 + near() * size);
-            copy(change, right, size);
-            if (!eliminate(matrix, change, size)) break;
-            follow(change, slope);
-            const double length = find_lowest(penalty, left);
-            bool same = length == 1;
-            for (Index e = 0; e < near(); ++e) {
-                const double value = linear[e] + length * slope[e];
-                same &= (value < 0) == (linear[e] < 0);
-                linear[e] = value;
-            }
-            add(length, change, size, direction);
-            for (Index e = 0; e < program.equalities; ++e)
-                left[e] = now->equality[e] + dot(row_of(e), direction, size);
-            if (same || !(length > 0)) break;
-        }
-        violation_left = 0;
-        for (Index e = 0; e < program.equalities; ++e) {
-            step_equality_pulls[e] = penalty * left[e];
-            violation_left += std::fabs(left[e]);
-        }
-        step_count = 0;
-        for (Index e = 0; e < near(); ++e) {
-            if (!(linear[e] < 0)) continue;
-            violation_left -= linear[e];
-            pulling[step_count] = entry(e);
-            step_pulls[step_count++] = -penalty * linear[e];
-        }
-    }
+    // elastic.hpp
+    void find_elastic_step();
+    void add_violated(double weight);
+    double find_lowest(double penalty, const double *lacking);
 
-    // Normal equations of the rows that are violated after a step, of several at once.
-    void add_violated(double weight) {
-        zero(squares_of_rows, size * (size + 3) / 2 * LANES);
-        for (Index e = 0; e < near(); e += LANES) {
-            const Bits violated = load(linear + e) < all(0);
-            if (!any(violated)) continue;
-            program.work += rules.solving * LANES * size * size / 2;
-            const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
-            const Vector value = select(violated, load(linear + e), all(0));
-            Vector *sum = (Vector *)squares_of_rows;
-            for (Index a = 0; a < size; ++a) {
-                const Vector own = select(violated, load(slopes + 8 * a), all(0));
-                for (Index b = 0; b <= a; ++b, ++sum) *sum = multiply_add(own, load(slopes + 8 * b), *sum);
-                *sum = multiply_add(own, value, *sum), ++sum;
-            }
-        }
-        const Vector *found = (const Vector *)squares_of_rows;
-        for (Index a = 0; a < size; ++a) {
-            for (Index b = 0; b <= a; ++b, ++found) {
-                const double part = weight * sum(*found);
-                matrix[a * size + b] += part;
-                if (b < a) matrix[b * size + a] += part;
-            }
-            right[a] -= weight * sum(*found++);
-        }
-    }
+    // restoration.hpp
+    void find_damped_step(double damping);
 
-    // How far along `change` the elastic program falls, nearly: 1 where that is so, else between two lengths where its
-    // slope has other signs, by secants (Illinois). Without slacks its slope is -product now.
-    double find_lowest(double penalty, const double *left) {
-        double bend = 0, begin = 0;
-        for (Index e = 0; e < program.equalities; ++e) {
-            const double along = dot(row_of(e), change, size);
-            bend += penalty * along * along;
-            begin += penalty * along * left[e];
-        }
-        for (Index k = 0; k < size; ++k) bend += change[k] * dot(hessian + k * size, change, size);
-        begin -= dot(product, change, size);
-        auto slope_at = [&](double length) {
-            Vector rows = all(0);
-            for (Index e = 0; e < near(); e += LANES) {
-                const Vector by = load(slope + e), value = load(linear + e) + all(length) * by;
-                rows += select(value < all(0), value * by, all(0));
-            }
-            return begin + length * bend + penalty * sum(rows);
-        };
-        const double enough = 0.1 * std::fabs(slope_at(0));
-        double low = 0, high = 1, below = slope_at(0), above = slope_at(1), length = 1, there = above;
-        for (Index steps = 0; steps < 40 && std::fabs(there) > enough; ++steps) {
-            if (there < 0 && length == high) {  // farther
-                low = high, below = there, high = length = 2 * high;
-                there = above = slope_at(high);
-                continue;
-            }
-            length = low - below * (high - low) / (above - below);
-            there = slope_at(length);
-            if (there < 0) low = length, below = there, above /= 2;
-            else high = length, above = there, below /= 2;
-        }
-        return std::isfinite(length) ? length : 0;
-    }
-
+    // Derivatives (size) of a differentiated row.
     const double *normal_of(Index e) const {
         const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
         for (Index k = 0; k < size; ++k) normal[k] = slopes[8 * k];
         return normal;
     }
 
+    // Adds a constraint's square to the normal equations, matrix and right, from its derivatives and its value.
     void add_normal(const double *row, double weight, double value) {
         for (Index k = 0; k < size; ++k) add(weight * row[k], row, size, matrix + k * size);
         add(-weight * value, row, size, right);
     }
 
-    // Least squares of the linearised violations and the damping. Rows that hold now and would be violated by the step
-    // join those that are violated now, of which alone the squares left are: with others there are more.
-    void find_damped_step(double damping) {
-        zero(direction, size);
-        for (Index k = 0; k < size * size; ++k) matrix[k] = damping * metric[k];
-        zero(right, size);
-        for (Index e = 0; e < program.equalities; ++e) add_normal(row_of(e), 1, now->equality[e]);
-        gather(*now);
-        for (Index e = 0; e < near(); ++e) taken[e] = 0;
-        squares_left = 0;
-        bool moved = false;
-        for (Index pass = 0; pass < rules.passes; ++pass) {
-            bool more = false;
-            follow(direction, slope);
-            Vector squares = all(0);
-            for (Index first = 0; first < near(); first += LANES) {
-                const Vector here = load(gathered + first), after = here + load(slope + first);
-                if (!any(after < all(0))) continue;
-                squares += select((here < all(0)) & (after < all(0)), after * after, all(0));
-                for (Index e = first; e < first + LANES; ++e) {
-                    if (taken[e] || !(gathered[e] + slope[e] < 0)) continue;
-                    taken[e] = more = true;
-                    add_normal(normal_of(e), 1, gathered[e]);
-                }
-            }
-            if (pass == 1) {
-                for (Index e = 0; e < program.equalities; ++e) {
-                    const double missed = now->equality[e] + dot(row_of(e), direction, size);
-                    squares_left += missed * missed;
-                }
-                squares_left += sum(squares);
-            }
-            if (moved && !more) return;
-            copy(direction, right, size);
-            if (!cholesky(matrix, size, initial)) return zero(direction, size);
-            solve_cholesky(initial, size, direction);
-            moved = true;
-        }
-    }
-
-    double largest_pull() const {
+    double largest_step_multiplier() const {
         double most = 0;
-        for (Index e = 0; e < program.equalities; ++e) most = larger(most, std::fabs(step_equality_pulls[e]));
-        for (Index k = 0; k < step_count; ++k) most = larger(most, step_pulls[k]);
+        for (Index e = 0; e < program.equalities; ++e) most = larger(most, std::fabs(step_equality_multipliers[e]));
+        for (Index k = 0; k < step_count; ++k) most = larger(most, step_multipliers[k]);
         return most;
     }
 
     bool is_stationary(double slope, const Stage &stage) const {
         double predicted = 0;
-        for (Index e = 0; e < program.equalities; ++e) predicted += step_equality_pulls[e] * now->equality[e];
+        for (Index e = 0; e < program.equalities; ++e) predicted += step_equality_multipliers[e] * now->equality[e];
         predicted -= slope;
-        for (Index k = 0; k < step_count; ++k) predicted -= step_pulls[k] * now->values[pulling[k]];
+        for (Index k = 0; k < step_count; ++k) predicted -= step_multipliers[k] * now->values[step_active[k]];
         return !elastic && std::fabs(predicted) <= stage.optimality * (1 + std::fabs(now->objective));
     }
 
@@ -499,39 +327,39 @@ template <typename Flight> class Constrained {
         return true;
     }
 
-    // Multipliers go towards those of the step; rows pulled at by either are kept.
-    void follow_pulls(double length) {
+    // Multipliers go towards those of the step; rows active at by either are kept.
+    void update_multipliers(double length) {
         for (Index e = 0; e < program.equalities; ++e)
-            equality_pulls[e] += length * (step_equality_pulls[e] - equality_pulls[e]);
+            equality_multipliers[e] += length * (step_equality_multipliers[e] - equality_multipliers[e]);
         Index kept = 0;
-        for (Index k = 0; k < pull_count; ++k) pull_of[pulled[k]] = 0;
-        for (Index k = 0; k < step_count; ++k) pull_of[pulling[k]] = step_pulls[k];
-        for (Index k = 0; k < pull_count; ++k) {
-            const Index entry = pulled[k];
-            const double pull = pulls[k] + length * (pull_of[entry] - pulls[k]);
-            pull_of[entry] = -1;  // done
-            if (pull != 0) pulled[kept] = entry, pulls[kept++] = pull;
+        for (Index k = 0; k < active_count; ++k) multiplier_of[active[k]] = 0;
+        for (Index k = 0; k < step_count; ++k) multiplier_of[step_active[k]] = step_multipliers[k];
+        for (Index k = 0; k < active_count; ++k) {
+            const Index entry = active[k];
+            const double multiplier = multipliers[k] + length * (multiplier_of[entry] - multipliers[k]);
+            multiplier_of[entry] = -1;  // done
+            if (multiplier != 0) active[kept] = entry, multipliers[kept++] = multiplier;
         }
         for (Index k = 0; k < step_count; ++k)
-            if (pull_of[pulling[k]] != -1 && step_pulls[k] != 0)
-                pulled[kept] = pulling[k], pulls[kept++] = length * step_pulls[k];
-        pull_count = kept;
+            if (multiplier_of[step_active[k]] != -1 && step_multipliers[k] != 0)
+                active[kept] = step_active[k], multipliers[kept++] = length * step_multipliers[k];
+        active_count = kept;
     }
 
     // Damped BFGS, Nocedal and Wright (6.19), (18.14), (18.15), along the step that was accepted.
     void update_hessian(double length) {
         const At &before = *trial;
-        follow_pulls(length);
+        update_multipliers(length);
         program.differentiate(*now);
         for (Index k = 0; k < size; ++k) {
             change[k] = now->x[k] - before.x[k];
             gradient[k] = now->gradient[k] - before.gradient[k];
             for (Index e = 0; e < program.equalities; ++e)
-                gradient[k] += equality_pulls[e] * (now->row[e * size + k] - before.row[e * size + k]);
+                gradient[k] += equality_multipliers[e] * (now->row[e * size + k] - before.row[e * size + k]);
         }
-        for (Index k = 0; k < pull_count; ++k) {
-            program.add_slopes(*now, pulled[k], -pulls[k], gradient);
-            program.add_slopes(*trial, pulled[k], pulls[k], gradient);
+        for (Index k = 0; k < active_count; ++k) {
+            program.add_slopes(*now, active[k], -multipliers[k], gradient);
+            program.add_slopes(*trial, active[k], multipliers[k], gradient);
         }
         multiply_vector(hessian, size, size, change, product);
         const double approximated = dot(change, product, size);
