@@ -18,6 +18,7 @@
 #include "attitude.hpp"
 #include "spatial_flight.hpp"
 #include "program.hpp"
+#include "objective.hpp"
 #include "lifting.hpp"
 #include "constrained.hpp"
 #include "elastic.hpp"

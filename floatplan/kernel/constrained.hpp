@@ -1,6 +1,15 @@
-// Sequential quadratic programming from one point, with a damped BFGS approximation of the Lagrangian's Hessian. Each
-// quadratic program has the rows that a step may reach. A row that a step reaches all the same joins them. Where the rows
-// contradict one another the steps are elastic; once they do no more, the Hessian is guessed anew.
+// Sequential quadratic programming from one x (Nocedal and Wright, Numerical Optimization, 2nd ed., chapter 18) for
+//
+//     minimise  f(x)  subject to  c(x) = 0  and  v(x) >= 0,
+//
+// c being what the attitude at landing lacks, v the rows at all instants. A step d is the solution of
+//
+//     minimise  f' d + d H d / 2  subject to  c + c' d = 0  and  v + v' d >= 0                                     (18.11)
+//
+// by the dual method (quadratic.hpp), with a damped BFGS approximation H of the Lagrangian's Hessian (18.14), (18.15), and is
+// shortened until the l1 merit function (18.27) falls enough. (18.11) has the rows that a step may reach, which alone are
+// differentiated; a row that a step reaches all the same joins them. Where the rows contradict one another the step is elastic
+// (elastic.hpp); once they do no more, H is guessed anew. restoration.hpp leaves the objective aside.
 
 // Values of the last iterations, fewer than 8.
 struct Progress {
@@ -27,7 +36,8 @@ template <typename Flight> class Constrained {
         qp.lay_out(arena, size, most_rows);
         for (double **each : {&hessian, &initial, &matrix, &metric}) arena.take(*each, size * size);
         for (double **each : {&direction, &change, &gradient, &product, &right, &normal}) arena.take(*each, size);
-        for (double **each : {&gathered, &linear, &slope, &multipliers, &step_multipliers, &multiplier_of}) arena.take(*each, most_rows);
+        for (double **each : {&gathered, &linear, &slope, &multipliers, &step_multipliers, &multiplier_of})
+            arena.take(*each, most_rows);
         arena.take(squares_of_rows, size * (size + 3) / 2 * 8);
         for (Index **each : {&active, &step_active, &taken}) arena.take(*each, most_rows);
     }
@@ -47,7 +57,8 @@ template <typename Flight> class Constrained {
         return most;
     }
 
-    // From `now`, with a first approximation in `hessian`; optimal, feasible or infeasible.
+    // From `now`, with a first approximation in `hessian`; optimal, feasible or infeasible. A search that hardly moves takes
+    // that up again, unless it has not moved since.
     Status minimise(const Stage &stage, double longest_step, bool polish) {
         slack_penalty = set.slack_penalty * largest_curvature();
         copy(initial, hessian, size * size);
@@ -58,7 +69,8 @@ template <typename Flight> class Constrained {
         active_count = 0;
         for (double &multiplier : equality_multipliers) multiplier = 0;
         while (size && iteration < stage.iterations && !is_exhausted() && program.is_known(*now)) {
-            ++iteration, ++iterations;
+            ++iteration;
+            ++iterations;
             program.differentiate(*now);
             if (now->worst > farthest * std::sqrt(dot(now->row, now->row, size))) break;
             const bool was_elastic = elastic && iteration > 1;
@@ -69,10 +81,12 @@ template <typename Flight> class Constrained {
                 find_step();
             }
             while (reaches_more(longest_step)) find_step();
-            if (!elastic) of_elastic.known = 0;
-            else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
-                     now->worst > set.hopeless)
+            if (!elastic) {
+                of_elastic.known = 0;
+            } else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
+                       now->worst > set.hopeless) {
                 break;
+            }
             const double slope = dot(now->gradient, direction, size), squared = dot(direction, direction, size);
             const bool stationary = is_stationary(slope, stage);
             is_optimal = stationary && now->worst <= stage.feasibility;
@@ -86,7 +100,8 @@ template <typename Flight> class Constrained {
             if (!line.accepted || slow_steps == set.slow_steps) {
                 if (was_reset) break;
                 copy(hessian, initial, size * size);
-                was_reset = true, slow_steps = 0;
+                was_reset = true;
+                slow_steps = 0;
                 continue;
             }
             swap();
@@ -327,22 +342,28 @@ template <typename Flight> class Constrained {
         return true;
     }
 
-    // Multipliers go towards those of the step; rows active at by either are kept.
+    // Multipliers go towards those of the step, as far as the step is taken. Entries that have one before or after are kept.
     void update_multipliers(double length) {
+        constexpr double done = -1;  // in place of the step's multiplier, which is never negative
         for (Index e = 0; e < program.equalities; ++e)
             equality_multipliers[e] += length * (step_equality_multipliers[e] - equality_multipliers[e]);
-        Index kept = 0;
         for (Index k = 0; k < active_count; ++k) multiplier_of[active[k]] = 0;
         for (Index k = 0; k < step_count; ++k) multiplier_of[step_active[k]] = step_multipliers[k];
-        for (Index k = 0; k < active_count; ++k) {
+        Index kept = 0;
+        const auto keep = [&](Index entry, double multiplier) {
+            active[kept] = entry;
+            multipliers[kept++] = multiplier;
+        };
+        const Index before = active_count;
+        for (Index k = 0; k < before; ++k) {
             const Index entry = active[k];
             const double multiplier = multipliers[k] + length * (multiplier_of[entry] - multipliers[k]);
-            multiplier_of[entry] = -1;  // done
-            if (multiplier != 0) active[kept] = entry, multipliers[kept++] = multiplier;
+            multiplier_of[entry] = done;
+            if (multiplier != 0) keep(entry, multiplier);
         }
         for (Index k = 0; k < step_count; ++k)
-            if (multiplier_of[step_active[k]] != -1 && step_multipliers[k] != 0)
-                active[kept] = step_active[k], multipliers[kept++] = length * step_multipliers[k];
+            if (multiplier_of[step_active[k]] != done && step_multipliers[k] != 0)
+                keep(step_active[k], length * step_multipliers[k]);
         active_count = kept;
     }
 

@@ -41,7 +41,8 @@ template <typename Flight> class Follower {
         attempt.work = program.work;
         if (!is_best && attempt.violation <= worth) {  // what is done again does not count
             finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
-            program.evaluations = attempt.evaluations, program.work = attempt.work;
+            program.evaluations = attempt.evaluations;
+            program.work = attempt.work;
         }
         copy(attempt.x, best, program.size);
     }
@@ -69,7 +70,8 @@ template <typename Flight> class Follower {
         program.watches = false;
         begin(attempt.level, x);
         const Chance chance = program.chance(*search.now);
-        attempt.ends_hold = chance.ends_hold, attempt.path_is_clear = chance.path_is_clear;
+        attempt.ends_hold = chance.ends_hold;
+        attempt.path_is_clear = chance.path_is_clear;
         return chance.ends_hold && chance.path_holds;
     }
 

@@ -70,7 +70,12 @@ struct Narrowing {
     Index steps;
 
     void begin(double from, double to, double where, double least) {
-        low = from, high = to, x = w = v = wanted = where, fx = fw = fv = least, step = before = 0, steps = 0;
+        low = from;
+        high = to;
+        x = w = v = wanted = where;
+        fx = fw = fv = least;
+        step = before = 0;
+        steps = 0;
     }
 
     bool next() {
@@ -103,13 +108,23 @@ struct Narrowing {
         const double u = wanted;
         if (value <= fx) {
             (u < x ? high : low) = x;
-            v = w, fv = fw, w = x, fw = fx, x = u, fx = value;
+            v = w;
+            fv = fw;
+            w = x;
+            fw = fx;
+            x = u;
+            fx = value;
         } else {
             (u < x ? low : high) = u;
-            if (value <= fw || w == x)
-                v = w, fv = fw, w = u, fw = value;
-            else if (value <= fv || v == x || v == w)
-                v = u, fv = value;
+            if (value <= fw || w == x) {
+                v = w;
+                fv = fw;
+                w = u;
+                fw = value;
+            } else if (value <= fv || v == x || v == w) {
+                v = u;
+                fv = value;
+            }
         }
     }
 };
@@ -157,7 +172,10 @@ static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, 
         const double middle = where, before = (middle - low[number]) / half, after = (high[number] - middle) / half;
         for (Index k = number * around; k < (number + 1) * around; ++k) {
             const double value = value_at(number, k);
-            if (value < least) least = value, where = s[k];
+            if (value < least) {
+                least = value;
+                where = s[k];
+            }
         }
         const double step_down = where > middle ? after : before, step_up = where < middle ? before : after;
         narrowing[number].begin(larger(where - step_down, low[number]), smaller(where + step_up, high[number]), where,

@@ -34,5 +34,6 @@ static inline void learn_from_plain(Program<Flight> &program, const Nodes *level
         attempt.objective_scale = larger(at.objective, rules.least_scale);
         program.watches = true;
     }
-    program.evaluations = evaluations, program.work = work;
+    program.evaluations = evaluations;
+    program.work = work;
 }

@@ -125,7 +125,8 @@ template <typename Flight> class Program {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
         if (turns_alone && !extra && wanted == level && count == N) return;
-        level = wanted, count = N + extra;
+        level = wanted;
+        count = N + extra;
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
@@ -225,20 +226,8 @@ template <typename Flight> class Program {
         for (Index c = 0; c < size; ++c) result[c] += factor * slopes[8 * c];
     }
 
-    // A positive definite first guess (size, size) of the Lagrangian's Hessian.
-    void guess_hessian(At &at, double *hessian) {
-        differentiate(at);
-        zero(hessian, size * size);
-        if (!attempt.objective_sums && !motions.map) {
-            for (Index a = 0; a < size; ++a) hessian[a * size + a] = 1;
-            return;
-        }
-        differentiate_objective(at, hessian);
-        double most = 0;
-        for (Index a = 0; a < size; ++a) most = larger(most, hessian[a * size + a]);
-        const double least = attempt.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
-        for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : least;
-    }
+    // A positive definite first guess (size, size) of the Lagrangian's Hessian (objective.hpp).
+    void guess_hessian(At &at, double *hessian);
 
     // The x of free coefficients z (free), where the scaling of each joint is upper triangular, as that of (17) is.
     void variables(const double *z, double *x) const {
@@ -463,81 +452,9 @@ template <typename Flight> class Program {
         at.worst = larger(at.worst, largest(of_rows.worst));
     }
 
-    double objective(const At &at) {
-        if (!attempt.objective_sums && !motions.map) return dot(at.x, at.x, free) / 2;
-        if (!attempt.objective_sums) {
-            multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, written);
-            return dot(written, written, motions.terms * n) / 2;
-        }
-        Vector total = all(0);
-        for (Index number = 0; number < attempt.objective_sums; ++number) {
-            double *used = at.used + number * stride;
-            flight.write_sum(at.motion, at.state, attempt.objective_sum + number, used);
-            for (Index k = 0; k < nodes(); k += LANES)
-                total = multiply_add(load(levels[level].weights + k) * load(used + k), load(used + k), total);
-        }
-        return motions.duration / attempt.objective_scale * sum(total);
-    }
-
-    // Its gradient; or its Hessian, by Gauss and Newton, added.
-    void differentiate_objective(At &at, double *hessian) {
-        if (!hessian) zero(at.gradient, size);
-        if (!attempt.objective_sums && !motions.map) return copy(at.gradient, at.x, free);
-        if (!attempt.objective_sums) return differentiate_written(at, hessian);
-        const Index terms = flight.terms();
-        const Vector scale = all(2 * motions.duration / attempt.objective_scale);
-        Vector *of_terms = (Vector *)weights;
-        auto add_slopes = [&](Index k) {
-            flight.add_sum_slopes(at.motion, at.state, at.variables, k, of_terms, pack);
-        };
-        if (!hessian) zero(pack, 8 * size);
-        for (Index k = 0; k < nodes(); k += LANES) {
-            const Vector weight = scale * load(levels[level].weights + k);
-            for (Index term = 0; term < terms; ++term) of_terms[term] = all(0);
-            for (Index number = 0; number < attempt.objective_sums; ++number) {
-                const Index which = attempt.objective_sum + number;
-                const double *own = constraints.sums + which * terms;
-                if (!hessian) {
-                    const Vector used = weight * load(at.used + number * stride + k);
-                    for (Index term = 0; term < terms; ++term)
-                        of_terms[term] = add_product(own[term], used, of_terms[term]);
-                    continue;
-                }
-                for (Index term = 0; term < terms; ++term) of_terms[term] = all(own[term]);
-                zero(pack, 8 * size);
-                add_slopes(k);
-                add_normals(weight, hessian);
-            }
-            if (!hessian) add_slopes(k);
-        }
-        for (Index c = 0; !hessian && c < size; ++c) at.gradient[c] = sum(load(pack + 8 * c));
-    }
-
-    // Squares of the derivatives at the instants that are computed at once, times weights.
-    void add_normals(Vector weight, double *hessian) const {
-        for (Index a = 0; a < size; ++a)
-            for (Index b = 0; b <= a; ++b) {
-                const double part = sum(weight * load(pack + 8 * a) * load(pack + 8 * b));
-                hessian[a * size + b] += part;
-                if (b < a) hessian[b * size + a] += part;
-            }
-    }
-
-    // Of |b|^2 / 2 where the conditions follow h.
-    void differentiate_written(At &at, double *hessian) {
-        const double *by_axis = boundary + n * motions.given;
-        double *b = written + motions.terms * n;
-        multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, b);
-        for (Index term = 0; term < motions.terms; ++term)
-            for (Index i = 0; i < n; ++i) {
-                const double *map = motions.map + term * motions.columns;
-                const Index begin = motions.first[i], end = motions.first[i + 1];
-                zero(slope, size);
-                for (Index r = begin; r < end; ++r)
-                    add(map[motions.given + r - begin], motions.scaling + r * free + begin, end - begin, slope + begin);
-                slope[free] = dot(map, by_axis + i * motions.given, motions.given);
-                if (!hessian) add(b[term * n + i], slope, size, at.gradient);
-                for (Index a = 0; hessian && a < size; ++a) add(slope[a], slope, size, hessian + a * size);
-            }
-    }
+    // objective.hpp
+    double objective(const At &at);
+    void differentiate_objective(At &at, double *hessian);
+    void differentiate_written(At &at, double *hessian);
+    void add_normals(Vector weight, double *hessian) const;
 };

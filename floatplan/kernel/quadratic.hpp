@@ -73,7 +73,8 @@ class DualMethod {
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
         OBSERVE_QUADRATIC(qp);
-        n = qp.size, count = held = changes = 0;
+        n = qp.size;
+        count = held = changes = 0;
         if (qp.equalities == 1 && !qp.rows && hold_alone(qp)) return true;
         if (!start(qp)) return false;
         copy(idle, qp.inequality, qp.rows);
@@ -160,7 +161,8 @@ class DualMethod {
                 of_gradient -= own[k] * x[k];
                 of_row -= own[k] * z[k];
             }
-            x[i] = of_gradient * per_pivot, z[i] = of_row * per_pivot;
+            x[i] = of_gradient * per_pivot;
+            z[i] = of_row * per_pivot;
         }
         const double value = qp.equality[0] + dot(row, x, n), curvature = dot(row, z, n);
         if (!std::isfinite(value) || !(curvature > dependent * dependent)) return false;
@@ -206,7 +208,8 @@ class DualMethod {
     void leave(Index place) {
         --count;
         for (Index c = place; c < count; ++c) {
-            active[c] = active[c + 1], multipliers[c] = multipliers[c + 1];
+            active[c] = active[c + 1];
+            multipliers[c] = multipliers[c + 1];
             for (Index i = 0; i <= c + 1; ++i) r[i * n + c] = r[i * n + c + 1];
         }
         for (Index c = place; c < count; ++c) {
@@ -219,7 +222,8 @@ class DualMethod {
                 upper = cosine * old + sine * lower;
                 lower = cosine * lower - sine * old;
             }
-            a = length, b = 0;
+            a = length;
+            b = 0;
             rotate(j, n, c, cosine, sine);
         }
     }
@@ -246,7 +250,10 @@ class DualMethod {
             double step = left > 0 ? -value / left : HUGE_VAL;
             Index first = -1;
             for (Index k = held; k < count; ++k)
-                if (by[k] > 0 && multipliers[k] < step * by[k]) step = multipliers[k] / by[k], first = k;
+                if (by[k] > 0 && multipliers[k] < step * by[k]) {
+                    step = multipliers[k] / by[k];
+                    first = k;
+                }
             if (!(step < HUGE_VAL)) return false;
             if (left > 0) add(step, z, n, x);
             add(-step, by, count, multipliers);

@@ -138,7 +138,9 @@ static inline void move_bodies(const SpatialTree &tree, const Joints &joints, Sp
         at.before[j] = cross(at.velocity[from], of);
         at.twice_before[j] = cross(at.acceleration[from], of) + cross(at.velocity[from], at.before[j]);
         at.own[j] = at.before[j] + turning;
-        at.turned[to] = turned, at.place[to] = place, at.velocity[to] = v;
+        at.turned[to] = turned;
+        at.place[to] = place;
+        at.velocity[to] = v;
         at.acceleration[to] = at.acceleration[from] + speed * turning;
         if (joints.accelerate()) at.acceleration[to] = at.acceleration[to] + joints.acceleration(j) * of;
     }

@@ -162,7 +162,8 @@ template <typename Flight> class FollowedStarts {
             if (number) follower.leave_hopeless();
             follower.follow(x);
             if (attempt.started && follower.program.work > attempt.most_work) {
-                attempt = before, is_best = false;
+                attempt = before;
+                is_best = false;
                 break;
             }
             const bool holds = attempt.violation <= 0;
