@@ -26,38 +26,54 @@ template <typename Flight> double Program<Flight>::objective(const At &at) {
     return motions.duration / attempt.objective_scale * sum(total);
 }
 
-// Its gradient; or its Hessian, by Gauss and Newton, added.
-template <typename Flight> void Program<Flight>::differentiate_objective(At &at, double *hessian) {
-    if (!hessian) zero(at.gradient, size);
+// Its gradient.
+template <typename Flight> void Program<Flight>::differentiate_objective(At &at) {
+    zero(at.gradient, size);
     if (!attempt.objective_sums && !motions.map) return copy(at.gradient, at.x, free);
-    if (!attempt.objective_sums) return differentiate_written(at, hessian);
+    if (!attempt.objective_sums) {
+        double *b = written + motions.terms * n;
+        multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, b);
+        each_slope_of_b([&](Index entry) { add(b[entry], slope, size, at.gradient); });
+        return;
+    }
     const Index terms = flight.terms();
     const Vector scale = all(2 * motions.duration / attempt.objective_scale);
     Vector *of_terms = (Vector *)weights;
-    auto add_slopes = [&](Index k) {
-        flight.add_sum_slopes(at.motion, at.state, at.variables, k, of_terms, pack);
-    };
-    if (!hessian) zero(pack, 8 * size);
+    zero(pack, 8 * size);
     for (Index k = 0; k < nodes(); k += LANES) {
         const Vector weight = scale * load(levels[level].weights + k);
         for (Index term = 0; term < terms; ++term) of_terms[term] = all(0);
         for (Index number = 0; number < attempt.objective_sums; ++number) {
-            const Index which = attempt.objective_sum + number;
-            const double *own = constraints.sums + which * terms;
-            if (!hessian) {
-                const Vector used = weight * load(at.used + number * stride + k);
-                for (Index term = 0; term < terms; ++term)
-                    of_terms[term] = add_product(own[term], used, of_terms[term]);
-                continue;
-            }
+            const double *own = constraints.sums + (attempt.objective_sum + number) * terms;
+            const Vector used = weight * load(at.used + number * stride + k);
+            for (Index term = 0; term < terms; ++term) of_terms[term] = add_product(own[term], used, of_terms[term]);
+        }
+        flight.add_sum_slopes(at.motion, at.state, at.variables, k, of_terms, pack);
+    }
+    for (Index c = 0; c < size; ++c) at.gradient[c] = sum(load(pack + 8 * c));
+}
+
+// Adds its Hessian (size, size), as by Gauss and Newton.
+template <typename Flight> void Program<Flight>::add_gauss_newton(At &at, double *hessian) {
+    if (!attempt.objective_sums) {
+        each_slope_of_b([&](Index) {
+            for (Index a = 0; a < size; ++a) add(slope[a], slope, size, hessian + a * size);
+        });
+        return;
+    }
+    const Index terms = flight.terms();
+    const Vector scale = all(2 * motions.duration / attempt.objective_scale);
+    Vector *of_terms = (Vector *)weights;
+    for (Index k = 0; k < nodes(); k += LANES) {
+        const Vector weight = scale * load(levels[level].weights + k);
+        for (Index number = 0; number < attempt.objective_sums; ++number) {
+            const double *own = constraints.sums + (attempt.objective_sum + number) * terms;
             for (Index term = 0; term < terms; ++term) of_terms[term] = all(own[term]);
             zero(pack, 8 * size);
-            add_slopes(k);
+            flight.add_sum_slopes(at.motion, at.state, at.variables, k, of_terms, pack);
             add_normals(weight, hessian);
         }
-        if (!hessian) add_slopes(k);
     }
-    for (Index c = 0; !hessian && c < size; ++c) at.gradient[c] = sum(load(pack + 8 * c));
 }
 
 // Squares of the derivatives at the instants that are computed at once, times weights.
@@ -70,11 +86,9 @@ template <typename Flight> void Program<Flight>::add_normals(Vector weight, doub
         }
 }
 
-// Of |b|^2 / 2 where the conditions follow h.
-template <typename Flight> void Program<Flight>::differentiate_written(At &at, double *hessian) {
+// Calls with each entry of b, whose derivatives (size) by x are in `slope` then, where the conditions (13) follow h.
+template <typename Flight> template <typename Visit> void Program<Flight>::each_slope_of_b(Visit visit) {
     const double *by_axis = boundary + n * motions.given;
-    double *b = written + motions.terms * n;
-    multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, b);
     for (Index term = 0; term < motions.terms; ++term)
         for (Index i = 0; i < n; ++i) {
             const double *map = motions.map + term * motions.columns;
@@ -83,8 +97,7 @@ template <typename Flight> void Program<Flight>::differentiate_written(At &at, d
             for (Index r = begin; r < end; ++r)
                 add(map[motions.given + r - begin], motions.scaling + r * free + begin, end - begin, slope + begin);
             slope[free] = dot(map, by_axis + i * motions.given, motions.given);
-            if (!hessian) add(b[term * n + i], slope, size, at.gradient);
-            for (Index a = 0; hessian && a < size; ++a) add(slope[a], slope, size, hessian + a * size);
+            visit(term * n + i);
         }
 }
 
@@ -96,7 +109,7 @@ template <typename Flight> void Program<Flight>::guess_hessian(At &at, double *h
         for (Index a = 0; a < size; ++a) hessian[a * size + a] = 1;
         return;
     }
-    differentiate_objective(at, hessian);
+    add_gauss_newton(at, hessian);
     double most = 0;
     for (Index a = 0; a < size; ++a) most = larger(most, hessian[a * size + a]);
     const double least = attempt.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;

@@ -195,7 +195,7 @@ template <typename Flight> class Program {
             if (turns_alone) differentiate_backward(at);
         if (!turns_alone) flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
         flight.combine_rows(at.lacking_row, at.row);
-        differentiate_objective(at, nullptr);
+        differentiate_objective(at);
         at.packs = 0;
         if (!watches || !rows) return;
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
@@ -454,7 +454,8 @@ template <typename Flight> class Program {
 
     // objective.hpp
     double objective(const At &at);
-    void differentiate_objective(At &at, double *hessian);
-    void differentiate_written(At &at, double *hessian);
+    void differentiate_objective(At &at);
+    void add_gauss_newton(At &at, double *hessian);
     void add_normals(Vector weight, double *hessian) const;
+    template <typename Visit> void each_slope_of_b(Visit visit);
 };
