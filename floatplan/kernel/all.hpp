@@ -20,7 +20,7 @@
 #include "program.hpp"
 #include "objective.hpp"
 #include "lifting.hpp"
-#include "constrained.hpp"
+#include "sqp.hpp"
 #include "elastic.hpp"
 #include "restoration.hpp"
 #include "plain.hpp"

@@ -7,7 +7,7 @@
 // are violated, each step as far as the function falls, ends at its minimum once the violated rows stay the same. The
 // multipliers of the step are rho (c_e + a_e d) and -rho min(0, v_i + s_i d).
 
-template <typename Flight> void Constrained<Flight>::find_elastic_step() {
+template <typename Flight> void Sqp<Flight>::find_elastic_step() {
     const double penalty = slack_penalty;
     program.differentiate_rows(*now, rules.reach);
     gather(*now);
@@ -56,7 +56,7 @@ template <typename Flight> void Constrained<Flight>::find_elastic_step() {
 
 // Adds the normal equations of the rows that are violated after a step, several rows at once: the lower triangle of
 // s_i s_i^T and v_i s_i are summed up in `squares_of_rows` one after the other, a vector each.
-template <typename Flight> void Constrained<Flight>::add_violated(double weight) {
+template <typename Flight> void Sqp<Flight>::add_violated(double weight) {
     zero(squares_of_rows, size * (size + 3) / 2 * LANES);
     for (Index e = 0; e < near(); e += LANES) {
         const Bits violated = load(linear + e) < all(0);
@@ -86,7 +86,7 @@ template <typename Flight> void Constrained<Flight>::add_violated(double weight)
 
 // How far along `change` the elastic program falls, nearly: 1 where that is so, else between two lengths where its slope has
 // other signs, by secants (the Illinois method: the end that stays counts half). Without penalties the slope is -product.
-template <typename Flight> double Constrained<Flight>::find_lowest(double penalty, const double *lacking) {
+template <typename Flight> double Sqp<Flight>::find_lowest(double penalty, const double *lacking) {
     constexpr double enough = 0.1;     // [-] of the slope at the begin: a tenth of it is hardly worth another evaluation
     constexpr Index most_steps = 40;
     double curvature = 0, slope_at_begin = 0;

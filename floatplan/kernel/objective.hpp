@@ -11,40 +11,40 @@
 // (Nocedal and Wright, section 10.3), and a little of the largest entry is added, that it be definite.
 
 template <typename Flight> double Program<Flight>::objective(const At &at) {
-    if (!attempt.objective_sums && !motions.map) return dot(at.x, at.x, free) / 2;
-    if (!attempt.objective_sums) {
+    if (!problem.objective_sums && !motions.map) return dot(at.x, at.x, free) / 2;
+    if (!problem.objective_sums) {
         multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, written);
         return dot(written, written, motions.terms * n) / 2;
     }
     Vector total = all(0);
-    for (Index number = 0; number < attempt.objective_sums; ++number) {
+    for (Index number = 0; number < problem.objective_sums; ++number) {
         double *used = at.used + number * stride;
-        flight.write_sum(at.motion, at.state, attempt.objective_sum + number, used);
+        flight.write_sum(at.motion, at.state, problem.objective_sum + number, used);
         for (Index k = 0; k < nodes(); k += LANES)
             total = multiply_add(load(levels[level].weights + k) * load(used + k), load(used + k), total);
     }
-    return motions.duration / attempt.objective_scale * sum(total);
+    return motions.duration / problem.objective_scale * sum(total);
 }
 
 // Its gradient.
 template <typename Flight> void Program<Flight>::differentiate_objective(At &at) {
     zero(at.gradient, size);
-    if (!attempt.objective_sums && !motions.map) return copy(at.gradient, at.x, free);
-    if (!attempt.objective_sums) {
+    if (!problem.objective_sums && !motions.map) return copy(at.gradient, at.x, free);
+    if (!problem.objective_sums) {
         double *b = written + motions.terms * n;
         multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, b);
         each_slope_of_b([&](Index entry) { add(b[entry], slope, size, at.gradient); });
         return;
     }
     const Index terms = flight.terms();
-    const Vector scale = all(2 * motions.duration / attempt.objective_scale);
+    const Vector scale = all(2 * motions.duration / problem.objective_scale);
     Vector *of_terms = (Vector *)weights;
     zero(pack, 8 * size);
     for (Index k = 0; k < nodes(); k += LANES) {
         const Vector weight = scale * load(levels[level].weights + k);
         for (Index term = 0; term < terms; ++term) of_terms[term] = all(0);
-        for (Index number = 0; number < attempt.objective_sums; ++number) {
-            const double *own = constraints.sums + (attempt.objective_sum + number) * terms;
+        for (Index number = 0; number < problem.objective_sums; ++number) {
+            const double *own = constraints.sums + (problem.objective_sum + number) * terms;
             const Vector used = weight * load(at.used + number * stride + k);
             for (Index term = 0; term < terms; ++term) of_terms[term] = add_product(own[term], used, of_terms[term]);
         }
@@ -55,19 +55,19 @@ template <typename Flight> void Program<Flight>::differentiate_objective(At &at)
 
 // Adds its Hessian (size, size), as by Gauss and Newton.
 template <typename Flight> void Program<Flight>::add_gauss_newton(At &at, double *hessian) {
-    if (!attempt.objective_sums) {
+    if (!problem.objective_sums) {
         each_slope_of_b([&](Index) {
             for (Index a = 0; a < size; ++a) add(slope[a], slope, size, hessian + a * size);
         });
         return;
     }
     const Index terms = flight.terms();
-    const Vector scale = all(2 * motions.duration / attempt.objective_scale);
+    const Vector scale = all(2 * motions.duration / problem.objective_scale);
     Vector *of_terms = (Vector *)weights;
     for (Index k = 0; k < nodes(); k += LANES) {
         const Vector weight = scale * load(levels[level].weights + k);
-        for (Index number = 0; number < attempt.objective_sums; ++number) {
-            const double *own = constraints.sums + (attempt.objective_sum + number) * terms;
+        for (Index number = 0; number < problem.objective_sums; ++number) {
+            const double *own = constraints.sums + (problem.objective_sum + number) * terms;
             for (Index term = 0; term < terms; ++term) of_terms[term] = all(own[term]);
             zero(pack, 8 * size);
             flight.add_sum_slopes(at.motion, at.state, at.variables, k, of_terms, pack);
@@ -105,13 +105,13 @@ template <typename Flight> template <typename Visit> void Program<Flight>::each_
 template <typename Flight> void Program<Flight>::guess_hessian(At &at, double *hessian) {
     differentiate(at);
     zero(hessian, size * size);
-    if (!attempt.objective_sums && !motions.map) {
+    if (!problem.objective_sums && !motions.map) {
         for (Index a = 0; a < size; ++a) hessian[a * size + a] = 1;
         return;
     }
     add_gauss_newton(at, hessian);
     double most = 0;
     for (Index a = 0; a < size; ++a) most = larger(most, hessian[a * size + a]);
-    const double least = attempt.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
+    const double least = problem.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
     for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : least;
 }

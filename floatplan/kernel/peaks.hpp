@@ -144,7 +144,7 @@ class Measured {
 Index measure_batch(const Robot &robot, const Interpolation *interpolations,
                     const Constraints *constraints, Peaks &peaks) {
     const Index last = peaks.levels - 1;
-    Room room;
+    Workspace room;
     Measured measured(robot, peaks);
     if (!room.make([&](Arena &arena) { measured.lay_out(arena, interpolations[last].nodes); })) return 1;
     const Index quantities = measured.quantities();

@@ -71,11 +71,11 @@ template <typename Flight> class Program {
     Flight flight;
 
     Program(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
-            const Nodes *levels, const Settings &settings, const Exchange &rules, const Attempt &attempt)
-        : size(motions.size), rows(attempt.rows), back_off(rules.back_off),
-          turns_alone(Flight::has_adjoint && !attempt.rows && !attempt.objective_sums),
+            const Nodes *levels, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
+        : size(motions.size), rows(problem.rows), back_off(rules.back_off),
+          turns_alone(Flight::has_adjoint && !problem.rows && !problem.objective_sums),
           flight(body, constraints, motions, levels, settings), constraints(constraints), motions(motions),
-          levels(levels), rules(rules), attempt(attempt), n(flight.joints), free(motions.first[n]) {}
+          levels(levels), rules(rules), problem(problem), n(flight.joints), free(motions.first[n]) {}
 
     void lay_out(Arena &arena, Index most_nodes) {
         const Index most = (most_nodes + rules.most_instants + 7) / 8 * 8, e = Flight::most_equalities;
@@ -85,7 +85,7 @@ template <typename Flight> class Program {
             for (double **some : {&each->lacking_row, &each->row}) arena.take(*some, e * size);
             arena.take(each->coefficients, motions.columns * n);
             arena.take(each->values, rows * most);
-            arena.take(each->used, attempt.objective_sums * most);
+            arena.take(each->used, problem.objective_sums * most);
             arena.take(each->of_axes, 3 * n * motions.axes * most);
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
@@ -111,7 +111,7 @@ template <typename Flight> class Program {
         arena.take(written, 2 * motions.terms * n);
         flight.lay_out(arena, most_nodes, most);
         Series none{};
-        between.lay_out(arena, flight.rows_of(none), attempt.minima.instants);
+        between.lay_out(arena, flight.rows_of(none), problem.minima.instants);
     }
 
     At two[2] = {};
@@ -154,9 +154,9 @@ template <typename Flight> class Program {
         move(at);
         at.differentiated = false;
         ++evaluations;
-        work += rules.evaluation + count * attempt.bodies;
+        work += rules.evaluation + count * problem.bodies;
         if (!is_known(at)) return nothing_known(at);
-        flight.move_links(at.motion, at.state, watches, attempt.objective_sums);
+        flight.move_links(at.motion, at.state, watches, problem.objective_sums);
         if (watches) evaluate_rows(at);
         at.objective = objective(at);
     }
@@ -168,7 +168,7 @@ template <typename Flight> class Program {
         double missed = 0;
         for (Index e = 0; e < equalities; ++e) missed += at.equality[e] * at.equality[e];
         if (missed >= enough) return missed;
-        flight.move_links(at.motion, at.state, watches, attempt.objective_sums);
+        flight.move_links(at.motion, at.state, watches, problem.objective_sums);
         evaluate_rows(at, enough - missed);
         return missed + at.squares;
     }
@@ -199,7 +199,7 @@ template <typename Flight> class Program {
         at.packs = 0;
         if (!watches || !rows) return;
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
-        work += rules.differentiation + rules.entry * count * size * attempt.entries;
+        work += rules.differentiation + rules.entry * count * size * problem.entries;
     }
 
     // Rows that are below so much.
@@ -286,14 +286,14 @@ template <typename Flight> class Program {
         if (!rows || !is_known(at)) return;
         Series whole = series_of(at);
         find_minima(flight.rows_between(at.motion, at.state, whole), minima, between);
-        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
+        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * problem.bodies;
     }
 
     // What at.x tells before a search.
     Chance chance(const At &at) {
         if (!is_known(at)) return {true, true, true};
         Series whole = series_of(at);
-        return flight.chance(flight.rows_between(at.motion, at.state, whole), attempt, between.close);
+        return flight.chance(flight.rows_between(at.motion, at.state, whole), problem, between.close);
     }
 
   private:
@@ -310,7 +310,7 @@ template <typename Flight> class Program {
     const Motions &motions;
     const Nodes *levels;
     const Exchange &rules;
-    const Attempt &attempt;
+    const SearchProblem &problem;
     Index n, free, count = 0;
     bool has_basis = false;
     const At *moved = nullptr;  // whose joints and base were moved last
@@ -321,7 +321,7 @@ template <typename Flight> class Program {
     double *of_boundary, *known_boundary;
     double *basis, *s, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
-    MinimaRoom<typename Flight::Rows> between;
+    MinimaWorkspace<typename Flight::Rows> between;
 
     // Joints and base, and what the attitude at landing lacks.
     void move(At &at) {
@@ -401,8 +401,8 @@ template <typename Flight> class Program {
         for (Index row = 0; row < rows; ++row)
             for (Index k = 0; k < stride; k += LANES) {
                 const Vector at = load(s + k);
-                Bits applies = (at >= all(attempt.low[row])) & (at <= all(attempt.high[row]));
-                if (!attempt.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
+                Bits applies = (at >= all(problem.low[row])) & (at <= all(problem.high[row]));
+                if (!problem.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
                 store(outside + row * stride + k, select(applies, all(0), all(HUGE_VAL)));
             }
         for (Index row = 0; row < rows; ++row)

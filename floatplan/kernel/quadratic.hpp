@@ -291,7 +291,7 @@ class DualMethod {
 // Whether it is solved; the direction and the multipliers are the solution, the active rows those that it needs.
 Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
-    Room room;
+    Workspace room;
     const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) && method.solve(qp);
     qp.changes = method.changes;
     if (!solved) return 0;

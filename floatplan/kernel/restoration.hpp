@@ -7,7 +7,7 @@
 // damping mu falls where a step gains and rises where it does not.
 
 // From `now`; the squares that are left. It is stuck where a step that is hardly damped is to gain next to nothing.
-template <typename Flight> double Constrained<Flight>::reduce_violations() {
+template <typename Flight> double Sqp<Flight>::reduce_violations() {
     constexpr double less_damping = 5, more_damping = 4;  // [-] factors after a step that gains, and after one that does not
     program.metric_matrix(metric);
     for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
@@ -44,7 +44,7 @@ template <typename Flight> double Constrained<Flight>::reduce_violations() {
 
 // Least squares of the linearised violations and the damping. Rows that hold now and would be violated by the step join
 // those that are violated now, of which alone the squares left are: with others there are more.
-template <typename Flight> void Constrained<Flight>::find_damped_step(double damping) {
+template <typename Flight> void Sqp<Flight>::find_damped_step(double damping) {
     zero(direction, size);
     for (Index k = 0; k < size * size; ++k) matrix[k] = damping * metric[k];
     zero(right, size);

@@ -256,7 +256,7 @@ static inline void torque_slopes(const SpatialTree &tree, SpatialBodies &at) {
 // What is asked at all instants; 1 where there was no memory.
 Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion) {
     SpatialBodies at;
-    Room room;
+    Workspace room;
     if (!room.make([&](Arena &arena) { at.lay_out(arena, tree.joints); })) return 1;
     for (Index k = 0; k < motion.instants; k += LANES) {
         const Instants instants(k, motion.instants);

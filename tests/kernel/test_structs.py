@@ -68,13 +68,13 @@ def test_kept_declarations_are_those_of_the_header(tmp_path):
     module: dict[str, object] = {}
     exec((tmp_path / build.DECLARATIONS).read_text(), module)
     assert module["HEADER"] == build.header_digest()
-    assert module["ffi"].sizeof("Attempt") == FFI.sizeof("Attempt")
+    assert module["ffi"].sizeof("SearchProblem") == FFI.sizeof("SearchProblem")
     code = (
         "from floatplan.kernel import build; build.DECLARATIONS = 'none.py'\n"
-        "from floatplan.kernel.structs import FFI; print(FFI.sizeof('Attempt'))"
+        "from floatplan.kernel.structs import FFI; print(FFI.sizeof('SearchProblem'))"
     )
     read = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert int(read.stdout) == FFI.sizeof("Attempt")
+    assert int(read.stdout) == FFI.sizeof("SearchProblem")
 
 
 @pytest.mark.parametrize(

@@ -265,7 +265,7 @@ class CompiledProblem:
         instants = sorted({*((0.0, 1.0) if any(changes) else ()), *self._window_ends})
         blocks, _, _ = self.rows
         return Struct(
-            "Attempt",
+            "SearchProblem",
             rows=watch.rows,
             at_once=at_once,
             objective_sum=0 if watch.also is None else watch.first_also,
@@ -291,7 +291,7 @@ class CompiledProblem:
         fraction = MOMENTUM_FRACTIONS if self._constraints else ()
         offset_map = variables.offset_map
         return Struct(
-            "Draws",
+            "SamplingOptions",
             level=LEVEL_OF_DRAWS,
             random=MOTIONS_PER_VARIABLE * variables.size,
             spreads=SPREADS,

@@ -23,13 +23,13 @@ struct Progress {
     }
 };
 
-template <typename Flight> class Constrained {
+template <typename Flight> class Sqp {
   public:
     using At = Evaluated<Flight>;
     Index iterations = 0;
 
-    Constrained(Program<Flight> &program, const Settings &settings, const Exchange &rules, const Attempt &attempt)
-        : now(program.two), trial(program.two + 1), program(program), set(settings), rules(rules), attempt(attempt),
+    Sqp(Program<Flight> &program, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
+        : now(program.two), trial(program.two + 1), program(program), set(settings), rules(rules), problem(problem),
           size(program.size) {}
 
     void lay_out(Arena &arena, Index most_rows) {
@@ -47,7 +47,7 @@ template <typename Flight> class Constrained {
     bool is_stuck = false;  // the last time that violations were reduced
     double farthest = HUGE_VAL;  // of x: a program of one equality is left where that, were it linear, held farther away
 
-    bool is_exhausted() const { return program.work > attempt.most_work; }
+    bool is_exhausted() const { return program.work > problem.most_work; }
 
     void swap() { std::swap(now, trial); }
 
@@ -160,7 +160,7 @@ template <typename Flight> class Constrained {
     Program<Flight> &program;
     const Settings &set;
     const Exchange &rules;
-    const Attempt &attempt;
+    const SearchProblem &problem;
     Index size;
     DualMethod qp;
     double slack_penalty = 1, violation_left = 0, squares_left = 0;
