@@ -17,6 +17,7 @@ from floatplan.planning.planner import plan as plan
 from floatplan.plans.plan import Plan as Plan
 from floatplan.plans.plan import load_plan as load_plan
 from floatplan.plans.plans import Plans as Plans
+from floatplan.plans.trajectory import MotionSample as MotionSample
 from floatplan.plans.verdicts import Certificate as Certificate
 from floatplan.problem.attitude import Attitude as Attitude
 from floatplan.problem.family import Family as Family

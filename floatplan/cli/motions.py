@@ -212,8 +212,8 @@ def show(
 
     motion = common.read_motion(motion_file, urdf)
     with naming(motion_file):
-        plan = motion.view
-        _ = plan.problem  # a jump's is made now, or refused with the name of its file
+        motion.refuse_unless_shown()
+        _ = motion.whole_problem  # a jump's is made now, or refused with the name of its file
     if isinstance(motion, fp.Jump) and not motion.ok:
         common.tell(quiet)(f"warning: this jump does not hold: {motion.check.sentences[0]}")
     other = None if compare is None else fp.load_plan(compare)
@@ -228,11 +228,11 @@ def show(
         if scene:
             from floatplan.view.scene.scene import write_scene
 
-            files.append(write_scene(plan, directory / SCENE))
+            files.append(write_scene(motion, directory / SCENE))
         if formats:
             from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
+            files += save_figures(motion, directory / FIGURES, compare=other, formats=formats)
         for name in films:
             files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:

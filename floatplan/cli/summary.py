@@ -260,12 +260,11 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     took = f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
-    view = jump.view
-    broken, held = check_lines(view)
+    broken, held = check_lines(jump.check, jump.request)
     written = [Row(path.stem, escaped(str(path))) for path in files]
     return Group(
-        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[view.tone]}"),
-        _table(PHASES, phase_lines(view)),
+        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump.tone]}"),
+        _table(PHASES, phase_lines(jump)),
         *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(", ".join(words), "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings[:MOST_WARNINGS_SHOWN]),

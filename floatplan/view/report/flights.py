@@ -20,11 +20,10 @@ from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
+from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.simulation.closed_loop import ClosedLoop
 from floatplan.simulation.jump_landings import JumpReplay
-from floatplan.stance.check import JumpCheck
 from floatplan.view.figures.animation import animate
-from floatplan.view.jumps import JumpView
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
 
@@ -61,14 +60,19 @@ def write_jump_pages(
     """Write a page that plays the first flight of a jump, and its film; of many flights a page with their histogram."""
     rows, first, name = jump_rows(flights), bool(flights.landings.stands[0]), flights.motion.problem.name
     words = f"{'stands' if first else 'falls'} in {flights.engine}"
-    view = JumpView(flights.motion, JumpCheck(first, {}, ()), words)
-    paths = [write_report(view, folder / "report.html", [Row(row[0], row[1]) for row in rows])]
-    paths.append(animate(view, folder / "flight.gif", progress=progress))
+    motion = flights.motion
+    assert motion.flight is not None
+    tone: Tone = "bad"
+    if first:
+        tone = verdict_in_words(motion.flight.ok, motion.flight.certificate, bool(motion.warnings))[1]
+    told = [Row(row[0], row[1]) for row in rows]
+    paths = [write_report(motion, folder / "report.html", told, (words, tone))]
+    paths.append(animate(motion, folder / "flight.gif", progress=progress))
     if flights.flights > 1:
-        told = f"<p>{html.escape(summary(flights))}; {html.escape(flights.control)}</p>"
+        about = f"<p>{html.escape(summary(flights))}; {html.escape(flights.control)}</p>"
         titles = LANDING_TITLES if flights.corrected is not None else ("", "")
         drawn = _embedded(picture("png", jump_picture, flights), "histogram of landings")
-        paths.append(_page(folder / "flights.html", name, [told, html_table("", rows, titles), drawn]))
+        paths.append(_page(folder / "flights.html", name, [about, html_table("", rows, titles), drawn]))
     return paths
 
 
