@@ -476,7 +476,7 @@ class Bare:
     phases: tuple[Any, ...] = ()
 
     def __getattr__(self, name: str) -> Any:
-        assert name in ("problem", "duration", "q", "v", "a", "tau", "full_motion", "forces")
+        assert name in ("problem", "duration", "full_motion", "forces", "contact_points")
         return getattr(self.plan, name)
 
 

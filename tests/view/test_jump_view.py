@@ -151,6 +151,21 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
             asked()
 
 
+def test_a_sample_of_a_jump_has_contacts_and_forces() -> None:
+    """They are the jump's own, and nothing pushes where nothing stands."""
+    jump = backflip()
+    sample = jump.sample(100.0)
+    np.testing.assert_array_equal(sample.q, jump.q(sample.times))
+    np.testing.assert_array_equal(sample.tau, jump.tau(sample.times))
+    assert sample.contacts.keys() == sample.forces.keys() == sample.contact_points.keys()
+    for name, stands in sample.contacts.items():
+        phases = [phase for phase in jump.phases if name in phase.contacts]
+        inside = np.any([(sample.times > each.begin) & (sample.times <= each.end) for each in phases], axis=0)
+        np.testing.assert_array_equal(stands[1:], inside[1:])
+        assert not sample.forces[name][~stands].any()
+        assert np.isfinite(sample.contact_points[name]).all(axis=1).tolist() == stands.tolist()
+
+
 def test_obstacles_are_in_the_jump_s_clock(view: Jump) -> None:
     """An obstacle that moves and exists for a while, both since takeoff, is where the flight's own plan has it."""
     passing = fp.Circle(center=(0.6, 0.3), radius=0.05, velocity=(-2.0, 0.5), window=(0.05, 0.2))
