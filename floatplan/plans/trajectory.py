@@ -24,20 +24,21 @@ from floatplan.robot.robot import Robot
 MOST_ROWS = 100_000  # [-] instants of a sample: 100 s at 1 kHz
 
 
-class Phase(Protocol):
-    """A time of a motion in which contacts do not change; see :class:`floatplan.JumpPhase`."""
+@dataclass(frozen=True)
+class JumpPhase:
+    """A time of a jump in which contacts do not change.
 
-    @property
-    def contacts(self) -> tuple[str, ...]:
-        """Names of the points that stand."""
+    Attributes
+    ----------
+    kind : "stance" or "flight"
+    contacts : names of all points that stand, followers' too
+    begin, end : s, from the jump's start
+    """
 
-    @property
-    def begin(self) -> float:
-        """When it begins, s."""
-
-    @property
-    def end(self) -> float:
-        """When it ends, s."""
+    kind: str
+    contacts: tuple[str, ...]
+    begin: float
+    end: float
 
 
 class Trajectory(Protocol):
@@ -60,7 +61,7 @@ class Trajectory(Protocol):
         """What was asked, from the motion's first instant to its last: its ends, duration and obstacles are these."""
 
     @property
-    def phases(self) -> Sequence[Phase]:
+    def phases(self) -> Sequence[JumpPhase]:
         """Its phases in order of time; none where nothing ever stands."""
 
     @property

@@ -16,6 +16,7 @@ from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, Pinocc
 from floatplan.plans.measures import PlanWarning, overlap_warnings
 from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
+from floatplan.plans.trajectory import JumpPhase
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle, Posture
@@ -24,23 +25,6 @@ from floatplan.robot.robot import Robot
 from floatplan.stance.motion import JumpState, Stance, flight_state, joined
 
 HEIGHTS = 601  # [-] instants among which the centre of mass is highest
-
-
-@dataclass(frozen=True)
-class JumpPhase:
-    """A time of a jump in which contacts do not change.
-
-    Attributes
-    ----------
-    kind : "stance" or "flight"
-    contacts : names of all points that stand, followers' too
-    begin, end : s, from the jump's start
-    """
-
-    kind: str
-    contacts: tuple[str, ...]
-    begin: float
-    end: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
