@@ -94,8 +94,9 @@ class JumpMotion(MotionInFile):
 
         Its clock begins with the jump, that of its obstacles too.
         """
+        ends = self.state([0.0, self.duration])  # refused where no jump was found
         assert self.flight is not None
-        found, ends = self.flight.problem, self.state([0.0, self.duration])
+        found = self.flight.problem
         within = np.clip(ends.positions, *found.position_limits.T)  # which robots that fall may leave
         start, goal = map(Posture, ends.orientation.tolist(), within)
         return replace(
