@@ -17,6 +17,8 @@ from floatplan.planning.planner import plan as plan
 from floatplan.plans.plan import Plan as Plan
 from floatplan.plans.plan import load_plan as load_plan
 from floatplan.plans.plans import Plans as Plans
+from floatplan.plans.trajectory import JumpPhase as JumpPhase
+from floatplan.plans.trajectory import MotionSample as MotionSample
 from floatplan.plans.verdicts import Certificate as Certificate
 from floatplan.problem.attitude import Attitude as Attitude
 from floatplan.problem.family import Family as Family
@@ -50,7 +52,6 @@ from floatplan.simulation.replay import replay as replay
 from floatplan.stance.check import JumpCheck as JumpCheck
 from floatplan.stance.jump import Jump as Jump
 from floatplan.stance.jump import load_jump as load_jump
-from floatplan.stance.jump_motion import JumpPhase as JumpPhase
 from floatplan.stance.launch import Launch as Launch
 from floatplan.stance.launch import launch as launch
 from floatplan.stance.planner import jump as jump

@@ -200,9 +200,8 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
         return Answer("not_found", starts=plan.starts, message=planned.explanation), {}
     verdict = certify(planned.flight).verdict if plan.prove else ""
     figures = planned.check.figures
-    view = planned.view
     times = np.linspace(0.0, planned.duration, int(planned.duration * RATE) + 2)
-    torques = view.at(times).motor_torques
+    torques = planned.state(times).motor_torques
     answer = Answer(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
@@ -216,7 +215,7 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
         "peaks": np.abs(torques).max(axis=0),
         "utilisation": max(figures[name] for name in ("torque", "torque_speed", "velocity")),
         "clearance": figures.get("obstacles", np.nan),
-        "height": view.height,
+        "height": planned.height,
         "jump_duration": planned.duration,
         "friction_used": figures["friction"],
     }

@@ -179,7 +179,7 @@ def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pyt
     assert {"replan", "flights", "seed", "corrected", "uncorrected", "statuses", "authority"} <= set(facts)
     assert facts["corrected"]["orientation_error_worst"] < facts["uncorrected"]["orientation_error_worst"]
     page = Path("out/flights.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png") == 2
+    assert page.count("data:image/png") == 1
     assert "<script" not in page
     run = floatplan("replay", path.absolute(), "--replan", 100, *options)
     assert run.code == 0
@@ -187,6 +187,7 @@ def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pyt
     for wrong in (
         ("--replan", 0),
         ("--output", "out"),
+        ("--authority", "--output", "out"),
         ("--replan", 100, "--save"),
         ("--replan", 100, "--budget", 0),
         ("--replan", 100, "--perturb", "x"),
