@@ -19,10 +19,7 @@ import floatplan as fp
 from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight import authority as authority_module
 from floatplan.simulation import closed_loop as closed_loop_module
-from floatplan.simulation.forward import mujoco_accelerations, pinocchio_accelerations
-from floatplan.simulation.mujoco_model import planar_model
 from floatplan.simulation.perturbation import Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import reduced_model
 from floatplan.view.report.flights import closed_loop_picture
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -74,24 +71,6 @@ def test_a_higher_jump_lands_later(plan: fp.Plan) -> None:
     result = fp.closed_loop(plan, perturb="h=5%,rise=4%", flights=1, seed=1)
     assert result.paths[0].times[-1] != pytest.approx(plan.duration, abs=0.01)
     assert np.abs(result.corrected.orientation).max() < math.radians(0.3)
-
-
-def test_engines_agree(plan: fp.Plan) -> None:
-    try:
-        import mujoco  # noqa: F401
-    except ImportError:
-        skip_or_fail("mujoco is not installed")
-    reduced = reduced_model(plan.robot, 9.81)
-    rng = np.random.default_rng(0)
-    factors = np.ones(reduced.model.njoints)
-    q, v, forces = rng.standard_normal((3, reduced.model.nv))
-    expected = pinocchio_accelerations(reduced.model)(q, v, forces)
-
-    def by_mujoco(mass: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-        return mujoco_accelerations(*planar_model(plan.robot, reduced, mass, inertia))(q, v, forces)
-
-    np.testing.assert_allclose(by_mujoco(factors, factors), expected, rtol=1e-9, atol=1e-9)
-    assert np.abs(by_mujoco(1.05 * factors, 0.95 * factors) - expected).max() > 1e-3
 
 
 def test_mujoco_lands_too(plan: fp.Plan) -> None:

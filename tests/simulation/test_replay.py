@@ -17,7 +17,7 @@ from robot_samples import PAIR, TWO_LINKS, inertial, joint, robot_text
 import floatplan as fp
 from floatplan.plans.reading import load_record
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.simulation.forward import whole_step
+from floatplan.simulation.integration import whole_step
 from floatplan.simulation.perturbation import Perturbation, given_perturbation
 
 PERTURBED = ("mass=2%", "inertia=2%", "h=1%,torque=1%,rise=5%")
@@ -396,7 +396,7 @@ class TestInSpace:
         """However long the steps that are asked for, gains do not make them unstable; and they have an end."""
         plan = sides(0.6)
         assert fp.replay(plan, engine="mujoco", step=0.1, feedback=1e3).spatial.orientation_error < 1e-4
-        monkeypatch.setattr("floatplan.simulation.forward.MOST_STEPS", 1000)
+        monkeypatch.setattr("floatplan.simulation.integration.MOST_STEPS", 1000)
         with pytest.raises(fp.InputError, match="a lower feedback"):
             fp.replay(plan, engine="mujoco", feedback=1e4, step=1e-2)
 

@@ -20,8 +20,7 @@ from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
-from floatplan.simulation.closed_loop import ClosedLoop
-from floatplan.simulation.jump_landings import JumpReplay
+from floatplan.simulation.results import ClosedLoop, JumpReplay
 from floatplan.stance.check import JumpCheck
 from floatplan.view.figures.animation import animate
 from floatplan.view.jumps import JumpView
