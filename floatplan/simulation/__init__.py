@@ -18,8 +18,8 @@ Symbols, in SI units and radians throughout:
 - q, v: a configuration and its velocity, the base's entries first. In a plane (3 + m,) each: horizontal and vertical
   place and orientation, in the world's axes. In space (7 + m,) and (6 + m,): place in the world, quaternion x, y, z, w,
   and the base's linear and angular velocity in its own axes, as Pinocchio has them.
-- own_q, own_v: the same in MuJoCo's coordinates: joints in its order, quaternions w, x, y, z, the base's linear velocity
-  in the world's axes.
+- own_q, own_v: the same in MuJoCo's coordinates: joints in its order, quaternions w, x, y, z, the base's linear
+  velocity in the world's axes.
 - h: angular momentum about the centre of mass, kg m^2/s, in the world's axes.
 - f: forces on v, N m and N; zero for the base.
 """

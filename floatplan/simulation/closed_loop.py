@@ -4,6 +4,7 @@ import contextlib
 import math
 import time as clock
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -169,7 +170,8 @@ class _Loop:
         sensors = Sensors(self.perturbation, sample, PERIOD)
         control = JointControl(guide, sensors, self.gains, self.motors, sample.torque)
         takeoff = perturbed_takeoff(self.plan.record, reduced, sample)
-        robot = _FallingRobot(flying_robot(self.engine, self.plan.robot, reduced, sample), reduced, takeoff)
+        flying = flying_robot(self.engine, self.plan.robot, reduced, sample)
+        robot = _FallingRobot(flying, reduced, flying.own_state(*takeoff))
         peak = np.zeros(len(reduced.joints))
         for tick in control.fly(robot, PERIOD):
             if not tick.finite:
@@ -221,13 +223,13 @@ class _Loop:
         return least
 
 
+@dataclass(eq=False)
 class _FallingRobot:
     """A robot in the air whose torques are held for a step of the Runge-Kutta method, less what its joints lose."""
 
-    def __init__(self, engine: FlyingRobot, reduced: ReducedModel, takeoff: State) -> None:
-        self.engine = engine
-        self.reduced = reduced
-        self.own_state = engine.own_state(*takeoff)
+    engine: FlyingRobot
+    reduced: ReducedModel
+    own_state: State
 
     def state(self) -> State:
         """Positions and velocities (3 + m,), the base's first."""
@@ -246,13 +248,13 @@ class _FallingRobot:
         return bool(np.isfinite(self.own_state[0]).all())
 
 
+@dataclass(frozen=True, eq=False)
 class _PlanGuide:
     """A plan's motion as it is corrected, or as it is; ``motor_columns`` (m, motors) say which joints motors move."""
 
-    def __init__(self, corrections: Corrections, motor_columns: Array, correct: bool) -> None:
-        self.corrections = corrections
-        self.motor_columns = motor_columns
-        self.correct = correct
+    corrections: Corrections
+    motor_columns: Array
+    correct: bool
 
     @property
     def end(self) -> float:

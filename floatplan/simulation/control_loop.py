@@ -7,7 +7,7 @@ are computed by a :class:`~floatplan.inflight.replanner.Replanner`, which is giv
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 from typing import Protocol
 
@@ -170,24 +170,23 @@ class Tick:
     finite: bool
 
 
+@dataclass(eq=False)
 class JointControl:
     """A robot's control: a guide, feedback with gains (2, J), and motors of some strength (J,).
 
-    ``feedback_delay`` is the number of periods after which feedback knows of what was measured. ``share`` is the
-    largest torque so far that was wanted of a motor over what it can at its speed.
+    ``feedback_delay`` is the number of periods after which feedback knows of what was measured. So far in the flight
+    ``errors`` are those of the joints (2, J), and ``share`` is the largest torque that was wanted of a motor over what
+    it can at its speed.
     """
 
-    def __init__(
-        self, guide: Guide, sensors: Sensors, gains: Array, motors: Motors, strength: Array, feedback_delay: int = 0
-    ) -> None:
-        self.guide = guide
-        self.sensors = sensors
-        self.gains = gains
-        self.motors = motors
-        self.strength = strength
-        self.feedback_delay = feedback_delay
-        self.share = 0.0
-        self._errors: list[Array] = []
+    guide: Guide
+    sensors: Sensors
+    gains: Array
+    motors: Motors
+    strength: Array
+    feedback_delay: int = 0
+    share: float = 0.0
+    errors: list[Array] = field(default_factory=list)
 
     def fly(self, robot: SimulatedRobot, period: float) -> Iterator[Tick]:
         """Fly a robot until the guide's end, or until it diverges, and give each period; the last may be shorter."""
@@ -196,18 +195,15 @@ class JointControl:
             if now >= self.guide.end - SOON:
                 return
             state = np.stack(robot.state())
-            torques = self._torques(number, now, state)
+            self.sensors.measure(state)
+            target, torques = self.guide.target(number, now, self.sensors)
+            self.errors.append(target - self.sensors.measured[-1][:, BASE:])
+            if number >= self.feedback_delay:
+                torques = torques + (self.gains * self.errors[number - self.feedback_delay]).sum(axis=0)
+            rates = state[1, BASE:]
+            self.share = max(self.share, self.motors.share(torques, rates))
+            torques = self.motors.limited(torques, rates)
             finite = robot.move(self.strength * torques, min(period, self.guide.end - now))
             yield Tick(number, now, state, torques, finite)
             if not finite:
                 return
-
-    def _torques(self, number: int, now: float, state: Array) -> Array:
-        self.sensors.measure(state)
-        target, torques = self.guide.target(number, now, self.sensors)
-        self._errors.append(target - self.sensors.measured[-1][:, BASE:])
-        if number >= self.feedback_delay:
-            torques = torques + (self.gains * self._errors[number - self.feedback_delay]).sum(axis=0)
-        rates = state[1, BASE:]
-        self.share = max(self.share, self.motors.share(torques, rates))
-        return self.motors.limited(torques, rates)

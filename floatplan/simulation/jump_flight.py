@@ -7,7 +7,7 @@ the air. Nothing of the planner is used: the ground pushes as MuJoCo's contacts 
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,10 @@ from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.simulation.contact_model import ContactRobot, least_heights
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
+from floatplan.simulation.flown_jump import STANDING, FlownJump
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.results import STANDING, Flight, FlownJump
+from floatplan.simulation.results import Flight
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE, JumpState
 
@@ -140,13 +141,17 @@ class JumpControl:
         return FlownJump(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
 
 
+@dataclass(frozen=True, eq=False)
 class _JumpGuide:
     """A jump's motion from standing to standing, its flight as it is corrected where it is."""
 
-    def __init__(self, control: JumpControl, corrections: Corrections | None) -> None:
-        self.control = control
-        self.corrections = corrections
-        self.end = len(control.times) * PERIOD
+    control: JumpControl
+    corrections: Corrections | None
+
+    @property
+    def end(self) -> float:
+        """When it has stood long enough, s."""
+        return len(self.control.times) * PERIOD
 
     @property
     def landing(self) -> float:

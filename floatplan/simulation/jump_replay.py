@@ -16,10 +16,11 @@ from floatplan.errors import InputError
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.flown_jump import STANDING, FlownJump
 from floatplan.simulation.gains import Gains, first_gains, joint_inertia
 from floatplan.simulation.jump_flight import PERIOD, JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
-from floatplan.simulation.results import STANDING, Flight, FlownJump, JumpLandings, JumpReplay
+from floatplan.simulation.results import Flight, JumpLandings, JumpReplay
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 

@@ -6,18 +6,16 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from floatplan.arguments import Outlined
-from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.arrays import Array, BoolArray
 from floatplan.files import plain
 from floatplan.simulation.engines import Engine
+from floatplan.simulation.flown_jump import FlownJump
 from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import JumpState
 
-STANDING = 1.0  # [s] that a jump is to stand at the end
+Motion = TypeVar("Motion")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,36 +29,6 @@ class Trace:
     orientation: Array
     positions: Array
     corrections: Array
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FlownJump(JumpMotion):
-    """What a robot made of a jump: a motion as this is, between recorded instants; it goes on for ``STANDING``."""
-
-    recorded: JumpState | None = None
-
-    @property
-    def duration(self) -> float:
-        """From standing until it should stand again for ``STANDING``, s."""
-        return super().duration + STANDING
-
-    def at(self, times: npt.ArrayLike) -> JumpState:
-        """State at times (N,) s from the jump's start; errors as of a jump's."""
-        assert self.recorded is not None
-        instants = np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
-        known = self.recorded.times
-
-        def between(values: Any) -> Any:
-            if isinstance(values, dict):
-                return {name: between(own) for name, own in values.items()}
-            return read_only(np.stack([np.interp(instants, known, column) for column in values.T], axis=1))
-
-        values = [between(getattr(self.recorded, row.name)) for row in fields(self.recorded)[1:]]
-        return JumpState(read_only(instants), *values)
-
-
-Motion = TypeVar("Motion")
-Ends = TypeVar("Ends", bound="Landings", covariant=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +164,8 @@ class JumpLandings(Landings):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Flights(Outlined, Generic[Ends]):
-    """Many flights of perturbed robots: the same robots and the same noise with corrections and without.
+class Flights(Outlined):
+    """Many flights of perturbed robots.
 
     Attributes
     ----------
@@ -205,7 +173,6 @@ class Flights(Outlined, Generic[Ends]):
     seed : int
     perturbation : Perturbation
     joints : names of the joints that move
-    uncorrected : how they landed with the joints' control on the plan alone
     statuses : how often a correction had which
     seconds : s that all took
     """
@@ -215,7 +182,6 @@ class Flights(Outlined, Generic[Ends]):
     seed: int
     perturbation: Perturbation
     joints: tuple[str, ...]
-    uncorrected: Ends
     statuses: dict[str, int]
     seconds: float
 
@@ -226,13 +192,14 @@ class Flights(Outlined, Generic[Ends]):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class ClosedLoop(Flights[PlanLandings]):
+class ClosedLoop(Flights):
     """Result of :func:`floatplan.closed_loop`: as :class:`Flights`.
 
     Attributes
     ----------
     engine, rate : as asked for; rate in Hz
-    corrected : PlanLandings
+    corrected, uncorrected : PlanLandings
+        With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
     update_seconds : (U,) s
         Processor time of each call of ``update`` that corrected something.
     plan_torque_peak : (m,) N m of each moving joint
@@ -244,6 +211,7 @@ class ClosedLoop(Flights[PlanLandings]):
     engine: Engine
     rate: float
     corrected: PlanLandings
+    uncorrected: PlanLandings
     update_seconds: Array
     plan_torque_peak: Array
     effort: Array
@@ -288,7 +256,7 @@ class ClosedLoop(Flights[PlanLandings]):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class JumpReplay(Flights[JumpLandings]):
+class JumpReplay(Flights):
     """Result of :func:`floatplan.replay_jump`: as :class:`Flights`.
 
     Attributes
@@ -298,7 +266,8 @@ class JumpReplay(Flights[JumpLandings]):
     kp, kd : (J,) N m/rad, N m s/rad
     tried : how many pairs of them were, where none were given; else 0
     rate : Hz of the corrections in flight, if there were any
-    corrected : JumpLandings, where there is a rate
+    uncorrected, corrected : JumpLandings
+        The same robots, the same noise; the latter where there is a rate.
     balanced : bodies whose inertia MuJoCo refuses -> change of a principal moment, kg m^2
     motion : FlownJump
         The first flight, corrected where there is a rate.
@@ -310,6 +279,7 @@ class JumpReplay(Flights[JumpLandings]):
     kd: Array
     tried: int
     rate: float | None
+    uncorrected: JumpLandings
     corrected: JumpLandings | None
     balanced: Mapping[str, float]
     motion: FlownJump
