@@ -10,7 +10,11 @@ What is flown is read from records: nothing of the planner is used but, in fligh
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
   `free_flight.py`: a plan in a plane flown with its base free in space.
 - `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,
-  `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights ended.
+  `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights ended, `flown_jump.py`: the motion
+  that a robot made of a jump.
+
+To add what goes wrong: its row in `KINDS` of `perturbation.py`, a field of `Perturbation` and one of `Sample`, and the
+step that feels it. To add an engine: a class with the members of `PinocchioRobot`, and its name in `engines.py`.
 
 Symbols, in SI units and radians throughout:
 

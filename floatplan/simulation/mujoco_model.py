@@ -76,27 +76,10 @@ class MujocoSpec:
         data = model.createData()
         pin.forwardKinematics(model, data, np.array(reduced.reference))
         for number, body in self.bodies.items():
-            given = model.inertias[number]
-            mass = given.mass
-            inertia = given.inertia
-            least = LEAST
-            if free:
-                mass = max(mass, LEAST)  # between the joints of a shoulder there is none
-                least = max(LEAST, mass * GYRATION**2)
-            else:
-                normal = data.oMi[number].rotation.T @ robot.plane.normal
-                inertia = normal @ inertia @ normal * np.eye(3)
-            moments, axes = np.linalg.eigh(inertia)
-            axes[:, 0] *= np.linalg.det(axes)  # right-handed
-            balanced = _balanced(moments, least)
-            change = float(np.abs(balanced - moments).max())
-            if free and change > max(ROUNDING * moments[-1], LEAST):
+            normal = None if free else data.oMi[number].rotation.T @ robot.plane.normal
+            change = _set_inertia(body, model.inertias[number], normal, sample.mass[number], sample.inertia[number])
+            if change:
                 self.balanced[links[number]] = change
-            body.mass = mass * sample.mass[number]
-            body.ipos = given.lever
-            body.inertia = balanced * sample.inertia[number]
-            body.iquat = _quaternion_wxyz(axes)
-            body.explicitinertial = True
 
     def compiled(self) -> Any:
         """The ``mujoco.MjModel``; InputError where MuJoCo refuses it, such as for a link that moves and has no mass."""
@@ -141,16 +124,12 @@ class MujocoRobot:
 
     def moved(self, q: Array, v: Array, duration: float) -> Array:
         """Return the configuration after a duration, s, at a velocity; the base turns along the geodesic."""
-        if not self.free:
-            return np.asarray(q + duration * v)
         q = q.copy()
         self.mujoco.mj_integratePos(self.model, q, v, duration)
         return q
 
     def rate(self, q: Array, v: Array) -> Array:
-        """Return the derivative of a configuration by time."""
-        if not self.free:
-            return v
+        """Return the derivative of a configuration by time, of a free base."""
         rate = np.empty_like(q)
         rate[:3] = v[:3]
         rate[3:7] = np.roll(quaternion_rate(np.roll(q[3:7], -1), v[3:6]), 1)
@@ -212,11 +191,31 @@ def balanced_in_words(balanced: Mapping[str, float]) -> str:
     return f"of {', '.join(balanced)}, which no body can have: moments changed by {max(balanced.values()):.2g} kg m^2"
 
 
-def _balanced(moments: Array, least: float) -> Array:
-    """Principal moments (3,), rising, as MuJoCo takes them: none less than ``least`` or more than the others' sum."""
-    moments = np.maximum(moments, least)
-    moments[:2] += max(moments[2] * (1 + EDGE) - moments[0] - moments[1], 0.0) / 2
-    return moments
+def _set_inertia(body: Any, given: Any, normal: Array | None, mass_factor: float, inertia_factor: float) -> float:
+    """Give a body its inertia, a ``pinocchio.Inertia``, scaled by factors; how much of a moment was balanced, kg m^2.
+
+    With a normal (3,) its moment about that alone counts. Else principal moments are made such as MuJoCo takes them:
+    none less than a small one, or more than the sum of the others.
+    """
+    mass = given.mass
+    inertia = given.inertia
+    least = LEAST
+    if normal is None:
+        mass = max(mass, LEAST)  # between the joints of a shoulder there is none
+        least = max(LEAST, mass * GYRATION**2)
+    else:
+        inertia = normal @ inertia @ normal * np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)  # rising
+    axes[:, 0] *= np.linalg.det(axes)  # right-handed
+    balanced = np.maximum(moments, least)
+    balanced[:2] += max(balanced[2] * (1 + EDGE) - balanced[0] - balanced[1], 0.0) / 2
+    body.mass = mass * mass_factor
+    body.ipos = given.lever
+    body.inertia = balanced * inertia_factor
+    body.iquat = _quaternion_wxyz(axes)
+    body.explicitinertial = True
+    change = float(np.abs(balanced - moments).max())
+    return change if normal is None and change > max(ROUNDING * moments[-1], LEAST) else 0.0
 
 
 def _quaternion_wxyz(rotation: Array) -> Array:
