@@ -4,8 +4,6 @@ All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``pr
 read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -78,23 +76,7 @@ class Update:
         self._robot = robot_struct(bodies, n)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
-        columns = CONDITIONS + width
-        # what the kernel reads and writes at each call, by the names of its struct Flight
-        self._called = {
-            "measured_positions": np.zeros(n),
-            "measured_velocities": np.zeros(n),
-            "positions": np.zeros(n),
-            "velocities": np.zeros(n),
-            "map": np.zeros(n + 1),
-            "asked": np.zeros((3, n)),
-            "torques": np.zeros(n + motors),
-            "warm_start": np.zeros((width, n)),
-            "coefficients": np.zeros((columns, n)),
-            "planned": np.zeros((columns, n)),
-            "worst": np.zeros(len(constraints.block_first) - 1),
-            "row_values": np.zeros((constraints.rows, len(grid.s))),
-            "torque_peak": np.zeros(motors),
-        }
+        self._called = _called_arrays(constraints, len(grid.s), width, motors)
         self._struct = Struct(
             "Flight",
             instants=len(grid.s),
@@ -113,7 +95,7 @@ class Update:
             link_imaginary=link_imaginary,
             real=real,
             imaginary=imaginary,
-            motions=np.zeros((self.gains.memory, 2 + 3 * columns * n)),
+            motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
             room=None,  # once it is known how much
             **dict.fromkeys(FILTER),  # see begin()
             **_of_masses(tree, bodies),
@@ -258,6 +240,27 @@ class Update:
             "first": doubles(first.T),
             "second": doubles(second.T),
         }
+
+
+def _called_arrays(constraints: CompiledConstraints, instants: int, width: int, motors: int) -> dict[str, Array]:
+    """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
+    n = constraints.flight.tree.turns.shape[1]
+    coefficients = (CONDITIONS + width, n)
+    return {
+        "measured_positions": np.zeros(n),
+        "measured_velocities": np.zeros(n),
+        "positions": np.zeros(n),
+        "velocities": np.zeros(n),
+        "map": np.zeros(n + 1),
+        "asked": np.zeros((3, n)),
+        "torques": np.zeros(n + motors),
+        "warm_start": np.zeros((width, n)),
+        "coefficients": np.zeros(coefficients),
+        "planned": np.zeros(coefficients),
+        "worst": np.zeros(len(constraints.block_first) - 1),
+        "row_values": np.zeros((constraints.rows, instants)),
+        "torque_peak": np.zeros(motors),
+    }
 
 
 def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int) -> dict[str, Array | IntArray]:

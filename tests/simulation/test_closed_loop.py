@@ -35,6 +35,11 @@ def flown(plan: fp.Plan) -> fp.ClosedLoop:
     return fp.closed_loop(plan, perturb=PERTURBED, flights=2, seed=5)
 
 
+@pytest.fixture(scope="module")
+def single(plan: fp.Plan) -> fp.ClosedLoop:
+    return fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5)
+
+
 def numbers(result: fp.ClosedLoop) -> dict[str, Any]:
     """All that is the same for the same seed."""
     return {key: value for key, value in result.to_dict().items() if key not in ("seconds", "update_milliseconds")}
@@ -50,8 +55,8 @@ def test_corrected_flights_land(flown: fp.ClosedLoop) -> None:
         assert np.abs(np.diff(path.orientation)).max() < 0.2
 
 
-def test_the_same_seed_the_same_flights(plan: fp.Plan, flown: fp.ClosedLoop) -> None:
-    again = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5)
+def test_the_same_seed_the_same_flights(plan: fp.Plan, flown: fp.ClosedLoop, single: fp.ClosedLoop) -> None:
+    again = single
     assert again.corrected.orientation[0] == flown.corrected.orientation[0]
     assert again.uncorrected.orientation[0] == flown.uncorrected.orientation[0]
     np.testing.assert_array_equal(again.corrected.torque_peak[0], flown.corrected.torque_peak[0])
@@ -98,20 +103,21 @@ def test_wrong_numbers_are_told(plan: fp.Plan, wrong: dict[str, Any]) -> None:
         fp.closed_loop(plan, **wrong)
 
 
-def test_flights_that_end_in_the_budget_count(plan: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flights_that_end_in_the_budget_count(
+    plan: fp.Plan, single: fp.ClosedLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
     looks = itertools.count()
 
     def look(_: Any) -> None:
         if next(looks) > 30:  # eleven a flight, and each is flown twice
             raise closed_loop_module._OutOfTimeError
 
-    whole = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5)
     monkeypatch.setattr(closed_loop_module._Loop, "_look_at_the_clock", look)
     result = fp.closed_loop(plan, perturb=PERTURBED, flights=3, seed=5)
     assert (result.flights, result.asked) == (1, 3)
-    assert result.statuses == whole.statuses
+    assert result.statuses == single.statuses
     assert len(result.paths) == len(result.uncorrected_paths) == 1
-    np.testing.assert_array_equal(result.corrected.orientation, whole.corrected.orientation)
+    np.testing.assert_array_equal(result.corrected.orientation, single.corrected.orientation)
 
 
 def test_a_budget_without_a_flight_is_told(plan: fp.Plan) -> None:
