@@ -158,14 +158,16 @@ class Corrections:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One period of a flight: its number and beginning, s; what the robot did then, and torques (J,) of its control.
+    """One period of a flight: its number and beginning, s; what the robot did then, and torques (J,), N m.
 
-    ``finite`` is whether the simulation still had a state at its end.
+    ``wanted`` are those before, ``torques`` those after the motors' limits. ``finite`` is whether the simulation still
+    had a state at its end.
     """
 
     number: int
     now: float
     state: Array
+    wanted: Array
     torques: Array
     finite: bool
 
@@ -174,9 +176,8 @@ class Tick:
 class JointControl:
     """A robot's control: a guide, feedback with gains (2, J), and motors of some strength (J,).
 
-    ``feedback_delay`` is the number of periods after which feedback knows of what was measured. So far in the flight
-    ``errors`` are those of the joints (2, J), and ``share`` is the largest torque that was wanted of a motor over what
-    it can at its speed.
+    ``feedback_delay`` is the number of periods after which feedback knows of what was measured; ``errors`` are those of
+    the joints (2, J) so far in the flight.
     """
 
     guide: Guide
@@ -185,7 +186,6 @@ class JointControl:
     motors: Motors
     strength: Array
     feedback_delay: int = 0
-    share: float = 0.0
     errors: list[Array] = field(default_factory=list)
 
     def fly(self, robot: SimulatedRobot, period: float) -> Iterator[Tick]:
@@ -200,10 +200,8 @@ class JointControl:
             self.errors.append(target - self.sensors.measured[-1][:, BASE:])
             if number >= self.feedback_delay:
                 torques = torques + (self.gains * self.errors[number - self.feedback_delay]).sum(axis=0)
-            rates = state[1, BASE:]
-            self.share = max(self.share, self.motors.share(torques, rates))
-            torques = self.motors.limited(torques, rates)
-            finite = robot.move(self.strength * torques, min(period, self.guide.end - now))
-            yield Tick(number, now, state, torques, finite)
+            limited = self.motors.limited(torques, state[1, BASE:])
+            finite = robot.move(self.strength * limited, min(period, self.guide.end - now))
+            yield Tick(number, now, state, torques, limited, finite)
             if not finite:
                 return

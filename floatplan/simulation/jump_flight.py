@@ -88,10 +88,12 @@ class JumpControl:
         goal = self.jump.flight.problem.final.orientation
         pitch = np.nan
         tilt = 0.0
+        share = 0.0
         slid = np.zeros(len(robot.feet))
         rows = []
         for tick in control.fly(robot, PERIOD):
             orientation = float(tick.state[0, BASE - 1])
+            share = max(share, self.motors.share(tick.wanted, tick.state[1, BASE:]))
             if tick.now >= guide.landing:
                 if np.isnan(pitch):
                     pitch = orientation - goal
@@ -109,7 +111,7 @@ class JumpControl:
                 "stands": robot.stands(self.base_ends[1], self.wanted.positions[-1, BASE - 1]),
                 "touched": robot.links(),
                 "pitch": pitch,
-                "torque": control.share,
+                "torque": share,
                 "slid": float(slid.max()),
                 "tilt": tilt,
             },

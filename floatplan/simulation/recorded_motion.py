@@ -42,6 +42,9 @@ class RecordedMotion(ABC):
         self._model = reduced.model.copy()
         self._model.gravity = pin.Motion.Zero()
         self._data = self._model.createData()
+        self._position_selection = np.zeros((reduced.model.nq, reduced.selection.shape[1]))
+        self._position_selection[reduced.of_joints[0]] = reduced.joint_selection
+        self._below = np.tril_indices(reduced.of_joints[1].start, -1)
         self._middle = 0.5 * record.duration
         p = _recentred(record.coefficients, self._middle)
         self._exponents = np.arange(len(p))
@@ -78,9 +81,8 @@ class RecordedMotion(ABC):
     def joints(self, time: float) -> ModelState:
         """All joints at a time, s; the base where the reference has it, and at rest."""
         planned, rates, curvatures = self.planned(time)
-        positions = self.reduced.reference.copy()
-        positions[self.reduced.of_joints[0]] += self.reduced.joint_selection @ planned
         selection = self.reduced.selection
+        positions = self.reduced.reference + self._position_selection @ planned
         return ModelState(positions, selection @ rates, selection @ curvatures)
 
     def base_velocity(self, state: ModelState, angular_momentum: Any) -> tuple[Array, Array, Array]:
@@ -91,8 +93,9 @@ class RecordedMotion(ABC):
         """
         of_joints = self.reduced.of_joints[1]
         rows = pin.crba(self._model, self._data, state.positions)[: of_joints.start]
-        upper = np.triu(rows[:, : of_joints.start])  # what is below is not set
-        inverse = np.linalg.inv(upper + np.triu(upper, 1).T)
+        base = rows[:, : of_joints.start].copy()
+        base[self._below] = base.T[self._below]  # what is below the diagonal is not set
+        inverse = np.linalg.inv(base)
         coupling = rows[:, of_joints]
         momentum = np.zeros(of_joints.start)
         momentum[self.place.stop :] = angular_momentum

@@ -45,7 +45,7 @@ class ReducedModel:
         """Number of the joint of ``model`` that carries the base's link."""
         return len(self.model.names) - 1 - len(self.losses[0])
 
-    @property
+    @cached_property
     def of_joints(self) -> tuple[slice, slice]:
         """Entries of configurations and of velocities that are joints; the others are the base's."""
         m = self.losses.shape[1]
