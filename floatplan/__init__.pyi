@@ -42,13 +42,13 @@ from floatplan.problem.problem import Problem as Problem
 from floatplan.robot.robot import Coupling as Coupling
 from floatplan.robot.robot import Payload as Payload
 from floatplan.robot.robot import Robot as Robot
-from floatplan.simulation.closed_loop import ClosedLoop as ClosedLoop
 from floatplan.simulation.closed_loop import closed_loop as closed_loop
-from floatplan.simulation.jump_landings import JumpReplay as JumpReplay
 from floatplan.simulation.jump_replay import replay_jump as replay_jump
 from floatplan.simulation.perturbation import Perturbation as Perturbation
 from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
+from floatplan.simulation.results import ClosedLoop as ClosedLoop
+from floatplan.simulation.results import JumpReplay as JumpReplay
 from floatplan.stance.check import JumpCheck as JumpCheck
 from floatplan.stance.jump import Jump as Jump
 from floatplan.stance.jump import load_jump as load_jump

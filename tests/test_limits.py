@@ -14,7 +14,7 @@ from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.mjcf import text as mjcf_text
 from floatplan.robot.shapes import collisions, links
 from floatplan.robot.urdf import check, tree
-from floatplan.simulation import closed_loop, forward
+from floatplan.simulation import closed_loop, gains, integration
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
 from floatplan.studies import study
@@ -36,13 +36,13 @@ SIZES = {
     "unsolved starts of a row, at each degree": attempt.ATTEMPTS,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
-    "steps of a replay in MuJoCo": forward.MOST_STEPS,
+    "steps of a replay in MuJoCo": integration.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
     "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
     "places of links in an export to MCAP or of a reference motion: instants times links": table.MOST_PLACES,
-    "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
-    "bandwidth of a replay's feedback": f"{forward.FASTEST:.0f} rad/s",
+    "evaluations of the dynamics in a replay": integration.MOST_EVALUATIONS,
+    "bandwidth of a replay's feedback": f"{gains.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
     "a mesh": f"{collisions.LARGEST_MESH // 10**6} MB",

@@ -99,7 +99,7 @@ def replay(
     """
     from floatplan.cli.asked import gain
     from floatplan.cli.results import check_directory
-    from floatplan.simulation.forward import check_engine
+    from floatplan.simulation.engines import check_engine
 
     checked = check_engine(engine or "pinocchio")
     plan = common.read_motion(motion_file, urdf)

@@ -22,7 +22,7 @@ from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory, sample_times
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import Gain
+from floatplan.simulation.gains import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
 

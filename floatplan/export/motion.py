@@ -15,7 +15,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import MotionSample, Trajectory, phase_of, sampled
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
+from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
 from floatplan.stance.jump_motion import JumpMotion
 
 
@@ -121,7 +121,7 @@ def exported(
 
     Gains are there where one is given, or where the motion is a jump, which no motor follows without. Left out, those
     of a jump are the ones with which :func:`floatplan.replay_jump` begins to search,
-    :func:`floatplan.simulation.forward.first_gains`. Of a plan the stiffness of a joint is then ``BANDWIDTH**2``
+    :func:`floatplan.simulation.gains.first_gains`. Of a plan the stiffness of a joint is then ``BANDWIDTH**2``
     times the inertia that it turns at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and
     its damping the critical one, ``2 sqrt(kp inertia)``.
 

@@ -14,7 +14,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.compiled.constraints import DistanceRows
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
-from floatplan.inflight.update import RemainingMotion
+from floatplan.inflight.remaining_motion import RemainingMotion
 from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances

@@ -20,8 +20,7 @@ from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
 from floatplan.plans.verdicts import Tone, verdict_in_words
-from floatplan.simulation.closed_loop import ClosedLoop
-from floatplan.simulation.jump_landings import JumpReplay
+from floatplan.simulation.results import ClosedLoop, JumpReplay
 from floatplan.view.figures.animation import animate
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, legend_above, new_figure, palette, picture
