@@ -57,6 +57,7 @@ HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
 IPOPT["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
 ONE_SIDE = {"adaptive_mu_globalization": "never-monotone-mode"}  # where the flight is known: guesses that nearly hold
+IPOPT["mumps_mem_percent"] = 20  # [%] beyond what it expects: of ten times that, most time went to the system
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 250  # 40 to 125 find a first solution where there is one, more those near what stands in the way
@@ -277,7 +278,8 @@ class JumpProgram:
         ca, index, count = casadi(), self.phases.index(phase), phase.intervals + 1
         function, bounds = self.node.stance(phase)
         linear = ca.mtimes(drifts, ca.DM(np.stack((1 - phase.shares, phase.shares))))
-        values, cost, load = rows.calls(function, *parts, forces / self.node.weight, linear)
+        values, torques, load = rows.calls(function, *parts, forces / self.node.weight, linear)
+        cost = ca.sum1(torques**2)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         takeoff = phase.side == "takeoff"
         seam, inner = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
@@ -345,7 +347,7 @@ class JumpProgram:
         heights = z0 + vz0 * times - gravity * times**2 / 2
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node.flight()
-        values, cost = rows.calls(function, y, v, a)
+        values, torques = rows.calls(function, y, v, a)
         feet = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])
         over = feet + [float(label == CLEAR) for _, _, label in bounds]
         values += ca.mtimes(ca.sparsify(ca.DM(over)), heights) - ca.sparsify(ca.DM(np.outer(feet, lifts)))
@@ -354,7 +356,7 @@ class JumpProgram:
         for end in (0, -1):  # the stances hold all but the momentum there
             low[1:, end], high[1:, end] = -np.inf, np.inf
         rows.add_nodes(values, bounds, low, high, "flight")
-        return cost
+        return ca.sum1(torques**2)
 
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
         """Where a flight is known, its momentum and the velocity of its centre of mass, if the rates do not say so."""

@@ -147,8 +147,8 @@ class Calls:
         """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""
         ca, count = casadi(), points.shape[1]
         point, weight = ca.SX.sym("point", one.size1_in(0)), ca.SX.sym("weight", one.size1_out(0))
-        slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
-        bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
+        slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)], {"cse": True})
+        bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]], {"cse": True})
         linear = ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
         wides = slope.map(count)(points), bend.map(count)(points, ca.reshape(weights, -1, count))
         first, second = (ca.mtimes(ca.diagcat(*ca.horzsplit(wide, points.shape[0])), linear) for wide in wides)
@@ -198,7 +198,7 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, cost, load); its rows' bounds.
+        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, motors' torques, load); its rows' bounds.
 
         The load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
@@ -232,7 +232,7 @@ class NodeRows:
                 rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
-        function = model.function("stance", [output, self._cost(moments), load], forces, drifts)
+        function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
         return function, [row[1:] for row in rows]
 
     def turned(self, phase: Phase) -> tuple[Any, Array]:
@@ -361,12 +361,15 @@ class NodeRows:
                 found.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(found.values())
 
-    def _cost(self, moments: Any) -> Any:
-        torques = self.model.motor_torques(moments)
-        return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
+    def _motor_torques(self, moments: Any) -> Any:
+        """Torques (motors,) over the weight and the height, of which the sum of squares is the cost.
+
+        Squared outside of the node's function, in which second derivatives are then those of torques alone.
+        """
+        return self.model.motor_torques(moments) / (self.weight * self.height)
 
     def flight(self) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a) -> (rows, cost) of the flight's nodes: h first, and heights over the centre of mass."""
+        """Function (y, v, a) -> (rows, motors' torques) of the flight's nodes: h first, and heights over the centre of mass."""
         ca, model = casadi(), self.model
         moments = model.moments(None, [])
         rows: list[Row] = [
@@ -380,7 +383,7 @@ class NodeRows:
         labels = [CLEAR] * len(self.watched.spots) + [f"{contact.name} above the ground" for contact in self.feet]
         rows += [(z[at], float(self.least[at]), np.inf, label) for at, label in enumerate(labels)]
         output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("flight", [output, self._cost(moments)])
+        function = model.function("flight", [output, self._motor_torques(moments)])
         return function, [row[1:] for row in rows]
 
 
