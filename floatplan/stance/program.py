@@ -24,6 +24,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.check import TOUCHDOWN
+from floatplan.stance.look import first_look
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, values
 from floatplan.stance.phases import Meeting, Phase, instants, unsteady
@@ -86,6 +87,7 @@ class Solution:
     worst : largest violation of a constraint, scaled; and which it is
     missing : of distances that are kept, where all else holds, though the cost may not be least; else infinite, m
     iterations : int
+    strained : joints that are held and bear too much in the first motion that holds, at which the search stopped
     """
 
     y: Array
@@ -98,11 +100,12 @@ class Solution:
     worst: tuple[float, str]
     missing: float
     iterations: int
+    strained: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
         """Whether every constraint holds."""
-        return self.missing <= SLIGHT
+        return self.missing <= SLIGHT and not self.strained
 
 
 class JumpProgram:
@@ -208,6 +211,12 @@ class JumpProgram:
     @cached_property
     def stated(self) -> tuple[Any, Any, Rows]:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
+        solver, evaluate, rows, _ = self._stated
+        return solver, evaluate, rows
+
+    @cached_property
+    def _stated(self) -> tuple[Any, Any, Rows, Any]:
+        """As :attr:`stated`, and the look at iterates, which CasADi does not keep alive."""
         ca, unit = casadi(), self.node.unit
         size = sum(rows * columns for rows, columns in self._shapes)
         raw = ca.MX.sym("w", size + len(self.separation.start))
@@ -238,7 +247,8 @@ class JumpProgram:
         cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         settings |= WARM if self._warm else {}
-        return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
+        look = first_look(self, raw.shape[0], rows)
+        return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings, look), rows, look
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
         """Between nodes accelerations are linear."""
@@ -378,7 +388,8 @@ class JumpProgram:
 
     def solve(self, guess: Array) -> Solution:
         """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
-        solver, evaluate, rows = self.stated
+        solver, evaluate, rows, look = self._stated
+        look.strained = None
         low, high, box = np.concatenate(rows.low), np.concatenate(rows.high), self.box
 
         def excess(raw: Array) -> Array:
@@ -408,7 +419,15 @@ class JumpProgram:
             worst=(float(found[at]), rows.labels[at]),
             missing=missing,
             iterations=int(stats["iter_count"]),
+            strained=look.strained or (),
         )
+
+    def overloaded(self, raw: Array) -> tuple[str, ...]:
+        """Joints that are held, bear too much, and have no rows, where variables and directions are ``raw`` (size,)."""
+        y, v, a, *rest = self.split(raw)
+        factor = float(rest[-1].sum()) if self._limits else 1.0
+        strained = self.node.strained((y, v, a), rest[: len(self.phases)], factor)
+        return tuple(name for name in strained if name != CLEAR)
 
     @property
     def box(self) -> Array:
@@ -434,7 +453,8 @@ class JumpProgram:
     def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
         """The same program, with what it keeps apart, and what is among its rows of what is left out at first."""
         other = copy(self)
-        vars(other).pop("stated", None)
+        for name in ("stated", "_stated"):
+            vars(other).pop(name, None)
         other.node, other.separation = copy(self.node), separation
         other._iterations = AROUND if separation.lines else self._iterations
         other.node.held = held
