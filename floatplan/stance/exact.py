@@ -182,7 +182,9 @@ class OnePoint:
         k2 = rate(state + step / 2 * k1, 1)
         k3 = rate(state + step / 2 * k2, 1)
         k4 = rate(state + step * k3, 2)
-        forward = ca.Function("step", [state, joints, step], [state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+        forward = ca.Function(
+            "step", [state, joints, step], [state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True}
+        )
         self._steps = forward.mapaccum(SUBSTEPS * (len(times) - 1))
 
     @property

@@ -97,7 +97,7 @@ class PlanarModel:
 
     def _gathered(self, weights: ComplexArray) -> ComplexArray:
         """Weights (.., m) of all bodies, summed over those that turn alike, in the order of the leading ones."""
-        return weights @ (self._alike[:, None] == np.arange(len(self._leading)))
+        return np.asarray(weights @ (self._alike[:, None] == np.arange(len(self._leading))))
 
     def _relative(self, derivative: int) -> Pair:
         """Derivatives of the leading bodies' rotations as each of them sees them, ``conj(e_k) e_l'`` at (k, l).

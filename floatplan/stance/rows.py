@@ -200,9 +200,10 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, motors' torques, load); its rows' bounds.
+        """Function of a stance's node, and its rows' bounds.
 
-        The load is the ground's vertical force on all contacts over the weight.
+        It is (y, v, a, forces over weight, drifts) -> (rows, torques, load), the torques of :meth:`_motor_torques`. The
+        load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
@@ -361,7 +362,7 @@ class NodeRows:
         return tuple(found.values())
 
     def _bearing(self, phase: Phase) -> Any:
-        """Function (y, v, a, forces) -> torques over efforts of all joints that are held, built once for its contacts."""
+        """Function (y, v, a, forces) -> torques over efforts of all held joints; built once for its contacts."""
         if phase.contacts not in self._functions:
             forces, acting = casadi().SX.sym("forces", 2 * len(phase.others)), list[Pair]()
             if phase.contacts:
@@ -379,7 +380,7 @@ class NodeRows:
         return self.model.motor_torques(moments) / (self.weight * self.height)
 
     def flight(self) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a) -> (rows, motors' torques) of the flight's nodes: h first, and heights over the centre of mass."""
+        """Function (y, v, a) -> (rows, torques) of the flight's nodes: h first, and heights over the centre of mass."""
         ca, model = casadi(), self.model
         moments = model.moments(None, [])
         rows: list[Row] = [
