@@ -24,7 +24,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.check import TOUCHDOWN
-from floatplan.stance.look import first_look
+from floatplan.stance.held import first_look
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, values
 from floatplan.stance.phases import Meeting, Phase, instants, unsteady
@@ -247,7 +247,7 @@ class JumpProgram:
         cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         settings |= WARM if self._warm else {}
-        look = first_look(self, raw.shape[0], rows)
+        look = first_look(self.overloaded, raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
         return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings, look), rows, look
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
