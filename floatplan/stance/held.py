@@ -124,15 +124,16 @@ class HeldJoints:
         return torque
 
 
-def first_look(overloaded: Callable[[Array], tuple[str, ...]], size: int, low: Array, high: Array) -> Any:
+def first_look(size: int, low: Array, high: Array) -> Any:
     """Return a callback for IPOPT that stops it where held joints bear too much in the first motion that holds.
 
-    Its ``strained`` is None before that motion; then names of these joints.
+    Its ``overloaded`` returns names of held joints that bear too much, of variables with directions (size,); it is set
+    while IPOPT runs, since a program that its own solver holds would never be freed. Its ``strained`` is None before
+    that motion; then names of these joints.
 
     Parameters
     ----------
-    overloaded : names of held joints that bear too much, of variables with directions (size,)
-    size : of these
+    size : of the variables with directions
     low, high : bounds (rows,) of the program
     """
     ca = casadi()
@@ -143,6 +144,7 @@ def first_look(overloaded: Callable[[Array], tuple[str, ...]], size: int, low: A
 
         def __init__(self) -> None:
             super().__init__()
+            self.overloaded: Callable[[Array], tuple[str, ...]] | None = None
             self.strained: tuple[str, ...] | None = None
             self.construct("look", {})
 
@@ -159,8 +161,9 @@ def first_look(overloaded: Callable[[Array], tuple[str, ...]], size: int, low: A
             """Return whether to stop."""
             now = dict(zip(ca.nlpsol_out(), arguments, strict=True))
             values = np.asarray(now["g"]).ravel()
-            if self.strained is None and max((low - values).max(), (values - high).max()) < HOLDS:
-                self.strained = overloaded(np.asarray(now["x"]).ravel())
+            holds = max((low - values).max(), (values - high).max()) < HOLDS
+            if self.overloaded is not None and self.strained is None and holds:
+                self.strained = self.overloaded(np.asarray(now["x"]).ravel())
             return [int(bool(self.strained))]
 
     return Look()

@@ -247,7 +247,7 @@ class JumpProgram:
         cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         settings |= WARM if self._warm else {}
-        look = first_look(self.overloaded, raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
+        look = first_look(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
         return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings, look), rows, look
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
@@ -389,7 +389,7 @@ class JumpProgram:
     def solve(self, guess: Array) -> Solution:
         """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
         solver, evaluate, rows, look = self._stated
-        look.strained = None
+        look.overloaded, look.strained = self.overloaded, None
         low, high, box = np.concatenate(rows.low), np.concatenate(rows.high), self.box
 
         def excess(raw: Array) -> Array:
@@ -397,6 +397,7 @@ class JumpProgram:
             return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0))
 
         answer = solver(x0=np.append(guess, self.separation.start), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
+        look.overloaded = None
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
         if not np.isfinite(raw).all():  # IPOPT met numbers that are none
