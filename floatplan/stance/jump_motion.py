@@ -210,8 +210,10 @@ class JumpMotion(MotionInFile):
         )
         for number in range(len(ends)):
             own = np.flatnonzero(index == number)
+            if not len(own):
+                continue
             if number in stances:
-                found[own] = stances[number].grid.at(times[own])[0, 1:].T
+                found[own] = stances[number].grid.curve(times[own])[:, 1:]
             else:
                 since = np.clip(times[own] - self.takeoff_time, 0.0, self.flight.duration)
                 found[own] = self.flight.joint_motion(since)[0]
