@@ -16,7 +16,7 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.planning.transcription.variables import decision_variables
+from floatplan.planning.variables import decision_variables
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.spatial_motion import SpatialMotion, angle_between
 

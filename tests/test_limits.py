@@ -8,7 +8,7 @@ import pytest
 
 from floatplan import errors, files, tables
 from floatplan.export import table
-from floatplan.planning import attempt, search
+from floatplan.planning import options
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.mjcf import text as mjcf_text
@@ -28,12 +28,12 @@ SIZES = {
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": resolution.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
-    "processes of a search or a study, threads of a batch": search.MOST_JOBS,
+    "processes of a search or a study, threads of a batch": options.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "motions that a study writes": study.MOST_MOTIONS,
     "keys that a study varies": study_file.MOST_VARIED,
-    "solved starts of a search, and of a study's row": search.MOST_SOLVED,
-    "unsolved starts of a row, at each degree": attempt.ATTEMPTS,
+    "solved starts of a search, and of a study's row": options.MOST_SOLVED,
+    "unsolved starts of a row, at each degree": options.ATTEMPTS,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": integration.MOST_STEPS,

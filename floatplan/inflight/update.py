@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.bodies import Bodies, robot_struct
-from floatplan.compiled.constraints import CompiledConstraints
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.prediction import LimitRows, Views
@@ -25,6 +23,8 @@ from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
+from floatplan.planning.bodies import Bodies, robot_struct
+from floatplan.planning.kernel_rows import PlanarRows
 from floatplan.robot.planar.tree import PlanarTree
 
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
@@ -58,8 +58,8 @@ class Update:
         self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants
-        constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
-        bodies = constraints.bodies
+        constraints = PlanarRows(tree, [rows.block for rows in blocks], flight=views.flight)
+        bodies = constraints.own_bodies
         n = tree.turns.shape[1]
         width = len(views.whitening)
         motors = tree.motor_turns.shape[1]
@@ -76,7 +76,7 @@ class Update:
         self._robot = robot_struct(bodies, n)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
-        self._called = _called_arrays(constraints, len(grid.s), width, motors)
+        self._called = _called_arrays(constraints, n, len(grid.s), width, motors)
         self._struct = Struct(
             "Flight",
             instants=len(grid.s),
@@ -242,9 +242,8 @@ class Update:
         }
 
 
-def _called_arrays(constraints: CompiledConstraints, instants: int, width: int, motors: int) -> dict[str, Array]:
+def _called_arrays(constraints: PlanarRows, n: int, instants: int, width: int, motors: int) -> dict[str, Array]:
     """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
-    n = constraints.flight.tree.turns.shape[1]
     coefficients = (CONDITIONS + width, n)
     return {
         "measured_positions": np.zeros(n),

@@ -10,10 +10,10 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.compiled.numbers import is_plain_family
 from floatplan.errors import printable
+from floatplan.planning.numbers import is_plain_family
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
 from floatplan.plans.trajectory import Trajectory

@@ -13,10 +13,10 @@ from plain_problems import problem_of
 from robot_samples import joint, robot_text
 
 import floatplan as fp
-from floatplan.compiled.peaks import many_peaks
 from floatplan.simulation.engines import JointTorques
 from floatplan.simulation.recorded_motion import PlanarMotion
 from floatplan.simulation.reduced_model import FRICTION_RATE, reduced_model
+from floatplan.studies.peaks import many_peaks
 
 TIMES = np.linspace(0.0, 1.0, 23)
 MIMIC = '<mimic joint="a" multiplier="-1.5" offset="0.1"/>'

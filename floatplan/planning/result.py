@@ -1,4 +1,4 @@
-"""What comes of an attempt: one start, or several that were followed together, up to the best motion of them."""
+"""What comes of an attempt, one start or several that were followed together, and of a search: all its attempts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,49 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.attempts import is_planar
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.transcription.minima import Worst
-from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
-from floatplan.planning.transcription.work import FlightModel
-from floatplan.problem.problem import Problem
-from floatplan.tables import Objective as ObjectiveName
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import DecisionVariables
+
+
+@dataclass(frozen=True, eq=False)
+class Worst:
+    """Local minima of constraint rows over time: ``block``, ``row``, ``s``, ``value`` (L,)."""
+
+    block: IntArray
+    row: IntArray
+    s: Array
+    value: Array
+
+    @property
+    def least(self) -> float:
+        """The lowest value; infinite where nothing is near."""
+        return float(self.value.min(initial=np.inf))
+
+    @property
+    def lowest(self) -> tuple[int, int, float, float]:
+        """Block, row, value and s of the lowest, where there is one."""
+        index = int(np.argmin(self.value))
+        return int(self.block[index]), int(self.row[index]), float(self.value[index]), float(self.s[index])
+
+
+@dataclass(eq=False)
+class Work:
+    """Work that was done, instants of one body: a measure without a clock, the same on every machine, busy or quiet.
+
+    Where answers are compared or repeated, a search must end at the same place each time; the instants evaluated cost
+    nearly all of its time.
+    """
+
+    done: float = 0.0
+
+    def evaluated(self, instants: float) -> None:
+        """Count the evaluation of a motion at so many instants of one body."""
+        self.done += EXCHANGE.evaluation + instants
+
+    def differentiated(self, entries: int) -> None:
+        """Count a Jacobian."""
+        self.done += EXCHANGE.differentiation + EXCHANGE.entry * entries
 
 
 @dataclass(eq=False)
@@ -24,10 +60,9 @@ class AttemptResult:
 
     Attributes
     ----------
-    problem : Problem
+    spec : FlightSpec
     start_variables : DecisionVariables
         Of the motions that the attempt began with; those of its end are ``variables``.
-    model : FlightModel
     x : (size,)
         The motion.
     status : "optimal", "feasible" or "infeasible"
@@ -49,9 +84,8 @@ class AttemptResult:
         Of the arcsine at landing, against that of ``start_variables``; None where it is the same.
     """
 
-    problem: Problem
+    spec: FlightSpec
     start_variables: DecisionVariables
-    model: FlightModel
     x: Array
     status: str
     iterations: int
@@ -82,18 +116,13 @@ class AttemptResult:
         """Whether the kernel has followed, in one call, as many starts as promise anything."""
         return self.starts > 1
 
-    @property
-    def objective(self) -> ObjectiveName:
-        """What is minimised."""
-        return self.problem.motion.objective
-
     @cached_property
     def variables(self) -> DecisionVariables:
         """How x makes the motion."""
         if self.branch is None:
             return self.start_variables
         branches = np.stack((np.zeros_like(self.branch), self.branch))
-        return decision_variables(self.problem, self.start_variables.degrees, branches, self.start_variables.momentum)
+        return self.spec.variables(self.start_variables.degrees, branches, self.start_variables.momentum)
 
     @cached_property
     def written(self) -> Array:
@@ -109,7 +138,7 @@ class AttemptResult:
         """The user's objective, which compares motions of any degree and branch."""
         if self.integral is not None:
             return self.integral
-        if is_planar(self.model.flight):
+        if self.spec.problem.robot.in_plane:
             return float(np.linalg.norm(self.written))
         return float(np.linalg.norm(self.x[: self.variables.coefficients]))
 
@@ -127,3 +156,61 @@ def best(results: Sequence[AttemptResult]) -> AttemptResult:
     most = lowest.objective_value + EXCHANGE.same * abs(lowest.objective_value)
     same = (result for result in nearest if result.is_optimal and result.objective_value <= most)
     return lowest if lowest.is_optimal else min(same, key=lambda result: result.objective_value, default=lowest)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What came of a search: its attempts, and why there were no more of them.
+
+    Attributes
+    ----------
+    spec : FlightSpec
+        The problem.
+    seed : of the random starts
+    results : sequence of AttemptResult
+        In the order of the attempts.
+    impossible : list of str
+        Sentences about why no motion whatever can be a plan, as far as that is known, where none was found.
+    ran_out_of_time, ran_out_of_patience, interrupted : bool
+        Why there are no more.
+    momentum_found : (e,) kg m^2/s, optional
+        An h with which there is a plan, where the given one led to none.
+    seconds : float
+        What the search took.
+    """
+
+    spec: FlightSpec
+    seed: int
+    results: Sequence[AttemptResult]
+    impossible: Sequence[str] = ()
+    ran_out_of_time: bool = False
+    ran_out_of_patience: bool = False
+    interrupted: bool = False
+    momentum_found: Array | None = None
+    seconds: float = 0.0
+
+    @cached_property
+    def best(self) -> AttemptResult:
+        """The best of them, the first of equals."""
+        return best(self.results)
+
+    @cached_property
+    def holding(self) -> tuple[AttemptResult, ...]:
+        """All that hold, in the order of their objectives, which a single one need not have evaluated."""
+        holding = [result for result in self.results if result.holds]
+        return tuple(sorted(holding, key=lambda result: result.objective_value) if len(holding) > 1 else holding)
+
+    @property
+    def work(self) -> float:
+        """What all attempts took, instants of one body."""
+        return sum(result.work for result in self.results)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
+        return {
+            "iterations": sum(result.iterations for result in self.results),
+            "evaluations": sum(result.evaluations for result in self.results),
+            "starts": sum(result.starts for result in self.results),
+            "solved": sum(result.solved for result in self.results if result.holds),
+        }

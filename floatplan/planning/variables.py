@@ -37,47 +37,13 @@ class Boundary:
 
     def __call__(self, angular_momentum: Array) -> Array:
         """p, dp/ds, d2p/ds2 (n, 6) at s = 0, then at s = 1, for h (e,) kg m^2/s; zero for p'' that is free."""
-        return self._by_joint(*self._arguments(self.rates(angular_momentum)))
-
-    def _arguments(self, rates: Array) -> tuple[Array, Array, Array]:
-        return boundary_arguments(self.positions, rates, self.accelerations, self.centre, self.amplitude, self.branches)
-
-    def _by_joint(self, p: Array, rate: Array, curvature: Array) -> Array:
-        given = self.duration**2 * curvature
-        given = np.where(self.free, 0.0, given) if self.free.any() else given
-        ends = np.array([p, self.duration * rate, given])
+        rates = self.rates(angular_momentum)
+        p, rate, curvature = boundary_arguments(
+            self.positions, rates, self.accelerations, self.centre, self.amplitude, self.branches
+        )
+        curvature = np.where(self.free, 0.0, self.duration**2 * curvature)
+        ends = np.array([p, self.duration * rate, curvature])
         return ends.transpose(2, 1, 0).reshape(-1, CONDITIONS)
-
-
-def boundary(problem: Problem, branches: IntArray, momentum: MomentumSet) -> Boundary:
-    """Return the conditions (13) of a problem, for an angular momentum of the set."""
-    states = (problem.initial, problem.final)
-    low, high = problem.position_limits.T
-    free = np.array([[state.free_accelerations] for state in states])
-    accelerations = np.array([state.accelerations for state in states])
-    return Boundary(
-        positions=np.array([state.positions for state in states]),
-        accelerations=np.where(free, 0.0, accelerations) if free.any() else accelerations,
-        free=free,
-        rates=flight_of(problem).end_rates(momentum),
-        centre=(low + high) / 2,
-        amplitude=(high - low) / 2,
-        duration=problem.flight.duration,
-        branches=branches,
-    )
-
-
-def sine_polynomials(conditions: Boundary, degrees: tuple[int, ...], angular_momentum: Array) -> SinePolynomials:
-    """The class of motions that meets the conditions (13) for h (e,), kg m^2/s."""
-    free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
-    return SinePolynomials(
-        conditions.centre,
-        conditions.amplitude,
-        conditions.duration,
-        conditions(angular_momentum),
-        tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
-        free_ends,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +143,45 @@ class DecisionVariables:
         return self.variables(self.polynomials.no_free_part, self.momentum.centre)
 
 
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A class of motions (with its arcsine branches) and a point x in it, from which the kernel follows the motion.
+
+    ``at_once`` says that it is followed to the objective at once, and only where that fails made feasible before, as
+    promises most of plain motions and of ones that were solved already.
+    """
+
+    variables: DecisionVariables
+    x: Array
+    at_once: bool = False
+
+
 def decision_variables(
     problem: Problem, degrees: tuple[int, ...], branches: IntArray, momentum: MomentumSet
 ) -> DecisionVariables:
     """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
-    conditions = boundary(problem, branches, momentum)
-    polynomials = sine_polynomials(conditions, degrees, momentum.centre)
+    states = (problem.initial, problem.final)
+    low, high = problem.position_limits.T
+    free = np.array([[state.free_accelerations] for state in states])
+    conditions = Boundary(
+        positions=np.array([state.positions for state in states]),
+        accelerations=np.where(free, 0.0, np.array([state.accelerations for state in states])),
+        free=free,
+        rates=flight_of(problem).end_rates(momentum),
+        centre=(low + high) / 2,
+        amplitude=(high - low) / 2,
+        duration=problem.flight.duration,
+        branches=branches,
+    )
+    free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
+    polynomials = SinePolynomials(
+        conditions.centre,
+        conditions.amplitude,
+        conditions.duration,
+        conditions(momentum.centre),
+        tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
+        free_ends,
+    )
     follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
     return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
 
@@ -192,17 +191,11 @@ def scaled_variables(
 ) -> DecisionVariables:
     """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
     size = sum(polynomials.free)
-    whitened = problem.robot.in_plane and problem.motion.objective == "coefficients" and size
-    scaled = whitened_variables(polynomials) if whitened else (np.zeros(size), identity(size), None)
-    offset, scaling, offset_map = scaled
-    return DecisionVariables(polynomials, offset, scaling, momentum, following, offset_map)
-
-
-def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array, Array]:
-    """:func:`whitened` of one class of motions."""
-    form, free, durations = polynomials.form, polynomials.free, (polynomials.duration,)
-    offset, scaling, offset_map = whitened(form, free, durations, polynomials.given_boundary[None])
-    return offset[0], scaling[0], offset_map[0]
+    if not (problem.robot.in_plane and problem.motion.objective == "coefficients" and size):
+        return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
+    given = polynomials.given_boundary[None]
+    offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), given)
+    return DecisionVariables(polynomials, offset[0], scaling[0], momentum, following, offset_map[0])
 
 
 def whitened(
@@ -213,9 +206,8 @@ def whitened(
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
     """
-    scaling, offset_map = (
-        _scale_of_one(form, free, durations[0]) if len(durations) == 1 else _scale(form, free, durations)
-    )
+    scale = _scale if len(durations) == 1 else _scale.__wrapped__  # what many need is large, and not needed again
+    scaling, offset_map = scale(form, free, durations)
     offset = (offset_map * boundary.repeat(free, axis=1)).sum(axis=2)
     if len(durations) < len(boundary):
         scaling = np.broadcast_to(scaling, (len(boundary), *scaling.shape[1:]))
@@ -224,10 +216,6 @@ def whitened(
 
 
 @lru_cache(maxsize=64)
-def _scale_of_one(form: Form, free: tuple[int, ...], duration: float) -> tuple[Array, Array]:
-    return _scale(form, free, (duration,))
-
-
 def _scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array]:
     """The scaling (N, m, m) and the offsets' maps (N, m, g) of each duration."""
     by_boundary, orthogonal, inverse, unit = whitening(form, durations)

@@ -46,7 +46,13 @@ class Bodies:
     def __init__(self, tree: PlanarTree, centre: Array, amplitude: Array) -> None:
         constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
         turns, self.group = tree.distinct_turns
-        self.parent, terms = _built_up(turns)
+        # Of each body's turns (m, n) the one before it that needs fewest terms to become it, and these terms.
+        rows = np.arange(len(turns))
+        differences = turns[:, None] - turns
+        needed = (differences != 0).sum(axis=2)
+        needed[rows[:, None] <= rows] = turns.shape[1] + 1  # those after it
+        self.parent: IntArray = needed.argmin(axis=1)
+        terms = differences[rows, self.parent]
         body, self.joint = terms.nonzero()
         rising = body.tolist()
         self.first = [bisect_left(rising, number) for number in range(len(turns) + 1)]
@@ -62,36 +68,22 @@ class Bodies:
         self.links = links
         self.rotors = None if tree.rotors is None else tree.rotors * amplitude
 
-    @property
-    def is_real(self) -> bool:
-        """Whether C has no imaginary part, but for rounding."""
-        return bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
-
     def of_points(self, weights: ComplexArray) -> ComplexArray:
         """Weights (.., m) that give points by the rotations of these bodies, from those (.., M) by the tree's."""
         points = weights @ self.rotations.T
         return np.asarray(points.conj() if self.is_mirrored else points)
 
 
-def _built_up(turns: Array) -> tuple[IntArray, Array]:
-    """Of each row (m,) the one before it that needs fewest terms to become it, and these terms (m, n), by joint."""
-    rows = np.arange(len(turns))
-    differences = turns[:, None] - turns
-    terms = (differences != 0).sum(axis=2)
-    terms[rows[:, None] <= rows] = turns.shape[1] + 1  # those after it
-    parent = terms.argmin(axis=1)
-    return parent, differences[rows, parent]
-
-
 def robot_struct(bodies: Bodies, joints: int) -> Struct:
     """Return a robot of so many joints."""
+    is_real = bool(np.abs(bodies.imaginary).max() <= NEGLIGIBLE * np.abs(bodies.real).max())
     return Struct(
         "Robot",
         joints=joints,
         bodies=len(bodies.real),
         real=doubles(bodies.real),
         imaginary=doubles(bodies.imaginary),
-        is_real=bodies.is_real,
+        is_real=is_real,
         parent=integers(bodies.parent),
         first=integers(bodies.first),
         joint=integers(bodies.joint),

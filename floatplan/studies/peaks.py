@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.bodies import unscaled_robot
-from floatplan.compiled.constraints import CompiledConstraints, DistanceRows, can_write
-from floatplan.compiled.numbers import Numbers
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import NULL, Struct, StructArray, doubles
-from floatplan.motion.planar.flight import planar_flight
+from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
+from floatplan.planning.bodies import unscaled_robot
+from floatplan.planning.kernel_rows import DistanceRows, PlanarRows, can_write
+from floatplan.planning.numbers import Numbers
 from floatplan.problem.problem import Problem
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
@@ -101,14 +101,14 @@ def many_peaks(
     return ManyPeaks(of_motors, dict(zip(ORDERS, of_joints, strict=False)), clearance)
 
 
-def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[CompiledConstraints | None, dict[str, Any]]:
+def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[PlanarRows | None, dict[str, Any]]:
     """Rows of the distances to obstacles, and what of each problem is its own."""
     if of is None:
         return None, dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
     numbers = of if isinstance(of, Numbers) else Numbers.of_problems(of)
     like = numbers.like
     blocks = [DistanceRows(each, 0.0, 1.0) for each in like.obstacles]
-    constraints = CompiledConstraints(planar_flight(like), blocks)
+    constraints = PlanarRows(like.robot.tree, blocks, flight=planar_flight(like))
     rows = np.diff(constraints.block_first)
     windows = np.array([[each.window or (0.0, np.inf) for each in own] for own in numbers.obstacles])
     windows = np.minimum(windows / numbers.values["duration"][:, None, None], (np.inf, 1.0))

@@ -4,79 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from itertools import accumulate, pairwise
-from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.constraints import SUM, Block, SumRows, Sums, opposite_rows
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, integers
-from floatplan.motion.dynamics import FlightDynamics, MomentumSet
+from floatplan.kernel.tolerances import WORK_IN_SPACE
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
 from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
 from floatplan.motion.spatial.goal import A_TURN_OFF
+from floatplan.planning.kernel_rows import Block, KernelRows, Sums
 from floatplan.problem.attitude import STEEPEST
 
-OF_DISTANCES: dict[str, Any] = {  # there are none in space
-    "capsules": 0,
-    "needs_places": False,
-    "turn": 1.0,
-    "ends_real": None,
-    "ends_imaginary": None,
-    "radius": None,
-    "path": None,
-    "obstacles": None,
-}
 
+class SpatialRows(KernelRows):
+    """Rows of a flight in space, which are sums: there are no distances yet."""
 
-class SpatialConstraints:
-    """Blocks of rows of a flight in space, and the quantity ``also``: as :class:`CompiledConstraints` of a plane."""
-
-    def __init__(self, flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> None:
-        assert isinstance(flight, SpatialFlight), "these rows are of flights in space"
-        self.kernel, self.flight = kernel(), flight
-        self.attempt, self.evaluate = self.kernel.attempt_in_space, self.kernel.evaluate_in_space
+    def __init__(self, flight: SpatialFlight, blocks: Sequence[Block], also: str = "") -> None:
+        compiled = kernel()
+        self.attempt = compiled.attempt_in_space
+        self.evaluate = compiled.evaluate_in_space
+        self.bodies = flight.bodies
+        self.work_of_body = WORK_IN_SPACE
+        self.node_counts = flight.node_counts
+        self.nodes = nodes_in_space
+        self._flight = flight
         self._bodies: dict[MomentumSet, Struct] = {}
-        sums = Sums(flight.dynamics.selection, flight.transmission)
-        written = [sums.rows(block) for block in blocks if isinstance(block, SumRows)]
-        assert len(written) == len(blocks), "there are no distances in space"
-        self.block_first = list(accumulate(map(len, written), initial=0))
-        self.rows = self.first_also = self.block_first[-1]
-        self.also = sums.each_of(also) if also else None
-        others = () if self.also is None else (self.also,)
-        all_sums = np.concatenate((np.empty((0, sums.terms)), *written, *others))
-        needs_moments = bool(all_sums[:, sums.of_moments].any())
-        self.needs_rates = needs_moments or bool(all_sums[:, 1].any())
-        kind, first = [SUM] * self.rows, list(range(self.rows))
-        opposite = opposite_rows(kind, first, all_sums[: self.rows])
-        self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
-        self.struct = Struct(
-            "Constraints",
-            **OF_DISTANCES,
-            rows=self.rows,
-            kind=integers(kind),
-            first=integers(first),
-            second=integers([-1] * self.rows),
-            opposite=integers(opposite),
-            least=np.zeros(self.rows),
-            per_scale=np.ones(self.rows),
-            sums=doubles(all_sums),
-            needs_moments=needs_moments,
-            needs_accelerations=needs_moments or bool(all_sums[:, sums.of_accelerations].any()),
-        )
+        none = dict.fromkeys(("ends_real", "ends_imaginary", "radius", "path"))
+        places = {"needs_places": False, "capsules": 0, "turn": 1.0, **none}
+        super().__init__(Sums(flight.dynamics.selection, flight.transmission), blocks, also, places)
 
     def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
         """Return what flies, with an angular momentum of a set, and the cells of all levels."""
         if momentum not in self._bodies:
-            self._bodies[momentum] = spatial_body(self.flight, momentum, self.needs_rates)
+            self._bodies[momentum] = spatial_body(self._flight, momentum, self.needs_rates)
         return self._bodies[momentum].pointer, cells_of_levels().pointer
-
-    def nodes(self, form: Form) -> StructArray:
-        """Return the stages of all levels, for motions of a form."""
-        return nodes_in_space(form)
 
 
 def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Struct:

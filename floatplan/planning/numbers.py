@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.compiled.constraints import can_write, obstacle_numbers
 from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.bounds import momentum_intervals
 from floatplan.motion.planar.closed_form import frame_weights, places_from_com, rising
-from floatplan.motion.sine_polynomial import boundary_arguments
+from floatplan.planning.kernel_rows import can_write, obstacle_numbers
 from floatplan.problem.family import Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -27,8 +26,8 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
 
 ENDS = ("start", "goal")
-QUANTITIES = ("positions", "velocities", "accelerations")
-OF_STATES = ("orientation", *QUANTITIES)
+OF_JOINTS = ("positions", "velocities", "accelerations")
+OF_STATES = ("orientation", *OF_JOINTS)
 BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre of mass depends on: name, column
     "flight.gravity": ("gravity", None),
     "flight.horizontal_velocity": ("horizontal_velocity", None),
@@ -101,29 +100,9 @@ def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
             return "", name, None
         case ["start" | "goal" as end, name] if name in OF_STATES:
             return end, name, None
-        case ["start" | "goal" as end, name, joint] if name in QUANTITIES and joint in robot.joints:
+        case ["start" | "goal" as end, name, joint] if name in OF_JOINTS and joint in robot.joints:
             return end, name, robot.joints.index(joint)
     return None
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Problems as the kernel takes them.
-
-    Attributes
-    ----------
-    duration : (N,) s
-    momentum : (N,) kg m^2/s
-    change : (N,) rad
-        Of the orientation.
-    boundary : (N, n, 6)
-        Of :class:`~floatplan.motion.sine_polynomial.SinePolynomials`.
-    """
-
-    duration: Array
-    momentum: Array
-    change: Array
-    boundary: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,21 +182,6 @@ class Numbers:
         good = [_within(name, array) for name, array in self.values.items()]
         good += [self.sound, positions > low + margin, positions < high - margin]
         return np.asarray(~np.all([each.all(axis=tuple(range(1, each.ndim))) for each in good], axis=0))
-
-    def rows(self) -> Rows:
-        """As the solver takes them: the plain motion's boundary, arcsines on their first branch."""
-        low, high = self.like.position_limits.T
-        duration, branch = self.values["duration"], np.zeros(len(low), dtype=np.int64)
-        positions, rates, accelerations = (self.values[name] for name in QUANTITIES)
-        centre, amplitude = (low + high) / 2, (high - low) / 2
-        p, rate, curvature = boundary_arguments(positions, rates, accelerations, centre, amplitude, branch)
-        time = duration[:, None, None]
-        boundary = np.empty((len(duration), len(low), 2, 3))
-        for order, argument in enumerate((p, time * rate, time**2 * curvature)):
-            boundary[..., order] = argument.swapaxes(1, 2)
-        orientation = self.values["orientation"]
-        change = orientation[:, 1] - orientation[:, 0]
-        return Rows(duration, self.angular_momentum(), change, boundary.reshape(len(duration), len(low), 6))
 
     def angular_momentum(self) -> Array:
         """The h (N,) of each, kg m^2/s."""

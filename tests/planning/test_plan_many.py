@@ -15,7 +15,7 @@ from plain_problems import plain_problems, problem_of, random_robot
 import floatplan as fp
 from floatplan.kernel.tolerances import MOST_STARTS, SETTINGS
 from floatplan.planning import many
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.search import Search
 from floatplan.tables import BOUNDARY, ORIENTATION
 
 
@@ -275,8 +275,8 @@ def test_a_start_alone_is_as_among_others(gymnast_problem):
     plans = fp.plan_many([problem])
     count = int(plans.starts[0])
     assert count > 1 + SETTINGS.ranked_rounds * SETTINGS.followed
-    prepared = Attempts(problem, 0)
-    alone = [prepared.attempts(problem.degrees, [], range(k, k + 1), lambda: False) for k in range(count)]
+    prepared = Search(problem)
+    alone = [prepared.follow_numbered(problem.degrees, [], range(k, k + 1), lambda: False) for k in range(count)]
     assert plans.objective[0] == min(each.objective_value for each in alone if each.holds)
     assert plans.iterations[0] == sum(each.iterations for each in alone)
     assert plans.solved[0] == sum(each.holds for each in alone)

@@ -10,11 +10,11 @@ from long_cases import cases
 from plain_problems import problem_of, random_robot
 
 import floatplan as fp
-from floatplan.compiled import peaks
-from floatplan.compiled.bodies import Bodies
-from floatplan.compiled.peaks import many_peaks
 from floatplan.kernel.library import kernel
+from floatplan.planning.bodies import Bodies
 from floatplan.plans.plans import Answer
+from floatplan.studies import peaks
+from floatplan.studies.peaks import many_peaks
 
 DENSE = 4001  # instants
 SPREADS = (0.3, 0.3, 1.0, 1.0, 3.0, 6.0)  # of coefficients; the last motions need more nodes than there are
@@ -118,7 +118,7 @@ def test_coupled_joints_and_mirrored_planes_are_in_the_table(groups):
     robots = [like.robot for like, *_ in groups]
     assert any(len(robot.motors) > len(robot.joints) for robot in robots)
     assert {robot.tree.turn for robot in robots} == {-1.0, 1.0}
-    assert any(not Bodies(robot.tree, *np.ones((2, len(robot.joints)))).is_real for robot in robots)
+    assert any(np.abs(Bodies(robot.tree, *np.ones((2, len(robot.joints)))).imaginary).max() > 1e-9 for robot in robots)
 
 
 def test_rates_and_distances_are_those_of_the_plans():

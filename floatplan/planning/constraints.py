@@ -7,21 +7,23 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
-from floatplan.compiled.constraints import Block, DistanceRows, SumRows
+from floatplan.arrays import Array, BoolArray, IntArray, distinct, read_only
 from floatplan.motion.dynamics import FlightDynamics
-from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.kernel_rows import Block, DistanceRows, SumRows
+from floatplan.planning.variables import AtEnds, DecisionVariables
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.tables import CLEARANCE, RELATIVE
 
+FIRST_LOOK = 129  # [-] instants of the first look between the nodes
+NEAR = 0.05  # [-] of a row's scale: local minima above this are left alone
+FIRST_GRID = read_only(np.linspace(0, 1, FIRST_LOOK))
 LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a torque or rate limit
 
 Window: TypeAlias = tuple[float, float]  # fractions of the flight, within [0, 1], both included
@@ -93,6 +95,9 @@ class Clearance(Constraint):
 
     between: Obstacle | Pairs
     margin: float
+    unit: str = "m"
+    tolerance: float = CLEARANCE / LENGTH_SCALE
+    relaxed: str = "the {label} {amount} smaller"
 
     @property
     def depends_at_ends_on(self) -> frozenset[AtEnds]:
@@ -152,7 +157,8 @@ def obstacle_clearance(obstacle: Obstacle, name: str, links: Sequence[str], wind
     """Return the distances of the links measured to an obstacle, less its margin."""
     return Clearance(
         labels=tuple(f"clearance of {link} to {name}" for link in links),
-        **_of_clearances(len(links), "the obstacle covers the {end} posture"),
+        scale=np.full(len(links), LENGTH_SCALE),
+        cause="the obstacle covers the {end} posture",
         between=obstacle,
         margin=obstacle.margin,
         window=window,
@@ -164,20 +170,16 @@ def link_clearance(first: tuple[int, ...], second: tuple[int, ...], names: tuple
     count = len(first) * len(second)
     return Clearance(
         labels=(f"clearance of {names[0]} to {names[1]}",) * count,
-        **_of_clearances(count, "it follows from the {end}'s positions"),
+        scale=np.full(count, LENGTH_SCALE),
+        cause="it follows from the {end}'s positions",
         between=(first, second),
         margin=margin,
     )
 
 
-def _of_clearances(rows: int, cause: str) -> dict[str, Any]:
-    shared = {"unit": "m", "tolerance": CLEARANCE / LENGTH_SCALE, "relaxed": "the {label} {amount} smaller"}
-    return {"scale": np.full(rows, LENGTH_SCALE), "cause": cause, **shared}
-
-
-def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
+def constraints(problem: Problem, flight: FlightDynamics) -> tuple[Constraint, ...]:
     """All constraints that a problem asks for and that need watching."""
-    flight, duration = model.flight, problem.flight.duration
+    duration = problem.flight.duration
     named = [(f"obstacle {index} ({each.kind})", each) for index, each in enumerate(problem.obstacles)]
     if problem.ground:
         named.append(("the ground", problem.ground_plane))
@@ -198,9 +200,48 @@ def applies(block: Constraint, s: Array) -> BoolArray:
     return np.asarray((s >= low) & (s <= high))
 
 
-def window_ends(blocks: Iterable[Constraint]) -> tuple[float, ...]:
-    """Ends of the blocks' windows, rising, the ends of the flight left out."""
-    return tuple(sorted({end for block in blocks for end in block.window if end not in ALWAYS}))
+@dataclass(frozen=True, eq=False)
+class RowTable:
+    """All rows (R,) of some constraints, and where their least values are looked for.
+
+    Attributes
+    ----------
+    block, row : (R,) int
+        The block of each, and its number there.
+    low, high : (R,)
+        Between which instants of [0, 1] each applies.
+    tolerance : (R,)
+        What its value may be below zero.
+    window_ends : ends of the blocks' windows, rising, the ends of the flight left out
+    grid : (K,)
+        Instants of the first look. What may be below ``near`` is narrowed down by ``span`` to both sides.
+    """
+
+    block: IntArray
+    row: IntArray
+    low: Array
+    high: Array
+    tolerance: Array
+    window_ends: tuple[float, ...]
+    grid: Array
+    near: float = NEAR
+    span: float = 1 / (FIRST_LOOK - 1)
+
+    @classmethod
+    def of(cls, blocks: Sequence[Constraint]) -> RowTable:
+        """Return the rows of blocks."""
+        rows = [len(block.labels) for block in blocks]
+        ends = sorted({end for block in blocks for end in block.window if end not in ALWAYS})
+        low, high = np.repeat([block.window for block in blocks] or np.empty((0, 2)), rows, axis=0).T
+        return cls(
+            block=np.repeat(np.arange(len(rows)), rows),
+            row=np.array([row for count in rows for row in range(count)], np.int64),
+            low=low,
+            high=high,
+            tolerance=np.repeat([block.tolerance for block in blocks], rows),
+            window_ends=tuple(ends),
+            grid=distinct(np.concatenate((FIRST_GRID, ends))) if ends else FIRST_GRID,
+        )
 
 
 def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
