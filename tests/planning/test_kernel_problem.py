@@ -10,7 +10,7 @@ from sampled_flight import nodes_of, trajectory, values_of
 
 import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.motion.flight import impossibilities
+from floatplan.motion.flight import flight_of
 from floatplan.planning import kernel_problem
 from floatplan.planning.constraints import applies
 from floatplan.planning.explanation import impossible_ends
@@ -164,6 +164,6 @@ def test_what_is_told_before_a_search_is_so(root):
         outcome = ready.follow_numbered(blocked.degrees, (), range(1), lambda: False, asks=True)
         told.append((ready._ends_hold, ready._path_is_clear, outcome.starts))
         assert ready._ends_hold == (not ends_fail(ready))
-        assert not (ready._path_is_clear and impossibilities(blocked))
-        assert ready.impossible == [*ends_fail(ready), *impossibilities(blocked)]
+        assert not (ready._path_is_clear and flight_of(blocked).impossibilities())
+        assert ready.impossible == [*ends_fail(ready), *flight_of(blocked).impossibilities()]
     assert len(set(told)) == 5
