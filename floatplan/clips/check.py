@@ -38,6 +38,11 @@ class ClipCheck:
         """How many flights are physical."""
         return sum(each.verdict == PHYSICAL for each in self.flights)
 
+    @property
+    def unphysical_share(self) -> float:
+        """Share of the flights that are unphysical; 0 of none."""
+        return sum(each.verdict == UNPHYSICAL for each in self.flights) / max(len(self.flights), 1)
+
     def table(self) -> list[dict[str, Any]]:
         """One row a flight, with the keys of the command line's ``--json``."""
         return [_row(each) for each in self.flights]

@@ -27,7 +27,9 @@ class ClipCurve:
     positions : (N, J) rad
     """
 
-    def __init__(self, robot: Robot, fps: float, base_position: Array, base_quaternion: Array, positions: Array) -> None:
+    def __init__(
+        self, robot: Robot, fps: float, base_position: Array, base_quaternion: Array, positions: Array
+    ) -> None:
         self.robot = robot
         self.fps = fps
         self.frames = len(positions)

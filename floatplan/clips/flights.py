@@ -274,13 +274,11 @@ def _found_feet(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> list[i
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     extent = float(np.median(over_lowest.max(axis=1)))
     usual = np.median(over_lowest, axis=0)
-    feet = [
-        body
-        for column, body in enumerate(bodies)
-        if body not in carries and usual[column] <= FOOT_REACH * extent
-    ]
+    feet = [body for column, body in enumerate(bodies) if body not in carries and usual[column] <= FOOT_REACH * extent]
     if not feet:
-        raise InputError("no foot can be told by its shape", source=robot.source, advice="name the feet's links: --feet")
+        raise InputError(
+            "no foot can be told by its shape", source=robot.source, advice="name the feet's links: --feet"
+        )
     return feet
 
 

@@ -202,7 +202,9 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
     places = _bodies(data, "body_pos_w", 3)
     quaternions = _bodies(data, "body_quat_w", 4)
     if places.shape[:2] != quaternions.shape[:2]:
-        raise InputError(f"is of {quaternions.shape[:2]} frames and bodies, body_pos_w of {places.shape[:2]}", element="body_quat_w")
+        raise InputError(
+            f"is of {quaternions.shape[:2]} frames and bodies, body_pos_w of {places.shape[:2]}", element="body_quat_w"
+        )
     return Recording(
         place=places[:, 0],
         quaternion=quaternions[:, 0],
@@ -346,4 +348,3 @@ def continuous_signs(quaternions: Array) -> Array:
     turned_over = (found[1:] * found[:-1]).sum(axis=1) < 0
     found[1:] *= np.cumprod(np.where(turned_over, -1.0, 1.0))[:, None]
     return np.asarray(found)
-

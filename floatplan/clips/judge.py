@@ -39,7 +39,8 @@ ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
 
 DEGREES = range(2, 10)  # [-] of the polynomials of joints
 HIGHER_DEGREES = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
-FRAMES_PER_COEFFICIENT = 2.0  # [-] at least
+FRAMES_PER_COEFFICIENT = 2.0  # [-] at least, of the higher degrees
+OTHER_DEGREES = (-2, -1, 1, 2)  # [-] beside the best, tried before a turning is called a fault
 CELLS = 12  # [-] of the integration of the attitude
 STAGES = 6  # [-] of each
 GAUSS_NEWTON_STEPS = 12  # [-] at most
@@ -75,11 +76,22 @@ class Fall:
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """Polynomials of the joints over a flight, by Chebyshev coefficients (degree + 1, J) on [-1, 1]."""
+    """Polynomials of the joints over a flight.
+
+    Attributes
+    ----------
+    begin, duration : s
+    coefficients : (degree + 1, J) rad, of Chebyshev polynomials on [-1, 1]
+    """
 
     begin: float
     duration: float
     coefficients: Array
+
+    @property
+    def degree(self) -> int:
+        """Of the polynomials."""
+        return len(self.coefficients) - 1
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities, accelerations (K, J) at times (K,), s."""
@@ -153,28 +165,51 @@ def fit_fall(times: Array, places: Array) -> Fall:
     )
 
 
-def fit_joints(times: Array, positions: Array) -> JointFit:
-    """Fit polynomials of one degree to all joints (K, J), the degree by generalised cross-validation.
+def fit_joints(times: Array, positions: Array, degree: int | None = None) -> JointFit:
+    """Fit polynomials of one degree to all joints (K, J), chosen by generalised cross-validation where none is given.
 
     Of noise the degree must leave what no motion of a robot has; BIC and AICc choose far lower degrees.
     """
+    count = len(times)
     begin = float(times[0])
     duration = float(times[-1] - times[0])
     x = 2.0 * (times - begin) / duration - 1.0
     best = (np.inf, np.zeros((1, positions.shape[1])))
-    count = len(times)
-    for degree in (*DEGREES, *HIGHER_DEGREES):
-        if degree > DEGREES[0] and count < FRAMES_PER_COEFFICIENT * (degree + 1):
-            break
-        if degree + 1 >= count:
-            break
-        terms = np.polynomial.chebyshev.chebvander(x, degree)
+    for tried in possible_degrees(count) if degree is None else (degree,):
+        terms = np.polynomial.chebyshev.chebvander(x, tried)
         coefficients, *_ = np.linalg.lstsq(terms, positions, rcond=None)
         squares = float(((positions - terms @ coefficients) ** 2).sum())
-        score = squares / (count - degree - 1) ** 2
+        score = squares / (count - tried - 1) ** 2
         if score < best[0]:
             best = (score, coefficients)
     return JointFit(begin=begin, duration=duration, coefficients=best[1])
+
+
+def possible_degrees(frames: int) -> tuple[int, ...]:
+    """Degrees of polynomials that so many frames can tell."""
+    low = tuple(degree for degree in DEGREES if degree <= frames - 2)
+    high = tuple(degree for degree in HIGHER_DEGREES if frames >= FRAMES_PER_COEFFICIENT * (degree + 1))
+    return low + high
+
+
+def nearest_turning(
+    dynamics: SpatialDynamics, times: Array, positions: Array, attitudes: Array
+) -> tuple[JointFit, TurnFit | None]:
+    """Fit joints and turning; where that is a fault, with other degrees too: the frames may not tell which is right."""
+    joints = fit_joints(times, positions)
+    turning = fit_turning(dynamics, joints, times, attitudes)
+    possible = possible_degrees(len(times))
+    chosen = possible.index(joints.degree)
+    for step in OTHER_DEGREES:
+        if turning is not None and turning.rms <= turning.tolerance:
+            break
+        if not 0 <= chosen + step < len(possible):
+            continue
+        other = fit_joints(times, positions, possible[chosen + step])
+        found = fit_turning(dynamics, other, times, attitudes)
+        if found is not None and (turning is None or found.rms < turning.rms):
+            joints, turning = other, found
+    return joints, turning
 
 
 def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attitudes: Array) -> TurnFit | None:
@@ -296,9 +331,10 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
     enough = len(times) > 3
     fall = fit_fall(times, places) if len(times) > 2 else _no_fall()
     dynamics = free_dynamics(clip.robot)
-    joints = fit_joints(times, np.asarray(clip.positions[frames])) if enough else None
-    turning = fit_turning(dynamics, joints, times, attitudes) if joints is not None else None
-    faults = _faults(fall, turning, joints is not None, gravity)
+    joints = turning = None
+    if enough:
+        joints, turning = nearest_turning(dynamics, times, np.asarray(clip.positions[frames]), attitudes)
+    faults = _faults(fall, turning, joints, gravity)
     feet = _feet_beside(clip, flight)
     rate_share = torque_share = None
     if joints is not None and turning is not None:
@@ -323,7 +359,7 @@ def _no_fall() -> Fall:
     return Fall(fall=np.nan, interval=np.inf, sideways=np.nan, noise=np.inf, coefficients=np.full((3, 3), np.nan))
 
 
-def _faults(fall: Fall, turning: TurnFit | None, has_frames: bool, gravity: float) -> tuple[str, ...]:
+def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravity: float) -> tuple[str, ...]:
     """What keeps a flight from flying, a sentence each."""
     faults: list[str] = []
     if fall.interval <= WIDEST_INTERVAL:
@@ -331,9 +367,10 @@ def _faults(fall: Fall, turning: TurnFit | None, has_frames: bool, gravity: floa
             faults.append(f"the centre of mass falls at {fall.fall:.2f} m/s^2, not {gravity:g}")
         if fall.sideways > fall.tolerance:
             faults.append(f"the centre of mass accelerates sideways at {fall.sideways:.2f} m/s^2")
+    if joints is None:
+        return tuple(faults)
     if turning is None:
-        if has_frames:
-            faults.append("no flight with these joints and a constant angular momentum could be integrated")
+        faults.append("no flight with these joints and a constant angular momentum could be integrated")
         return tuple(faults)
     if turning.noise > ROUGHEST:
         faults.append(f"rough: attitudes jump by {np.rad2deg(turning.noise):.1f} degrees from frame to frame")
@@ -348,7 +385,7 @@ def _verdict(fall: Fall, faults: tuple[str, ...]) -> str:
         return AFLOAT
     if faults:
         return UNPHYSICAL
-    return UNDECIDED if fall.interval > WIDEST_INTERVAL else PHYSICAL
+    return PHYSICAL if fall.interval <= WIDEST_INTERVAL else UNDECIDED
 
 
 def _shares(

@@ -102,7 +102,10 @@ def _rate(recording: Recording, fps: float | None) -> tuple[float, str]:
         return float(fps), ""
     if recording.fps is not None:
         return recording.fps, ""
-    return USUAL_FPS, f"the file does not say its frames a second: taken for {USUAL_FPS:g}; give fps where it is another"
+    return (
+        USUAL_FPS,
+        f"the file does not say its frames a second: taken for {USUAL_FPS:g}; give fps where it is another",
+    )
 
 
 def _positions(robot: Robot, recording: Recording) -> tuple[Array, tuple[str, ...], str]:
@@ -134,9 +137,14 @@ def _positions(robot: Robot, recording: Recording) -> tuple[Array, tuple[str, ..
     return _positions_by_bodies(robot, own, recording)
 
 
-def _positions_by_bodies(robot: Robot, own: tuple[str, ...], recording: Recording) -> tuple[Array, tuple[str, ...], str]:
+def _positions_by_bodies(
+    robot: Robot, own: tuple[str, ...], recording: Recording
+) -> tuple[Array, tuple[str, ...], str]:
     """The same of a file without names, by which order of joints its bodies are where it has them."""
-    orders = {"the order of the model's file": own, "the order by levels of the tree, as PhysX has it": _by_levels(robot)}
+    orders = {
+        "the order of the model's file": own,
+        "the order by levels of the tree, as PhysX has it": _by_levels(robot),
+    }
     frame = len(recording.joints) // 2
     misfits = {}
     for words, names in orders.items():
