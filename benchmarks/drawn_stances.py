@@ -17,7 +17,7 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.motion.planar.flight import momentum_set
+from floatplan.motion.flight import flight_of
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import corners, heights_over_com, undersides
@@ -372,7 +372,7 @@ def _problem(drawing: Drawing, state: tuple[Array, Array, Array], flown: tuple[f
 def _plan(problem: fp.Problem, momentum: float) -> Plan:
     """The plainest flight from the start of a problem; it need not reach the goal."""
     variables = decision_variables(
-        problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), int), momentum_set(problem)
+        problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), int), flight_of(problem).momentum_set
     )
     polynomials = variables.polynomials
     z = np.zeros_like(polynomials.no_free_part)

@@ -13,8 +13,9 @@ from generated_problems import random_chain
 from sampled_flight import PlanarBaseMotion, Trajectory, sample_nodes, trajectory
 
 import floatplan as fp
+from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.planar.flight import gauss_grid
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.planning.transcription.work import FlightModel, flight_model
 from floatplan.problem.parts import Obstacle
@@ -85,7 +86,7 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
     problem = replace(problem, flight=flight)
     model = flight_model(problem)
     branches = np.zeros((2, joints), dtype=np.int64)
-    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
     x = variables.variables(rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape), momentum)
     motion = _look(model, variables, x)

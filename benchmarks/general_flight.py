@@ -247,7 +247,7 @@ class GeneralFlight:
     """A flight in the plane whose motions have derivatives."""
 
     def __init__(self, flight: PlanarFlight, equations: Dynamics | None = None) -> None:
-        self._flight = replace(flight, equations=equations or GeneralDynamics(flight.tree))
+        self._flight = replace(flight, other_equations=equations or GeneralDynamics(flight.tree))
 
     def __getattr__(self, name: str) -> Any:
         """Whatever a flight in the plane has."""

@@ -21,7 +21,8 @@ from sampled_flight import sample_nodes
 from scipy.optimize import minimize
 
 import floatplan as fp
-from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
+from floatplan.motion.flight import flight_of
+from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.constraints import constraints
@@ -56,7 +57,7 @@ def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
     """Return floatplan's program at a fixed number of nodes, arcsine branches 0, with derivatives in NumPy."""
     model = FlightModel(general_flight(problem))
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     sampling = sample_nodes(gauss_grid(nodes), variables.polynomials.form)
     aim = objective(problem, model, variables, sampling)
     return FlightProgram(model, variables, sampling, aim, constraints(problem, model))

@@ -16,8 +16,8 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.motion.flight import momentum_set
-from floatplan.motion.spatial.flight import attitude_of
+from floatplan.motion.flight import flight_of
+from floatplan.motion.spatial.goal import attitude_of
 from floatplan.motion.spatial.rotations import of_angles
 
 CELLS, DEGREE = 16, 4
@@ -61,7 +61,7 @@ def turning_rate(robot: fp.Robot) -> ca.Function:
 def solve(problem: fp.Problem) -> tuple[bool, float]:
     """Whether a problem with given h is solved, and the seconds of the processor in IPOPT, functions made before."""
     robot, n, duration = problem.robot, len(problem.robot.joints), problem.flight.duration
-    h, omega = ca.DM(momentum_set(problem).centre), turning_rate(robot)
+    h, omega = ca.DM(flight_of(problem).momentum_set.centre), turning_rate(robot)
     state, control = ca.SX.sym("x", 4 + 2 * n), ca.SX.sym("u", n)
     quaternion, positions, velocities = state[:4], state[4 : 4 + n], state[4 + n :]
     rate = omega(positions, velocities, quaternion, h)

@@ -12,9 +12,10 @@ from generated_problems import random_chain
 from sampled_flight import sample_nodes, trajectory
 
 import floatplan as fp
+from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.closed_form import frame_from_com
 from floatplan.motion.planar.contact_rates import equations_at, rates_at
-from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.planar.flight import gauss_grid
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.planning.transcription.work import flight_model
 
@@ -89,7 +90,7 @@ def rest_problem(seed: int) -> fp.Problem | None:
 def _missed(problem: fp.Problem, z: np.ndarray) -> float:
     """By how much the drawn motion turns further than to the goal, rad."""
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     nodes = sample_nodes(gauss_grid(DENSE), variables.polynomials.form)
     motion = trajectory(flight_model(problem), variables, nodes, variables.variables(z, variables.momentum.centre))
     return float(motion.residual.item())

@@ -309,7 +309,7 @@ class Sampling:
     @property
     def given(self) -> int:
         """Number g of columns of the basis that belong to given conditions."""
-        return len(self.form.given)
+        return len(basis(self.form).given)
 
 
 @lru_cache(maxsize=64)

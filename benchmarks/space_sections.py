@@ -14,7 +14,7 @@ from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.motion.flight import ballistics, momentum_set, whole_motion
+from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.simulation.in_space import RecordedInSpace, off_by
@@ -105,12 +105,13 @@ def drawn_goals(count: int) -> Iterator[fp.Problem]:
         h = rng.normal(size=3) * [0.3, 1.0, 0.3]
         flight, degrees = fp.Flight(0.6, tuple(h)), (7,) * 12
         asked = fp.Problem(robot, fp.Posture(LEVEL, ends[0]), fp.Posture(LEVEL, ends[1]), flight)
-        variables = decision_variables(asked, degrees, np.zeros((2, 12), int), momentum_set(asked))
+        variables = decision_variables(asked, degrees, np.zeros((2, 12), int), flight_of(asked).momentum_set)
         z = variables.free_coefficients(0.25 * rng.normal(size=variables.size))
         low, high = asked.position_limits.T
         b, half = variables.polynomials.powers_of_seconds(z), (high - low) / 2
         written = WrittenMotion.from_powers((low + high) / 2, half, b, flight.duration)
-        motion = whole_motion(asked, written, h, ballistics(asked))
+        of_flight = flight_of(asked)
+        motion = of_flight.whole_motion(written, h, of_flight.ballistics)
         state = motion.state(np.linspace(0, flight.duration, 60))
         limits = fp.Limits()
         if seed % 3 == 0:

@@ -20,10 +20,11 @@ from witness_robots import witness_robot
 
 import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import ballistics
-from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.planning.transcription.work import flight_model
@@ -126,7 +127,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
     bounds = angular_momentum_interval(problem)
     kind: Any = rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]).item()
     branches = np.zeros((2, n), dtype=np.int64)
-    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
     z = polynomials.no_free_part + rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape)
 

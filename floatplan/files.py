@@ -90,7 +90,8 @@ def check_readable(path: Path, otherwise: str) -> None:
 def check_hash(content: bytes, digest: str, path: Path) -> None:
     """Refuse the content of a file whose SHA-256 is not the one that a plan recorded."""
     if hashlib.sha256(content).hexdigest() != digest:
-        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
+        reason = "is not the file that was planned with: its SHA-256 differs"
+        advice = "plan again, or restore the file"
         raise InputError(reason, source=path, element="robot.sha256", advice=advice)
 
 

@@ -202,10 +202,13 @@ class Reader:
             kind = content.get("kind") if isinstance(content, Mapping) else None
             if not isinstance(kind, str) or kind not in kinds:
                 return self._missing(f"{content!r} is not a table with kind = {either(map(repr, kinds))}", place)
-            part, content = kinds[kind], {key: value for key, value in content.items() if key != "kind"}
+            part = kinds[kind]
+            content = {key: value for key, value in content.items() if key != "kind"}
         if not isinstance(content, Mapping):
             return self._missing(f"{content!r} is not a table", place)
-        inside, known, values = f"{place}." if place else "", set(), {}
+        inside = f"{place}." if place else ""
+        known = set()
+        values = {}
         for each, about in part.keyed_fields():
             key = in_files(each.name)
             known.add(key)
@@ -347,7 +350,8 @@ def _table(part: type[Keyed], about: str) -> dict[str, Any]:
         properties["kind"] = {"const": part.kind, "description": KIND.meaning}
     needed = list(properties)
     for each, key in part.keyed_fields():
-        name, allowed = in_files(each.name), key.numbers or each.name
+        name = in_files(each.name)
+        allowed = key.numbers or each.name
         limits = RANGES.get(allowed) if isinstance(allowed, str) else allowed
         ends = {"minimum": limits.low, "maximum": limits.high} if limits and limits.unit == key.unit else {}
         bounds = {name: end for name, end in ends.items() if math.isfinite(end)}

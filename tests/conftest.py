@@ -30,7 +30,7 @@ LITTLE = 20  # times less work than usual
 UNASKED = (
     "floatplan.planning.search.ANNOUNCED_EVERY",
     "floatplan.planning.in_space.ANNOUNCED_EVERY",
-    "floatplan.cli.study.EVERY",
+    "floatplan.cli.progress.EVERY",
 )
 TREES = {  # plane, normal and seed of trees that stay well enough in their plane
     "tree xz": ("xz", "y", 20),

@@ -17,7 +17,7 @@ from needed import skip_or_fail
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.motion.spatial.flight import spatial_dynamics
+from floatplan.motion.spatial.dynamics import spatial_dynamics
 
 if importlib.util.find_spec("casadi") is None:
     skip_or_fail("casadi is not installed: the extra bench")

@@ -177,9 +177,12 @@ def smallest(
     at_point : (values, members) -> (..., items)
         An upper bound on the values where the forms have these values, (forms, ..., items).
     """
-    count, depth = len(goal.gap), 0
+    count = len(goal.gap)
+    depth = 0
     bound, attained = np.full(count, np.inf), np.full(count, np.inf)
-    cell, member, u = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64), np.full(count, -1.0)
+    cell = np.zeros(count, dtype=np.int64)
+    member = np.zeros(count, dtype=np.int64)
+    u = np.full(count, -1.0)
     while True:
         group = groups[items.member]
         low = np.fmax(below(items.forms, items.member), -np.inf)
@@ -199,7 +202,8 @@ def smallest(
         np.minimum.at(bound, group[~keep], low[~keep])
         if not keep.any():
             break
-        items, depth = items.split(kept, halvings), depth + halvings
+        items = items.split(kept, halvings)
+        depth = depth + halvings
     return tuple(
         Minimum(bound, attained, cells.time(cell, u), member)
         for bound, attained, cell, u, member in zip(
@@ -212,7 +216,8 @@ def at_most(
     kind: Kind, subject: Subject, upper: float, attained: float, limit: float, tolerance: float, instant: float | None
 ) -> Finding:
     """Finding on a quantity that is at most ``upper`` and somewhere at least ``attained``."""
-    upper, allowed = math.inf if math.isnan(upper) else upper, limit + tolerance
+    upper = math.inf if math.isnan(upper) else upper
+    allowed = limit + tolerance
     if upper <= allowed and math.isfinite(allowed):
         return Finding(kind, subject, "proved", upper, instant, limit)
     if attained > allowed:

@@ -1,7 +1,9 @@
 """The certificate: is a plan true, for every instant? The plan may be alive, a record, or a file.
 
-What is proved depends on the record, the URDF and its meshes alone. A loaded robot is needed only for the capsules
-around collision geometry, which the certificate takes as given. See ``docs/certificate.md`` for the statement.
+What is proved depends on the record, the URDF and its meshes alone; of a robot from MJCF on the URDF that the record
+holds, as MuJoCo resolved it: that this is what the MJCF says is not proved, and a finding says so. A loaded robot is
+needed only for the capsules around collision geometry, which the certificate takes as given. See
+``docs/certificate.md`` for the statement.
 """
 
 import cmath
@@ -30,10 +32,10 @@ from floatplan.certificate.planar.limits import (
     limit_findings,
     orientation_findings,
 )
-from floatplan.certificate.planar.mjcf import NotReadError
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
+from floatplan.certificate.planar.taken import NotReadError
 from floatplan.errors import InputError, naming
-from floatplan.plans.reading import Recorded, check_meshes, checked, find_robot, recorded, recorded_robot
+from floatplan.plans.reading import Recorded, check_meshes, check_parts, checked, find_robot, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord, RobotRecord
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
 from floatplan.pool import one_thread
@@ -43,6 +45,7 @@ from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time
+OTHER_SHAPES = "the shapes are of the URDF that MuJoCo makes of the MJCF here, and robot.resolved is another"
 NOT_IN_SPACE = "not yet for flights in space"
 MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
@@ -72,7 +75,8 @@ def certify(
     InputError
         The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
     """
-    urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
+    urdf = optional(as_path)(urdf, "urdf")
+    budget = MOST_CELLS(budget, "budget")
     record, file, robot = recorded(plan)
     with naming(file):
         path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
@@ -84,6 +88,8 @@ def certify(
         if record.asks_clearance:
             robot = robot or recorded_robot(record.robot, file, path)
             check_meshes(robot, record.robot, file)
+            if record.robot.resolved is not None and robot.xml != record.robot.resolved["urdf"]:
+                return _undecided(record.robot, OTHER_SHAPES)
             unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
             if "<collision" in robot.xml:
                 flight = record.problem["flight"]
@@ -132,6 +138,8 @@ def prove(
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
         try:
+            if record.robot.kind == "mjcf":
+                check_parts(record.robot, path)
             robot = kept_robot(robot_content(path), path, record.robot)
         except NotReadError as error:
             return _undecided(record.robot, str(error))
@@ -177,9 +185,11 @@ def _proved(
             asked.append(ground_finding(surroundings, robot, standing))
         if unknown_meshes:  # the shapes may not be those that were planned with: nothing is known of clearances
             unknown = [Finding("mesh", (name,), "undecided", None) for name in unknown_meshes]
-            asked, clearance = unknown + [replace(finding, verdict="undecided") for finding in asked], None
+            asked = unknown + [replace(finding, verdict="undecided") for finding in asked]
+            clearance = None
         clear += asked
-    findings = (*orientation, *ends, *limits, *clear)
+    resolved = [Finding("resolved", (), "proved", None)] if record.robot.kind == "mjcf" else []
+    findings = (*resolved, *orientation, *ends, *limits, *clear)
     bounds = {name: [-peak.bound for peak in each] for name, each in peaks.items()}
     return Certificate(
         verdict=worst(findings),
@@ -235,7 +245,8 @@ def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[l
     bound = min(item.bound for item in least)
     attained = min(item.attained for item in least)
     recorded = surroundings.record.clearance_min
-    kind, subject = "recorded", ("clearance_min",)
+    kind = "recorded"
+    subject = ("clearance_min",)
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
         return [*found, Finding(kind, subject, verdict, bound, None, None)], bound

@@ -180,17 +180,17 @@ def jump(
     check_directory(directory)
     began = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):
-        found = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
-        if found.flight is not None and found.flight.ok:
+        planned = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
+        if planned.flight is not None and planned.flight.ok:
             bar.say("proving the flight")
-            found = found.with_certificate(fp.certify(found.flight))
-    files = write_jump(found, directory, common.tell(quiet))
-    if (report or (report is None and not json_output)) and found.flight is not None:
-        files.append(found.show(directory / REPORT, browse=False))
-    words = (found, files, time.perf_counter() - began, common.program())
-    proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
-    ok = found.ok and proved
-    common.finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
+            planned = planned.with_certificate(fp.certify(planned.flight))
+    files = write_jump(planned, directory, common.tell(quiet))
+    if (report or (report is None and not json_output)) and planned.flight is not None:
+        files.append(planned.show(directory / REPORT, browse=False))
+    words = (planned, files, time.perf_counter() - began, common.program())
+    proved = planned.flight is not None and planned.flight.certificate is not None and planned.flight.certificate.proved
+    ok = planned.ok and proved
+    common.finish(planned.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
 
 
 def takeoff(problem_file: common.ProblemFile, json_output: common.Json = False) -> None:
@@ -204,8 +204,8 @@ def takeoff(problem_file: common.ProblemFile, json_output: common.Json = False) 
     problem = fp.load_problem(problem_file)
     ends = fp.takeoff(problem), fp.landing(problem)
     disagreement = no_common_momentum(problem)
-    found = {str(contact.end): contact.to_dict() for contact in ends}
-    facts = {"joints": list(problem.robot.joints), **found, "no_common_momentum": disagreement}
+    of_ends = {str(contact.end): contact.to_dict() for contact in ends}
+    facts = {"joints": list(problem.robot.joints), **of_ends, "no_common_momentum": disagreement}
     ok = all(contact.ok for contact in ends) and disagreement is None
     common.finish(facts, json_output, lambda summary: summary.contact_summary(ends, disagreement), ok)
 
@@ -229,9 +229,9 @@ def launch(
         request = replace(request, friction=friction)
     end: Literal["takeoff", "landing"] = "landing" if landing else "takeoff"
     with progress(f"{end} stance", tell=True) as bar, naming(plan_file):
-        found = fp.launch(plan, request, end=end, seed=seed, starts=starts, progress=bar.say)
-    facts = {"friction": request.friction, **found.to_dict(), "figures": found.figures}
-    common.finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)
+        result = fp.launch(plan, request, end=end, seed=seed, starts=starts, progress=bar.say)
+    facts = {"friction": request.friction, **result.to_dict(), "figures": result.figures}
+    common.finish(facts, json_output, lambda summary: summary.launch_summary(result), result.ok)
 
 
 def needs_casadi(option: str) -> None:

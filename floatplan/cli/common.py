@@ -44,7 +44,8 @@ def folder() -> Path | None:
 
 def bundled(source: str) -> str:
     """The path of a file; where there is none, that of the robot or problem of this name that comes with floatplan."""
-    place, path = folder(), Path(source)
+    place = folder()
+    path = Path(source)
     if place is None or path.is_absolute() or ".." in path.parts or path.parts[:1] not in [(kind,) for kind in KINDS]:
         return source
     return str(place / path) if not os.path.lexists(path) and is_file(place / path) else source
@@ -186,7 +187,8 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
 
 def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
     """The same error; one about an option of the command names it as it is typed, with its dashes."""
-    option, options = f"--{error.element}", set[str]()
+    option = f"--{error.element}"
+    options = set[str]()
     name_of = option.partition(":")[0]  # that of one of its parts: "perturb: mass"
     for name, hint in get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
@@ -270,8 +272,10 @@ def program() -> str:
     called = Path(sys.argv[0])
     if called.parts[-2:] == ("floatplan", "__main__.py"):
         return f"{shlex.quote(near(Path(sys.executable)))} -m floatplan"
-    found = shutil.which("floatplan")
-    if called.name != "floatplan" or (found is not None and os.path.realpath(found) == os.path.realpath(called)):
+    installed = shutil.which("floatplan")
+    if called.name != "floatplan" or (
+        installed is not None and os.path.realpath(installed) == os.path.realpath(called)
+    ):
         return "floatplan"
     return shlex.quote(near(called.absolute()))
 

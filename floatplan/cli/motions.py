@@ -121,8 +121,8 @@ def replay(
     if replan is not None or authority:
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
-        given = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
-        _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
+        chosen = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
+        _fly_many(plan, replan, authority, output, json_output, engine=checked, **chosen)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
     if flights is not None and flights > 1:
@@ -150,18 +150,20 @@ def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -
     """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
     from floatplan.simulation.replay import replays
 
-    given = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value is not None}
     with progress("flying", tell=True) as bar:
-        flown = replays(plan, flights, progress=partial(bar.count, "flight"), **given)
-    facts, ok = [each.to_dict() for each in flown], all(each.landed or each.disturbed for each in flown)
-    told = {"asked": flights, "flights": facts}
-    common.finish(told, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
+        flown = replays(plan, flights, progress=partial(bar.count, "flight"), **chosen)
+    facts = [flight.to_dict() for flight in flown]
+    ok = all(flight.landed or flight.disturbed for flight in flown)
+    facts_of_all = {"asked": flights, "flights": facts}
+    common.finish(facts_of_all, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
 
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
     """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
     with progress("flying", tell=True) as bar:
-        flown, files = fp.replay_jump(jump, progress=bar.count, **options), list[Path]()
+        flown = fp.replay_jump(jump, progress=bar.count, **options)
+        files = list[Path]()
     if output is not None:
         from floatplan.view.report.flights import write_jump_pages
 
@@ -178,17 +180,17 @@ def _fly_many(
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    flown = None if rate is None else fp.closed_loop(plan, rate, **given)
-    found = fp.authority(plan) if with_authority else None
+    chosen = {name: value for name, value in options.items() if value is not None}
+    flown = None if rate is None else fp.closed_loop(plan, rate, **chosen)
+    authority = fp.authority(plan) if with_authority else None
     page = None
     if output is not None:
         from floatplan.view.report.flights import write_flights_page
 
-        page = write_flights_page(plan, output / "flights.html", flown, found)
+        page = write_flights_page(plan, output / "flights.html", flown, authority)
     facts: dict[str, Any] = {} if flown is None else flown.to_dict()
-    facts |= {} if found is None else {"authority": found.to_dict()}
-    common.finish(facts, json_output, lambda summary: summary.flights_summary(flown, found, page))
+    facts |= {} if authority is None else {"authority": authority.to_dict()}
+    common.finish(facts, json_output, lambda summary: summary.flights_summary(flown, authority, page))
 
 
 def show(

@@ -34,8 +34,10 @@ class ProgressBar:
     """
 
     def __init__(self, what: str, told: bool, bar: Progress | None) -> None:
-        self._what, self._told, self._bar = what, told, bar
-        self._counted = time.monotonic()
+        self._what = what
+        self._told = told
+        self._bar = bar
+        self._said = time.monotonic()
 
     def say(self, words: str) -> None:
         """Say in a few words how the work goes."""
@@ -49,10 +51,14 @@ class ProgressBar:
 
     def count(self, thing: str, done: int, total: int) -> None:
         """Say how much is done of what is counted, "flight 3 of 20", now and then where that is a line of its own."""
+        self.say_now_and_then(f"{thing} {done} of {total}", done, total)
+
+    def say_now_and_then(self, words: str, done: int, total: int) -> None:
+        """Say how much of the work is done, in words where the last ones were a while ago, or all is done."""
         self.reach(done, total)
-        if done == total or time.monotonic() - self._counted >= EVERY:
-            self._counted = time.monotonic()
-            self.say(f"{thing} {done} of {total}")
+        if done == total or time.monotonic() - self._said >= EVERY:
+            self._said = time.monotonic()
+            self.say(words)
 
     def _update(self, **looks: Any) -> None:
         if self._bar is not None:

@@ -13,11 +13,17 @@ from floatplan.files import check_readable, write_atomically, write_together
 from floatplan.problem.file import problem_text
 from floatplan.tables import LIMIT_TABLE
 
-PLAN, JUMP, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "jump.json", "trajectory.csv", "problem.toml", "figures"
+PLAN = "plan.json"
+JUMP = "jump.json"
+TRAJECTORY = "trajectory.csv"
+PROBLEM = "problem.toml"
+FIGURES = "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
 OF_JUMPS = ("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height")
 DRAWN = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance", *OF_JUMPS)
-REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
+REPORT = "report.html"
+SCENE = "scene.html"
+FILM = "flight"
 
 
 def check_directory(directory: Path) -> None:

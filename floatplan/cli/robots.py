@@ -214,7 +214,7 @@ def init(
         )
     check_folder(path.parent)
 
-    given = typed.robot_choices(choices, degrees)
+    robot_choices = typed.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
     asked = Asked(
         takeoff=takeoff,
@@ -227,8 +227,8 @@ def init(
         posture=typed.posture("--posture", posture, degrees),
         angles="deg" if degrees else "rad",
     )
-    with progress("init", quiet, tell=True) as bar, blamed(given, typed.PLACE, "--"):
-        chosen, flight = asked_flight(robot, asked, given, words, seed, lambda told: bar.say(escaped(told)))
+    with progress("init", quiet, tell=True) as bar, blamed(robot_choices, typed.PLACE, "--"):
+        chosen, flight = asked_flight(robot, asked, robot_choices, words, seed, lambda line: bar.say(escaped(line)))
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:
@@ -273,10 +273,10 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
     intervals null where they are not bounded.
     """
-    from floatplan.motion.flight import End, angular_momentum_interval, inertia_extremes
+    from floatplan.motion.flight import End, flight_of, inertia_extremes
 
     low, high = inertia_extremes(problem.robot, problem.position_limits)
-    interval = angular_momentum_interval(problem)
+    interval = flight_of(problem).momentum_interval
     if interval is None:
         raise problem.robot.not_in_plane
     facts: dict[str, Any] = plain(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import webbrowser
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -14,7 +13,7 @@ import typer
 import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.common import MODEL, flag, option
-from floatplan.cli.progress import EVERY, ProgressBar, progress
+from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, import_optional
 from floatplan.files import runs_folder
 
@@ -63,7 +62,11 @@ def study(
             get_ready("floatplan.studies.study")
         with progress("study", quiet, tell=True) as bar:
             chosen = started(engine, jobs, scheduler)
-            done = planned_study(Path(study_file), output, restart, chosen, _teller(bar), shard)
+
+            def say(reached: Progress) -> None:
+                bar.say_now_and_then(str(reached), reached.done, reached.total)
+
+            done = planned_study(Path(study_file), output, restart, chosen, say, shard)
         if export is not None:
             with progress("exporting", quiet) as bar:
                 done.files.append(done.export(export, rate, model=model, jobs=jobs, progress=bar.reach))
@@ -112,20 +115,6 @@ def _tell(done: fp.Study, began: float, json_output: bool, quiet: bool) -> NoRet
             }
         )
     raise typer.Exit(common.DONE)
-
-
-def _teller(bar: ProgressBar) -> Callable[[Progress], None]:
-    """Tell a bar how far it is; a line now and then where there is no terminal."""
-    told = time.monotonic()
-
-    def say(reached: Progress) -> None:
-        nonlocal told
-        bar.reach(reached.done, reached.total)
-        if reached.done == reached.total or time.monotonic() - told >= EVERY:
-            told = time.monotonic()
-            bar.say(str(reached))
-
-    return say
 
 
 def studio(

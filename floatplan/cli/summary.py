@@ -96,7 +96,9 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
-    carried = [f"{each['mass']:g} kg on {each['link']} at {shortened(each['at'])} m" for each in facts["payload"]]
+    carried = [
+        f"{payload['mass']:g} kg on {payload['link']} at {shortened(payload['at'])} m" for payload in facts["payload"]
+    ]
     rest = [
         *([("payload", "; ".join(carried))] if carried else []),
         *_rotors(facts),
@@ -199,14 +201,14 @@ def replay_summary(flown: fp.Replay) -> RenderableType:
     )
 
 
-def replays_summary(flown: Sequence[fp.Replay], asked: int) -> RenderableType:
+def replays_summary(flown: Sequence[fp.Replay], requested: int) -> RenderableType:
     """Return the result of ``floatplan replay --runs``, for reading."""
     from floatplan.simulation.replay import landing_rows
 
-    told = f"{sum(each.landed for each in flown)} of {len(flown)} landed"
-    told += f", of {asked} asked for" if len(flown) < asked else ""
+    landed = f"{sum(flight.landed for flight in flown)} of {len(flown)} landed"
+    landed += f", of {requested} asked for" if len(flown) < requested else ""
     table = _table(("at landing", "median", "worst"), landing_rows(flown))
-    return Group(Text(told, "bold"), _named(flown[0].rows()[:1]), table)
+    return Group(Text(landed, "bold"), _named(flown[0].rows()[:1]), table)
 
 
 def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> RenderableType:
@@ -255,7 +257,8 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
     from floatplan.view.report.data import PHASES, STANCES, check_lines, phase_lines
 
-    name, took = jump.problem.name, f"in {seconds:.3g} s"
+    name = jump.problem.name
+    took = f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
     view = jump.view
@@ -348,15 +351,15 @@ def flown_jump_summary(flown: fp.JumpReplay, files: Sequence[Path]) -> Renderabl
     )
 
 
-def flights_summary(flown: fp.ClosedLoop | None, found: fp.Authority | None, page: Path | None) -> RenderableType:
+def flights_summary(flown: fp.ClosedLoop | None, authority: fp.Authority | None, page: Path | None) -> RenderableType:
     """Return the result of ``floatplan replay`` with --replan and --authority, for reading."""
     from floatplan.view.report.flights import AUTHORITY_TITLES, LANDING_TITLES, authority_rows, landing_rows, summary
 
     parts: list[RenderableType] = []
     if flown is not None:
         parts += [Text(summary(flown), "bold"), _table(LANDING_TITLES, landing_rows(flown))]
-    if found is not None:
-        parts.append(_table(AUTHORITY_TITLES, authority_rows(found)))
+    if authority is not None:
+        parts.append(_table(AUTHORITY_TITLES, authority_rows(authority)))
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)
@@ -371,7 +374,7 @@ def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: b
     first, *others = (max(map(len, column)) for column in zip(*cells, strict=True))
     width = Console().width
     whole = whole and sum(others) + len(others) < width
-    columns = [Column(each.plain, no_wrap=whole and place > 0, overflow="fold") for place, each in enumerate(cells[0])]
+    columns = [Column(cell.plain, no_wrap=whole and place > 0, overflow="fold") for place, cell in enumerate(cells[0])]
     close = first + sum(others) + 2 * len(others) > width
     table = Table(*columns, box=None, header_style="dim", pad_edge=False, collapse_padding=close)
     for row in cells[1:]:

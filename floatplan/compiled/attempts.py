@@ -13,8 +13,8 @@ from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, SETTINGS
 from floatplan.motion.dynamics import FlightDynamics, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.end_rates import EndRates
-from floatplan.motion.planar.flight import PlanarFlight, gauss_grid
-from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.planar.flight import PlanarFlight
+from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.tables import ORIENTATION
 
@@ -27,19 +27,19 @@ def nodes_of_levels(form: Form) -> StructArray:
     """Return the nodes of all levels, for motions of a form."""
     levels = []
     for count in NODE_COUNTS:
-        grid = gauss_grid(count)
-        value, first, second = basis(form).values(grid.s)
+        rule = gauss_legendre(count)
+        value, first, second = basis(form).values(rule.nodes)
         nodes = Struct(
             "Nodes",
             nodes=count,
-            s=doubles(grid.s),
-            weights=doubles(grid.weights),
-            tail=doubles(grid.quadrature.transform[-3:]),
+            s=doubles(rule.nodes),
+            weights=doubles(rule.weights),
+            tail=doubles(rule.transform[-3:]),
             value=doubles(value.T),
             first=doubles(first.T),
             second=doubles(second.T),
-            integrals=doubles(grid.integrals[:count].T),
-            antiderivative=doubles(grid.quadrature.antiderivative),
+            integrals=doubles(rule.integrals(rule.nodes).T),
+            antiderivative=doubles(rule.antiderivative),
         )
         levels.append(nodes)
     return StructArray("Nodes", levels)

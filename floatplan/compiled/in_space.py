@@ -15,8 +15,9 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, integers
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
-from floatplan.motion.spatial.attitude import TOLERANCES, Cells, cells
-from floatplan.motion.spatial.flight import A_TURN_OFF, LEVELS, SLOWEST, SpatialFlight
+from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
+from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
+from floatplan.motion.spatial.goal import A_TURN_OFF
 from floatplan.problem.attitude import STEEPEST
 
 OF_DISTANCES: dict[str, Any] = {  # there are none in space

@@ -17,7 +17,7 @@ from floatplan.compiled.constraints import can_write, obstacle_numbers
 from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.bounds import momentum_intervals
-from floatplan.motion.planar.closed_form import frames_from_com, rising
+from floatplan.motion.planar.closed_form import frame_weights, places_from_com, rising
 from floatplan.motion.sine_polynomial import boundary_arguments
 from floatplan.problem.family import Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
@@ -231,9 +231,11 @@ class Numbers:
     def paths(self) -> Array:
         """Of the centre of mass (N, 5), as the kernel has it: place, velocity, gravity."""
         like, values = self.like, self.values
-        ends = zip((like.takeoff_frame, like.landing_frame), (0, 1), strict=True)
         orientation, positions, gravity = values["orientation"], values["positions"], values["gravity"]
-        foot, landing = (frames_from_com(like.robot, f, orientation[:, i], positions[:, i]) for f, i in ends)
+        foot, landing = (
+            places_from_com(like.robot.tree, frame_weights(like.robot, frame), orientation[:, end], positions[:, end])
+            for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
+        )
         takeoff = values["position"][:, 0] + 1j * values["position"][:, 1] - foot
         upwards = rising(takeoff, landing, values["height"], gravity, values["duration"])
         return np.stack((takeoff.real, takeoff.imag, values["horizontal_velocity"], upwards, gravity), axis=1)

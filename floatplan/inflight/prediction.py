@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -142,7 +141,7 @@ class Views:
         flight = planar_flight(problem)
         shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
         hulls = _distinct(flight.tree, problem.ground_shapes) if problem.ground else ()
-        self.flight = replace(flight, make_link_shapes=partial(LinkShapes, flight.tree, shapes, hulls))
+        self.flight = replace(flight, other_shapes=LinkShapes(flight.tree, shapes, hulls))
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
         self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]

@@ -14,6 +14,8 @@
 #include "turning.hpp"
 #include "planar_flight.hpp"
 #include "rotations.hpp"
+#include "spatial_motion.hpp"
+#include "attitude.hpp"
 #include "spatial_flight.hpp"
 #include "program.hpp"
 #include "lifting.hpp"

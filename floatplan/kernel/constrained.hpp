@@ -97,23 +97,27 @@ template <typename Flight> class Constrained {
             if (!elastic) update_hessian(line.length);
             was_reset = was_reset && slow_steps > 0;
         }
-        if (polish && size) polish_equality();
+        if (polish && size) polish_equality(is_optimal);
         return now->worst <= stage.feasibility ? (is_optimal ? optimal : feasible) : infeasible;
     }
 
-    // Least-norm steps on to the equalities, while the violation decreases.
-    void polish_equality() {
+    // Least-norm steps on to the equalities, while the violation decreases, all with the same derivatives: those at `now`, or
+    // where the last step led to the optimum, those at its begin, from which they hardly differ.
+    void polish_equality(bool is_optimal) {
         const Index e = program.equalities;
+        if (!(largest_equality(*now) > set.polished)) return;
+        if (!is_optimal) program.differentiate(*now);
+        const double *rows = now->differentiated ? now->row : trial->row;
+        double gram[MOST * MOST];
+        for (Index a = 0; a < e; ++a)
+            for (Index b = 0; b < e; ++b) gram[a * e + b] = dot(rows + a * size, rows + b * size, size);
         for (Index used = 0; used < set.polishing_steps && largest_equality(*now) > set.polished; ++used) {
-            program.differentiate(*now);
-            double squares[MOST * MOST], missed[MOST];
-            for (Index a = 0; a < e; ++a) {
-                missed[a] = now->equality[a];
-                for (Index b = 0; b < e; ++b) squares[a * e + b] = dot(row_of(a), row_of(b), size);
-            }
-            if (!eliminate(squares, missed, e)) return;
+            double matrix[MOST * MOST], multipliers[MOST];
+            copy(matrix, gram, e * e);
+            copy(multipliers, now->equality, e);
+            if (!eliminate(matrix, multipliers, e)) return;
             copy(trial->x, now->x, size);
-            for (Index a = 0; a < e; ++a) add(-missed[a], row_of(a), size, trial->x);
+            for (Index a = 0; a < e; ++a) add(-multipliers[a], rows + a * size, size, trial->x);
             program.evaluate(*trial);
             if (!(trial->worst < now->worst)) return;
             swap();

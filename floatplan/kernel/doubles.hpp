@@ -51,12 +51,13 @@ static inline double quotient(Double2 a, Double2 b) {  // correctly rounded but 
 static inline void write_coefficients(const double *combination, const Double2 *time, const Powers &powers,
                                       Index columns, double *b) {
     Double2 rest[MOST_COLUMNS];
-    for (Index k = 0; k < columns; ++k)
-        for (Index c = 0; c < columns; ++c) {
+    for (Index c = 0; c < columns; ++c) {  // powers within: none of their sums waits for another
+        if (combination[c] == 0) continue;
+        for (Index k = 0; k < columns; ++k) {
             double high = powers.columns[k * columns + c];
-            if (high != 0 && combination[c] != 0)
-                rest[k] = rest[k] + Double2{high, powers.columns_low[k * columns + c]} * combination[c];
+            if (high != 0) rest[k] = rest[k] + Double2{high, powers.columns_low[k * columns + c]} * combination[c];
         }
+    }
     for (Index k = columns - 1; k >= 0; --k) {
         b[k] = quotient(rest[k], time[k]);
         Double2 rounding = rest[k] + time[k] * -b[k];

@@ -15,7 +15,7 @@ template <typename Flight> class Follower {
         program.lay_out(arena, most_nodes);
         search.lay_out(arena, attempt.rows * ((most + 7) / 8 * 8));
         for (double **each : {&extra, &watched}) arena.take(*each, 2 * rules.most_instants + attempt.minima.instants);
-        for (double **each : {&start, &ended, &best, &looked_at}) arena.take(*each, program.size);
+        for (double **each : {&start, &restored, &best, &looked_at}) arena.take(*each, program.size);
     }
 
     Program<Flight> program;
@@ -105,10 +105,11 @@ template <typename Flight> class Follower {
     Status status = infeasible;
     bool has_rows, is_best = false, is_bare = true;  // the last: no instants have joined those watched
     double objective = 0;  // of the best
-    double *extra, *watched, *start, *ended, *best, *looked_at;
+    double *extra, *watched, *start, *restored, *best, *looked_at;
 
-    // Straight to the objective where it is a start for that, and by way of a feasible motion where that fails. Without
-    // rows every start is: what (14) alone lacks, the steps of the SQP mend as well as any others.
+    // From the best motion so far, once more. Without rows straight to the objective: what (14) alone lacks, the steps of the
+    // SQP mend as well as any others. With rows that is tried of a start that is made for it; where it fails, by way of a
+    // feasible motion, and at last by way of the best motion without rows.
     void follow_best() {
         copy(start, best, program.size);
         is_best = false;
@@ -117,30 +118,34 @@ template <typename Flight> class Follower {
             solve(start, attempt.level);
             judge();
         }
-        if (!has_rows) return;
+        if (!has_rows || is_over()) return;
         const Index level = attempt.at_once ? attempt.level : attempt.closer_level;
-        for (int way = 0; way < 1 + attempt.at_once && !is_over(); ++way) {
-            if (way == 1) {  // from the best motion without limits
-                program.watches = false;
-                solve(start, level);
-                program.watches = true;
-                copy(start, search.now->x, program.size);
-            }
-            program.back_off = rules.back_off;
-            extra_count = 0;
-            double left = HUGE_VAL;
-            for (Index each : {attempt.level, level}) {
-                begin(each, each == attempt.level ? start : search.now->x);
-                left = search.reduce_violations();
-                if (search.is_stuck || !(left < rules.nearly_promising) || attempt.level == level) break;
-            }
-            status = infeasible;
-            if (left < rules.promising && !search.is_stuck) {
-                copy(ended, search.now->x, program.size);
-                solve(ended, level);
-            }
-            judge();
+        restore_and_solve(level);
+        if (!attempt.at_once || is_over()) return;
+        program.watches = false;
+        solve(start, level);
+        program.watches = true;
+        copy(start, search.now->x, program.size);
+        restore_and_solve(level);
+    }
+
+    // From `start` to a motion that violates next to nothing, at the nodes of the search's level and then at a closer one,
+    // and on to the objective where that promises something.
+    void restore_and_solve(Index closer_level) {
+        program.back_off = rules.back_off;
+        extra_count = 0;
+        begin(attempt.level, start);
+        double squared = search.reduce_violations();
+        if (closer_level != attempt.level && !search.is_stuck && squared < rules.nearly_promising) {
+            begin(closer_level, search.now->x);
+            squared = search.reduce_violations();
         }
+        status = infeasible;
+        if (squared < rules.promising && !search.is_stuck) {
+            copy(restored, search.now->x, program.size);
+            solve(restored, closer_level);
+        }
+        judge();
     }
 
     bool is_over() const { return attempt.violation <= 0 || search.is_exhausted(); }
@@ -158,23 +163,22 @@ template <typename Flight> class Follower {
         program.evaluate(*search.now);
     }
 
-    // Minimises the objective subject to (14) and to the rows at all times.
-    void solve(const double *x, Index level) {
+    // Minimises the objective subject to (14) and to the rows at all times, in rounds: an SQP at the nodes and instants at
+    // hand, then more nodes where these do not resolve where it ended, and instants where rows are low between them.
+    void solve(const double *x, Index first_level) {
         program.back_off = rules.back_off;
         extra_count = 0;
-        const Index cheap = has_rows ? rules.cheap_level : set.first_level;
-        if (level < cheap) level = cheap;
-        for (begin(level, x); !(program.unresolved(*search.now) < set.coarsely_resolved) && level + 1 < set.levels;)
-            begin(++level, search.now->x);
+        Index level = begin_resolved(x, first_level);
         if (!program.is_known(*search.now)) {
             status = infeasible;
             return;
         }
         program.scale_equalities(*search.now);
         program.guess_hessian(*search.now, search.hessian);
-        const Index before = search.iterations;
-        Index stages[3] = {0, 2}, last = 1, stage = 0;
-        if (!has_rows) last = choose_stages(level, stages);
+        const Index begun = search.iterations;
+        Index stages[3] = {0, 2};
+        const Index last = has_rows ? 1 : choose_stages(level, stages);
+        Index stage = 0;
         for (Index round = 0; round < set.most_rounds; ++round) {
             const bool is_last = stage == last;
             const bool is_free = !program.watches && attempt.at_once;
@@ -182,21 +186,36 @@ template <typename Flight> class Follower {
             status = search.minimise(set.stages[stages[stage]], longest, is_last);
             if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
             if (!is_last) ++stage;
-            Index needed = program.level_needed(*search.now, set.stages[stages[stage]].quadrature_error);
-            if (needed < level) needed = level;
+            const double error = set.stages[stages[stage]].quadrature_error;
+            const Index needed = std::max(level, program.level_needed(*search.now, error));
             bool finished = is_last && needed == level;
-            if (search.iterations - before > set.most_iterations) break;
+            if (search.iterations - begun > set.most_iterations) return;
             if (status == infeasible && (is_last || !(search.now->worst <= set.hopeless))) {
-                if (!(program.watches && program.back_off > 0 && search.now->worst < rules.tight)) break;
+                // What nearly holds may have no room inside its limits, but just as much as they leave.
+                if (!(program.watches && program.back_off > 0 && search.now->worst < rules.tight)) return;
                 program.back_off = 0;
                 finished = false;
             }
-            if (needed > level) begin(level = needed, search.now->x);
-            if (program.watches && look_between() && finished) break;
+            if (needed > level) {
+                level = needed;
+                begin(level, search.now->x);
+            }
+            if (program.watches) finished &= look_between();
+            if (finished) return;
             if (program.watches) begin(level, search.now->x);
-            else if (finished) break;
             program.scale_equalities(*search.now);
         }
+    }
+
+    // Evaluates x at the first level from one on whose nodes resolve it coarsely, which is returned.
+    Index begin_resolved(const double *x, Index level) {
+        level = std::max(level, has_rows ? rules.cheap_level : set.first_level);
+        begin(level, x);
+        while (!(program.unresolved(*search.now) < set.coarsely_resolved) && level + 1 < set.levels) {
+            ++level;
+            begin(level, search.now->x);
+        }
+        return level;
     }
 
     // Without rows, what is solved before there are nodes enough: roughly, and nearly. The place of the last stage.
@@ -213,9 +232,9 @@ template <typename Flight> class Follower {
     // Gives up the objective of a nearly feasible motion to make it feasible, where that can be done.
     void make_feasible() {
         const double square = search.now->worst * search.now->worst;
-        copy(ended, search.now->x, program.size);
+        copy(restored, search.now->x, program.size);
         if (!(search.reduce_violations() <= square)) {
-            copy(search.now->x, ended, program.size);
+            copy(search.now->x, restored, program.size);
             program.evaluate(*search.now);
             return;
         }
@@ -269,32 +288,23 @@ template <typename Flight> class Follower {
     }
 
     void judge_at(Index level, const double *x) {
-        const bool watches = has_rows && worth < HUGE_VAL, is_there = program.level == level && x == search.now->x;
-        if (!(is_there && (!watches || (program.watches && is_bare)))) {  // else nothing there is not known
-            program.watches = watches;
-            extra_count = 0;
-            begin(level, x);
-        }
-        extra_count = 0;
-        while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) begin(++level, search.now->x);
+        level = evaluate_to_judge(level, x);
         const Evaluated<Flight> &now = *search.now;
-        program.watches = has_rows;
         const double missed = program.unresolved(now) <= set.unresolved ? program.missed(now) : HUGE_VAL;
-        const double known = larger(missed, now.worst - program.back_off);
+        const double at_instants = larger(missed, now.worst - program.back_off);
+        // Between the instants nothing is looked at that is no candidate already. The work of a start must not hang on the
+        // others: a look counts alike, whether it is taken or not.
+        const bool is_candidate = !(at_instants > smaller(worth, larger(attempt.violation, rules.near_miss)));
         const double work = program.work + rules.evaluation + attempt.minima.instants * attempt.bodies;
+        if (is_candidate) look();
+        program.work = work;
         is_best = false;
-        const bool tells = !(known > smaller(worth, larger(attempt.violation, rules.near_miss)));
-        if (tells) look();
-        program.work = work;  // what a start takes does not hang on the others
-        if (!tells) return void(attempt.violation = smaller(attempt.violation, known));
-        double violation = missed <= set.tolerance ? 0 : missed;
-        for (Index found = 0; found < attempt.minima.found; ++found) {
-            const double least = attempt.minima.least[found];
-            if (least < -attempt.tolerance[attempt.minima.row[found]]) violation = larger(violation, -least);
+        if (!is_candidate) {
+            attempt.violation = smaller(attempt.violation, at_instants);
+            return;
         }
-        const double dearer = now.objective - objective, same = rules.same * std::fabs(objective);
-        is_best = violation < attempt.violation || !(attempt.violation < HUGE_VAL) ||
-                  (violation == attempt.violation && (dearer < 0 || (status == optimal && dearer <= same)));
+        const double violation = largest_violation(missed);
+        is_best = is_better(violation, now.objective);
         if (!is_best) return;
         copy(best, now.x, program.size);
         attempt.violation = violation;
@@ -302,5 +312,42 @@ template <typename Flight> class Follower {
         attempt.judged_level = level;
         objective = now.objective;
         attempt.status = violation <= 0 && status == infeasible ? feasible : status;
+    }
+
+    // Evaluates x at the nodes of a level, or of the first one after it that resolves the motion, which is returned. Nothing
+    // is evaluated twice: x may have been evaluated there, with its rows and without instants that have joined.
+    Index evaluate_to_judge(Index level, const double *x) {
+        const bool watches = has_rows && worth < HUGE_VAL;
+        const bool is_evaluated = program.level == level && x == search.now->x;
+        const bool has_values = !watches || (program.watches && is_bare);
+        extra_count = 0;
+        if (!is_evaluated || !has_values) {
+            program.watches = watches;
+            begin(level, x);
+        }
+        while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) {
+            ++level;
+            begin(level, search.now->x);
+        }
+        program.watches = has_rows;
+        return level;
+    }
+
+    // 0 where (14) and all rows hold, between the instants too, within their tolerances.
+    double largest_violation(double missed) const {
+        double violation = missed <= set.tolerance ? 0 : missed;
+        const Minima &minima = attempt.minima;
+        for (Index minimum = 0; minimum < minima.found; ++minimum) {
+            const double least = minima.least[minimum];
+            if (least < -attempt.tolerance[minima.row[minimum]]) violation = larger(violation, -least);
+        }
+        return violation;
+    }
+
+    bool is_better(double violation, double cost) const {
+        if (violation < attempt.violation || !(attempt.violation < HUGE_VAL)) return true;
+        if (violation != attempt.violation) return false;
+        const double dearer = cost - objective;
+        return dearer < 0 || (status == optimal && dearer <= rules.same * std::fabs(objective));
     }
 };

@@ -42,6 +42,13 @@ static inline void add(double factor, const double *values, Index size, double *
     for (Index k = 0; k < size; ++k) result[k] += factor * values[k];
 }
 
+// The same of as many numbers as whole vectors hold, several sums side by side.
+static inline double dot_of_vectors(const double *a, const double *b, Eights size) {
+    Vector result = all(0);
+    for (Index k = 0; k < size; k += LANES) result = multiply_add(load(a + k), load(b + k), result);
+    return sum(result);
+}
+
 static inline void zero(double *values, Index size) { std::memset(values, 0, size * sizeof(double)); }
 static inline void copy(double *to, const double *from, Index size) { std::memcpy(to, from, size * sizeof(double)); }
 

@@ -8,20 +8,15 @@ from floatplan.errors import InputError
 from floatplan.kernel.build import FOLDER, LIBRARY, is_cut_off, sources_digest
 from floatplan.kernel.structs import FFI
 
+SOURCES_DIGEST = sources_digest()  # a library that was compiled from other sources is not used
 PREFIX = "floatplan_"  # of the functions' names
 INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 
 
 class Kernel(SimpleNamespace):
-    """The functions of the library, and the widest set of instructions that this processor runs them with."""
+    """The functions of the library, and the widest set of ``instructions`` that this processor runs them with."""
 
     instructions: Any
-
-    def __init__(self, library: Any) -> None:
-        names = [name for name in dir(library) if name.startswith(PREFIX)]
-        super().__init__(**{name.removeprefix(PREFIX): getattr(library, name) for name in names})
-        self._library = library  # which is unloaded with the last reference to it, whatever becomes of its functions
-        self.instructions = int(self.instructions())
 
 
 @cache
@@ -38,11 +33,15 @@ def kernel() -> Kernel:
         if path.is_file():
             reason = "damaged: python -m floatplan.kernel.build"
             if not is_cut_off(path):
-                loaded = Kernel(FFI.dlopen(str(path)))
-                if FFI.string(loaded.sources()).decode() == sources_digest():
-                    return loaded
+                library = FFI.dlopen(str(path))
+                names = [name for name in dir(library) if name.startswith(PREFIX)]
+                functions = {name.removeprefix(PREFIX): getattr(library, name) for name in names}
+                if FFI.string(functions["sources"]()).decode() == SOURCES_DIGEST:
+                    functions["instructions"] = int(functions["instructions"]())
+                    # The library is unloaded with the last reference to it, whatever becomes of its functions.
+                    return Kernel(**functions, _library=library)
                 reason = "compiled from other sources: python -m floatplan.kernel.build"
-    except (OSError, AttributeError) as error:
+    except (OSError, AttributeError, KeyError) as error:
         reason = f"cannot be loaded: {error}"
     raise InputError(f"the kernel cannot be used: {reason}", advice="install floatplan again")
 

@@ -98,7 +98,7 @@ class PlanarFlight {
     void turn_base(Motion &motion, State &state, double *lacking) const {
         turn(robot, motion, state.momentum);
         const Nodes &grid = levels[level];
-        lacking[0] = motions.duration * dot(grid.weights, motion.rate, grid.nodes) - motions.change;
+        lacking[0] = motions.duration * dot_of_vectors(grid.weights, motion.rate, grid.nodes) - motions.change;
     }
 
     bool is_known(const State &) const { return true; }  // that the base turns can always be integrated
@@ -122,7 +122,7 @@ class PlanarFlight {
         differentiate_turn(robot, motion);
         for (Index k = 0; k < grid.nodes; k += LANES) chain_rate(variables, motion, joints, k, state.drift, stride);
         for (Index c = 0; c < motions.size; ++c)
-            slopes[c] = motions.duration * dot(grid.weights, state.drift + c * stride, grid.nodes);
+            slopes[c] = motions.duration * dot_of_vectors(grid.weights, state.drift + c * stride, grid.nodes);
         std::fill(state.has_attitude, state.has_attitude + stride / 8, 0);
     }
 
@@ -135,7 +135,11 @@ class PlanarFlight {
         const Vector per_second = all(motion.per_second), *by_position = (Vector *)motion.by_joint;
         const Vector *by_speed = (Vector *)motion.by_joint_rate;
         Vector *by_column = (Vector *)sums, momentum = all(0);
-        for (Index e = 0; e < joints * columns; ++e) by_column[e] = all(0);
+        const auto each_sum = [&](auto visit) {
+            for (Index i = 0; i < joints; ++i)
+                for (Index column = begin; column < given + first[i + 1] - first[i]; ++column) visit(i * columns + column);
+        };
+        each_sum([&](Index e) { by_column[e] = all(0); });
         for (Index k = 0; k < grid.nodes; k += LANES) {
             const Vector factor = -all(motions.duration) * load(grid.weights + k) * load(motion.inverse + k);
             robot.is_real ? differentiate_turn<true>(robot, motion, k, factor)
@@ -154,7 +158,7 @@ class PlanarFlight {
                 }
             }
         }
-        for (Index e = 0; e < joints * columns; ++e) by[e] = sum(by_column[e]);
+        each_sum([&](Index e) { by[e] = sum(by_column[e]); });
         *by_momentum = sum(momentum);
     }
 

@@ -39,10 +39,10 @@ static inline void combine_basis(const Motions &motions, Index n, const double *
 static inline void place_coefficients(const Motions &motions, Index n, const double *x, const double *boundary,
                                       double *coefficients) {
     const Index free = motions.first[n];
-    zero(coefficients, motions.columns * n);
     for (Index i = 0; i < n; ++i) {
         const Index begin = motions.first[i], end = motions.first[i + 1];
         for (Index c = 0; c < motions.given; ++c) coefficients[c * n + i] = boundary[i * motions.given + c];
+        for (Index c = motions.given + end - begin; c < motions.columns; ++c) coefficients[c * n + i] = 0;
         for (Index r = begin; r < end; ++r)
             coefficients[(motions.given + r - begin) * n + i] =
                 motions.offset[r] + dot(motions.scaling + r * free + begin, x + begin, end - begin);

@@ -2,6 +2,10 @@
 // without rows, one violated row after the other is made active; rows that are pulled at on the way leave. With the
 // active normals N and H = L L^T the factors J = L^-T Q and R, J^T N = (R; 0), are kept up to date by rotations.
 
+#ifndef OBSERVE_QUADRATIC  // benchmarks/recorded_quadratics.py compiles in what writes down the programs that a search meets
+#define OBSERVE_QUADRATIC(qp)
+#endif
+
 // Solves M X = B, M (n, n) and B (n, columns) overwritten, by elimination with row exchanges; false where M is singular.
 static inline bool eliminate(double *matrix, double *right, Index n, Index columns = 1) {
     for (Index k = 0; k < n; ++k) {
@@ -68,6 +72,7 @@ class DualMethod {
 
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
+        OBSERVE_QUADRATIC(qp);
         n = qp.size, count = held = changes = 0;
         if (qp.equalities == 1 && !qp.rows && hold_alone(qp)) return true;
         if (!start(qp)) return false;

@@ -1,244 +1,13 @@
 // A flight in space, as Program<Flight> takes it; see planar_flight.hpp for what that is.
 //
-// With I, A and L of space.hpp, W the world's axes and B the base's, the base turns at
+// The base turns at w_B of (S1) in spatial_motion.hpp, and R_WB' = R_WB [w_B]x, which turning.hpp integrates in the cells of
+// a level. What the attitude at landing lacks is the vector of rotation log(R_goal^T R_WB(T)). By small turns zeta of the
+// world's axes, dR = [zeta]x R,
 //
-//     w_B = I^-1 (R_WB^T h_W - A q'),    R_WB' = R_WB [w_B]x,                                                        (S1)
-//
-// which turning.hpp integrates in the cells of a level. What the attitude at landing lacks is the vector of rotation
-// log(R_goal^T R_WB(T)). By small turns zeta of the world's axes, dR = [zeta]x R,
-//
-//     zeta' = R I^-1 R^T [h]x zeta + g,    g = -R I^-1 (L dq + A dq') + R I^-1 R^T dh,                               (S2)
-//     dw = -I^-1 (L dq + A dq') + I^-1 R^T (dh + [h]x zeta).
+//     zeta' = R I^-1 R^T [h]x zeta + g,    g = -R I^-1 (L dq + A dq') + R I^-1 R^T dh.                                (S2)
 //
 // The turn at landing is sum_j W_j g_j over the stages, with W_j that go backwards through the cells. Where rows or sums
-// depend on w, by h, the turns at all instants are carried forwards instead.
-
-// What flies, and the cells of the levels.
-struct InSpace {
-    const SpatialBody &given;
-    const Cells *cells;
-    Index joints;
-};
-
-// The joints of the tree and the base at instants; w_B and what it takes to differentiate it. (3, ..), (9, ..) by rows.
-struct SpatialAt {
-    Index stride;
-    Motion motion;                            // of the planned joints; its rate is |w_B|, its moments are torques
-    double *position, *speed, *acceleration;  // (tree joints, stride)
-    double *rates, *inverse, *attitude;       // (3, stride), (9, stride), (9, stride): w_B, I^-1, R_WB
-    SpatialBodies bodies;
-};
-
-// The joints of a tree at the instants computed at once, with the base at given rates.
-struct TreeJoints {
-    const SpatialAt &at;
-    const Index k;
-    const Threes w_B;
-    const bool accelerates;
-
-    Vector position(Index j) const { return load(at.position + j * at.stride + k); }
-    Vector speed(Index j) const { return load(at.speed + j * at.stride + k); }
-    Vector acceleration(Index j) const { return load(at.acceleration + j * at.stride + k); }
-    bool accelerate() const { return accelerates; }
-    Threes rates() const { return w_B; }
-};
-
-static inline Threes threes(const double *from, Index stride, Index k) {
-    return {load(from + k), load(from + stride + k), load(from + 2 * stride + k)};
-}
-static inline Nines nines(const double *from, Index stride, Index k) {
-    return {{threes(from, stride, k), threes(from + 3 * stride, stride, k), threes(from + 6 * stride, stride, k)}};
-}
-static inline void store(double *to, Index stride, Index k, Threes value) {
-    store(to + k, value.x);
-    store(to + stride + k, value.y);
-    store(to + 2 * stride + k, value.z);
-}
-static inline void store(double *to, Index stride, Index k, const Nines &value) {
-    for (Index row = 0; row < 3; ++row) store(to + 3 * row * stride, stride, k, value.row[row]);
-}
-static inline Threes everywhere(const double *vector) { return triple<Vector>(vector); }
-
-// One of the instants that are computed at once.
-static inline Vector3 lane_of(Threes value, Index lane) { return {value.x[lane], value.y[lane], value.z[lane]}; }
-static inline Matrix3 lane_of(const Nines &value, Index lane) {
-    return {{lane_of(value.row[0], lane), lane_of(value.row[1], lane), lane_of(value.row[2], lane)}};
-}
-static inline void set_lane(Threes &to, Index lane, const double *from) {
-    to.x[lane] = from[0];
-    to.y[lane] = from[1];
-    to.z[lane] = from[2];
-}
-static inline void set_lane(Nines &to, Index lane, const double *from) {
-    for (Index row = 0; row < 3; ++row) set_lane(to.row[row], lane, from + 3 * row);
-}
-
-static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &body, Index instants) {
-    const Index n = body.joints, J = body.given.tree.joints;
-    Motion &m = at.motion;
-    m.instants = instants;
-    m.stride = at.stride = (instants + 7) / 8 * 8;
-    for (double **each : {&m.position, &m.sine, &m.cosine, &m.p_rate, &m.p_curvature, &m.speed, &m.acceleration})
-        arena.take(*each, n * at.stride);
-    for (double **each : {&m.time, &m.rate}) arena.take(*each, at.stride);
-    arena.take(m.weights, 8 * Terms{n, J}.count());
-    for (double **each : {&m.moment, &at.position, &at.speed, &at.acceleration}) arena.take(*each, J * at.stride);
-    arena.take(at.rates, 3 * at.stride);
-    for (double **each : {&at.inverse, &at.attitude}) arena.take(*each, 9 * at.stride);
-    at.bodies.lay_out(arena, J);
-}
-
-// The tree's joints from the planned ones.
-static inline void move_tree(const InSpace &body, SpatialAt &at, bool accelerates) {
-    const SpatialBody &given = body.given;
-    const Motion &m = at.motion;
-    for (Index j = 0; j < given.tree.joints; ++j)
-        for (Index k = 0; k < m.instants; k += LANES) {
-            Vector position = all(given.reference[j]), speed = all(0), acceleration = all(0);
-            for (Index e = given.first[j]; e < given.first[j + 1]; ++e) {
-                const Index from = given.planned[e] * at.stride + k;
-                position = add_product(given.ratio[e], load(m.position + from), position);
-                speed = add_product(given.ratio[e], load(m.speed + from), speed);
-                acceleration = add_product(given.ratio[e], load(m.acceleration + from), acceleration);
-            }
-            store(at.position + j * at.stride + k, position);
-            store(at.speed + j * at.stride + k, speed);
-            if (accelerates) store(at.acceleration + j * at.stride + k, acceleration);
-        }
-}
-
-// Torques at the instants computed at once, where w_B is known; slopes of them are then known in at.bodies.
-static inline void drive_tree(const InSpace &body, SpatialAt &at, Index k) {
-    const TreeJoints joints{at, k, threes(at.rates, at.stride, k), true};
-    move_bodies(body.given.tree, joints, at.bodies);
-    free_torques(body.given.tree, joints, at.bodies,
-                 [&](Index j, Vector torque) { store(at.motion.moment + j * at.stride + k, torque); });
-}
-
-// w_B by (S1) at the instants computed at once, from the attitude there; and its length.
-static inline void find_rates(const InSpace &body, SpatialAt &at, Index k, Threes h_W) {
-    move_bodies(body.given.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
-    const MomentumMaps maps(at.bodies);
-    const Nines inverse_inertia = inverse(maps.inertia());
-    const Threes w_B = inverse_inertia * (h_W * nines(at.attitude, at.stride, k) - maps.momentum());
-    store(at.inverse, at.stride, k, inverse_inertia);
-    store(at.rates, at.stride, k, w_B);
-    store(at.motion.rate + k, square_root(dot(w_B, w_B)));
-}
-
-// How w_B changes with the planned joints' positions and speeds where zeta and h are held: (3, joints, stride) each.
-struct RateSlopes {
-    double *by_position, *by_speed;
-    Index joints, stride;
-
-    void lay_out(Arena &arena, Index count, Index instants) {
-        joints = count;
-        for (double **each : {&by_position, &by_speed}) arena.take(*each, 3 * joints * instants);
-    }
-
-    // -I^-1 L and -I^-1 A at the instants computed at once.
-    void find(const InSpace &body, SpatialAt &at, Index k) {
-        const SpatialBody &given = body.given;
-        const Index apart = joints * stride;
-        move_bodies(given.tree, TreeJoints{at, k, threes(at.rates, at.stride, k), false}, at.bodies);
-        const MomentumMaps maps(at.bodies);
-        const Nines inverse_inertia = nines(at.inverse, at.stride, k);
-        for (double *each : {by_position, by_speed})
-            for (Index e = 0; e < 3 * joints; ++e) store(each + e * stride + k, all(0));
-        for (Index j = 0; j < given.tree.joints; ++j) {
-            if (given.first[j] == given.first[j + 1]) continue;
-            const Threes position = -(inverse_inertia * maps.slope(j)), speed = -(inverse_inertia * maps.of_joint(j));
-            for (Index e = given.first[j]; e < given.first[j + 1]; ++e) {
-                const Vector ratio = all(given.ratio[e]);
-                double *of_position = by_position + given.planned[e] * stride;
-                double *of_speed = by_speed + given.planned[e] * stride;
-                store(of_position, apart, k, threes(of_position, apart, k) + ratio * position);
-                store(of_speed, apart, k, threes(of_speed, apart, k) + ratio * speed);
-            }
-        }
-    }
-
-    // What weights of w_B make of positions and speeds (2, joints).
-    void weigh(Index k, Threes weights, Vector *by_joint) const {
-        const Index apart = joints * stride;
-        for (Index i = 0; i < joints; ++i) {
-            by_joint[i] = dot(weights, threes(by_position + i * stride, apart, k));
-            by_joint[joints + i] = dot(weights, threes(by_speed + i * stride, apart, k));
-        }
-    }
-};
-
-// The angles about the goal's axes on the way there: whether it makes the turns that are wanted, without tilting too far.
-class TurnsMade {
-  public:
-    explicit TurnsMade(const SpatialBody &given) : given(given) {}
-
-    // The next attitude (3, 3), less than half a turn from the one before.
-    void take(const double *attitude) {
-        if (!given.angles) return;
-        Vector3 now = angles_about(given.angles, matrix3(attitude));
-        steepest = larger(steepest, std::fabs(given.angles[0] == given.angles[2] ? now.y - turn / 4 : now.y));
-        if (!has_begun) first = last = now;
-        has_begun = true;
-        now.x -= turn * std::round((now.x - last.x) / turn);
-        now.z -= turn * std::round((now.z - last.z) / turn);
-        last = now;
-    }
-
-    bool is_right() const {
-        if (!given.angles) return true;
-        const Vector3 change = last - first - vector3(given.change);
-        const double most = larger(larger(std::fabs(change.x), std::fabs(change.y)), std::fabs(change.z));
-        return most < given.wrong_turn && steepest <= given.most_tilt;
-    }
-
-  private:
-    static constexpr double turn = 6.283185307179586;  // rad
-    const SpatialBody &given;
-    bool has_begun = false;
-    double steepest = 0;
-    Vector3 first{}, last{};
-};
-
-// How the base turns in the cells of a level.
-struct Turned {
-    Turning cells;
-    double *inertia, *relative;  // (K, 3, 3), (K, 3)
-    bool is_known;
-
-    void lay_out(Arena &arena, Index most_nodes) {
-        for (double **each : {&inertia, &cells.inverse, &cells.attitudes, &cells.turn_weights})
-            arena.take(*each, 9 * most_nodes);
-        for (double **each : {&relative, &cells.rates}) arena.take(*each, 3 * most_nodes);
-        for (double **each : {&cells.still_rates, &cells.carried_rates}) arena.take(*each, 4 * most_nodes);
-        for (double **each : {&cells.borders, &cells.ends, &cells.transitions}) arena.take(*each, 9 * most_nodes);
-    }
-
-    const double *landing() const { return cells.ends + 9 * (cells.cells - 1); }
-
-    // R_WB at s in [0, 1], by the collocation's own polynomials.
-    Matrix3 at(const Cells &rule, double s) const {
-        const Index cell = std::min(static_cast<Index>(s * cells.cells), cells.cells - 1), S = cells.stages;
-        double reached[MOST_STAGES];
-        chebyshev_sums(rule.antiderivative, S + 1, S, s * cells.cells - cell, 1, reached);
-        const double step = cells.duration / cells.cells;
-        Matrix3 attitude = matrix3(cells.borders + 9 * cell);
-        for (const double *rates : {cells.carried_rates, cells.still_rates}) {
-            if (rates == cells.carried_rates && !is_pulled()) continue;
-            double quaternion[] = {0, 0, 0, 1};
-            for (Index k = 0; k < S; ++k) add(step * reached[k], rates + 4 * (cell * S + k), 4, quaternion);
-            attitude = attitude * rotation(quaternion);
-        }
-        return attitude;
-    }
-
-    bool is_pulled() const {
-        const Vector3 h = vector3(cells.momentum);
-        return dot(h, h) > 0;
-    }
-
-    static constexpr Index MOST_STAGES = 16;
-};
+// depend on w_B, by h, the turns at all instants are carried forwards instead.
 
 // Rows at any instants of a flight in space.
 struct SpatialRows {
@@ -365,40 +134,13 @@ class SpatialFlight {
     void follow_conditions(const State &, bool, double *) const {}
 
     void turn_base(Motion &motion, State &state, double *lacking) {
-        SpatialAt &at = state.at;
-        at.motion = motion;
-        at.stride = stride;
-        move_tree(body, at, constraints.needs_moments);
-        const Index N = levels[level].nodes;
+        state.at.motion = motion;
+        state.at.stride = stride;
+        move_tree(body, state.at, constraints.needs_moments);
+        find_momentum_maps(state);
+        describe_cells(state);
         Turned &turned = state.turned;
-        for (Index k = 0; k < N; k += LANES) {
-            move_bodies(given.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
-            const MomentumMaps maps(at.bodies);
-            const Nines inertia = maps.inertia();
-            const Threes relative = maps.momentum();
-            for (Index lane = 0; lane < LANES; ++lane) {
-                store(turned.inertia + 9 * (k + lane), lane_of(inertia, lane));
-                store(turned.relative + 3 * (k + lane), lane_of(relative, lane));
-            }
-        }
-        const Cells &rule = body.cells[level];
-        Turning &t = turned.cells;
-        t.cells = rule.cells;
-        t.stages = rule.stages;
-        t.integrals = rule.integrals;
-        t.weights = rule.weights;
-        t.sweeps = given.sweeps;
-        t.settled = given.settled;
-        t.largest = given.largest;
-        t.duration = motions.duration;
-        t.momentum = state.h_W;
-        t.inertia = turned.inertia;
-        t.relative = turned.relative;
-        t.is_chained = 1;
-        t.columns = 0;
-        t.instants = 0;
-        copy(t.borders, given.start, 9);
-        turned.is_known = turn_cells(t, Asked::attitudes, room);
+        turned.is_known = turn_cells(turned.cells, Asked::attitudes, room);
         if (!turned.is_known) return std::fill(lacking, lacking + 3, HUGE_VAL);
         store(lacking, logarithm(transposed(matrix3(given.goal)) * matrix3(turned.landing())));
     }
@@ -469,47 +211,14 @@ class SpatialFlight {
     }
 
     void differentiate(Motion &, State &state, const Variables &variables, double *rows) {
-        SpatialAt &at = state.at;
-        const Index N = levels[level].nodes, size = motions.size;
-        const Turning &t = state.turned.cells;
         if (!state.has_rates) take_stages(state);
-        const Index known = state.has_rates ? stride : N;
+        const Index known = state.has_rates ? stride : levels[level].nodes;
         state.slopes.stride = stride;
-        for (Index k = 0; k < known; k += LANES) state.slopes.find(body, at, k);
+        for (Index k = 0; k < known; k += LANES) state.slopes.find(body, state.at, k);
         state.has_turns = false;
         std::fill(state.has_slopes, state.has_slopes + stride / 8, 0);
-        // W_j, backwards from the landing on.
-        turn_cells(t, Asked::transitions, room);
-        Matrix3 onward = transposed(matrix3(given.goal));
-        onward = left_jacobian_inverse(logarithm(onward * matrix3(state.turned.landing()))) * onward;
-        for (Index c = t.cells; c-- > 0;) {
-            for (Index k = c * t.stages; k < (c + 1) * t.stages; ++k)
-                store(to_landing + 9 * k, onward * matrix3(t.turn_weights + 9 * k));
-            onward = onward * matrix3(t.transitions + 9 * c);
-        }
-        Vector *slopes = (Vector *)pack, *by_joint = (Vector *)by;
-        Threes by_h[3] = {nothing(), nothing(), nothing()};
-        zero(pack, 8 * 3 * size);
-        for (Index k = 0; k < N; k += LANES) {
-            const Nines attitude = nines(at.attitude, stride, k), inverse_inertia = nines(at.inverse, stride, k);
-            for (Index row = 0; row < 3; ++row) {
-                Threes weight;
-                for (Index lane = 0; lane < LANES; ++lane)
-                    set_lane(weight, lane, to_landing + 9 * (k + lane) + 3 * row);
-                const Threes of_rates = weight * attitude;
-                state.slopes.weigh(k, of_rates, by_joint);
-                chain_joints(variables, at.motion, joints, k, 1, by_joint, (double *)(slopes + row * size), LANES);
-                by_h[row] = by_h[row] + attitude * (of_rates * inverse_inertia);
-            }
-        }
-        for (Index row = 0; row < 3; ++row) {
-            for (Index c = 0; c < free; ++c) rows[row * size + c] = sum(slopes[row * size + c]);
-            const double h[] = {sum(by_h[row].x), sum(by_h[row].y), sum(by_h[row].z)};
-            for (Index axis = 0; axis < motions.axes; ++axis) {
-                double &slope = rows[row * size + free + axis] = 0;
-                for (Index a = 0; a < 3; ++a) slope += h[a] * given.axes[a * motions.axes + axis];
-            }
-        }
+        weigh_turns_by_landing(state);
+        differentiate_landing(state, variables, rows);
     }
 
     void write_row(const Motion &, const State &state, Index row, double *values) const {
@@ -642,6 +351,87 @@ class SpatialFlight {
         for (Index k = 0; k < levels[level].nodes; ++k) way.take(turned.cells.attitudes + 9 * k);
         way.take(turned.landing());
         return way.is_right();
+    }
+
+    // I and A q' of (S1) at the nodes.
+    void find_momentum_maps(State &state) const {
+        SpatialAt &at = state.at;
+        for (Index k = 0; k < levels[level].nodes; k += LANES) {
+            move_bodies(given.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
+            const MomentumMaps maps(at.bodies);
+            const Nines inertia = maps.inertia();
+            const Threes relative = maps.momentum();
+            for (Index lane = 0; lane < LANES; ++lane) {
+                store(state.turned.inertia + 9 * (k + lane), lane_of(inertia, lane));
+                store(state.turned.relative + 3 * (k + lane), lane_of(relative, lane));
+            }
+        }
+    }
+
+    // What turning.hpp integrates: one cell after the other, from the attitude at takeoff on.
+    void describe_cells(State &state) const {
+        const Cells &rule = body.cells[level];
+        Turning &cells = state.turned.cells;
+        cells.cells = rule.cells;
+        cells.stages = rule.stages;
+        cells.integrals = rule.integrals;
+        cells.weights = rule.weights;
+        cells.sweeps = given.sweeps;
+        cells.settled = given.settled;
+        cells.largest = given.largest;
+        cells.duration = motions.duration;
+        cells.momentum = state.h_W;
+        cells.inertia = state.turned.inertia;
+        cells.relative = state.turned.relative;
+        cells.is_chained = 1;
+        cells.columns = 0;
+        cells.instants = 0;
+        copy(cells.borders, given.start, 9);
+    }
+
+    // W_j in to_landing (nodes, 3, 3): what a turn that begins at a node changes of what is lacking at landing, by the
+    // derivative of the logarithm, and from there backwards through the cells.
+    void weigh_turns_by_landing(State &state) {
+        const Turning &cells = state.turned.cells;
+        turn_cells(cells, Asked::transitions, room);
+        const Matrix3 to_goal = transposed(matrix3(given.goal));
+        const Vector3 lacking = logarithm(to_goal * matrix3(state.turned.landing()));
+        Matrix3 onward = left_jacobian_inverse(lacking) * to_goal;
+        for (Index c = cells.cells; c-- > 0;) {
+            for (Index k = c * cells.stages; k < (c + 1) * cells.stages; ++k)
+                store(to_landing + 9 * k, onward * matrix3(cells.turn_weights + 9 * k));
+            onward = onward * matrix3(cells.transitions + 9 * c);
+        }
+    }
+
+    // Derivatives (3, size) of what is lacking, sum_j W_j g_j, by x: those of the joints through w_B, and those of h.
+    void differentiate_landing(State &state, const Variables &variables, double *rows) {
+        const SpatialAt &at = state.at;
+        const Index size = motions.size;
+        Vector *slopes = (Vector *)pack, *by_joint = (Vector *)by;
+        Threes by_h[3] = {nothing(), nothing(), nothing()};
+        zero(pack, 8 * 3 * size);
+        for (Index k = 0; k < levels[level].nodes; k += LANES) {
+            const Nines attitude = nines(at.attitude, stride, k), inverse_inertia = nines(at.inverse, stride, k);
+            for (Index row = 0; row < 3; ++row) {
+                Threes weight;
+                for (Index lane = 0; lane < LANES; ++lane)
+                    set_lane(weight, lane, to_landing + 9 * (k + lane) + 3 * row);
+                const Threes of_rates = weight * attitude;
+                state.slopes.weigh(k, of_rates, by_joint);
+                chain_joints(variables, at.motion, joints, k, 1, by_joint, (double *)(slopes + row * size), LANES);
+                by_h[row] = by_h[row] + attitude * (of_rates * inverse_inertia);
+            }
+        }
+        for (Index row = 0; row < 3; ++row) {
+            for (Index c = 0; c < free; ++c) rows[row * size + c] = sum(slopes[row * size + c]);
+            const double h[] = {sum(by_h[row].x), sum(by_h[row].y), sum(by_h[row].z)};
+            for (Index axis = 0; axis < motions.axes; ++axis) {
+                double &slope = rows[row * size + free + axis];
+                slope = 0;
+                for (Index a = 0; a < 3; ++a) slope += h[a] * given.axes[a * motions.axes + axis];
+            }
+        }
     }
 
     // Rates, attitudes and inverse inertias at the nodes, as they are integrated.

@@ -113,20 +113,27 @@ def layout(name: str) -> Layout:
 @cache
 def dtype(name: str) -> np.dtype[Any]:
     """Return a struct as NumPy's record: pointers as addresses."""
-    return _dtype(FFI.typeof(name))
-
-
-def _dtype(type_: Any) -> np.dtype[Any]:
-    if type_.kind == "pointer":
-        return np.dtype(np.uintp)
-    if type_.kind == "array":
-        return np.dtype((_dtype(type_.item), (type_.length,)))
-    if type_.kind != "struct":
-        return DTYPES[type_.cname]
-    names, fields = zip(*type_.fields, strict=True)
-    formats = [_dtype(field.type) for field in fields]
-    offsets = [field.offset for field in fields]
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": FFI.sizeof(type_)})
+    struct = FFI.typeof(name)
+    formats: list[Any] = []
+    for _, field in struct.fields:
+        member, length = field.type, None
+        if member.kind == "array":
+            member, length = member.item, member.length
+        if member.kind == "pointer":
+            numbers = np.dtype(np.uintp)
+        elif member.kind == "struct":
+            numbers = dtype(member.cname)
+        else:
+            numbers = DTYPES[member.cname]
+        formats.append(numbers if length is None else (numbers, (length,)))
+    return np.dtype(
+        {
+            "names": [member for member, _ in struct.fields],
+            "formats": formats,
+            "offsets": [field.offset for _, field in struct.fields],
+            "itemsize": FFI.sizeof(struct),
+        }
+    )
 
 
 @cache

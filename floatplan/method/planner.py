@@ -15,7 +15,7 @@ from floatplan.errors import InputError
 from floatplan.method.motion import Motions
 from floatplan.method.program import Program, back_off
 from floatplan.method.sqp import Solution, minimise
-from floatplan.motion.flight import angular_momentum_interval
+from floatplan.motion.flight import flight_of
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
@@ -114,7 +114,7 @@ def refuse(problem: Problem) -> None:
 
 def starts(problem: Problem, seed: int) -> Iterator[tuple[Program, Solution]]:
     """Yield first solutions: from quintics without inequalities, then from random motions, on other branches too."""
-    low, high = angular_momentum_interval(problem) or (0.0, 0.0)  # (7) to (9)
+    low, high = flight_of(problem).momentum_interval or (0.0, 0.0)  # (7) to (9)
     h = problem.flight.momentum_in_plane
     momentum = (low + high) / 2 if isinstance(h, str) else h  # (10)
     reach = (high - low) / 2 if h == "free" else 0.0

@@ -7,7 +7,7 @@ equation in space. The kernel evaluates both, ``planar_flight.hpp`` and ``spatia
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, TypeAlias
@@ -16,7 +16,10 @@ import numpy as np
 
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
 
 RatesAtEnds: TypeAlias = Callable[[Array], Array]  # the joints' rates (2, n), rad/s, at takeoff and landing for h (e,)
 
@@ -37,8 +40,36 @@ class MomentumSet:
         return int(self.axes.shape[1])
 
 
+@dataclass(frozen=True, eq=False)
+class Ballistics:
+    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
+
+    In space x, y and z, the last of which is the vertical.
+    """
+
+    position0: Array
+    velocity0: Array
+    gravity: float
+
+    def positions(self, times: Array) -> Array:
+        """Places (N, 2) or (N, 3), m, at times (N,), s."""
+        path = self.position0 + times[:, None] * self.velocity0
+        path[:, -1] -= self.gravity * times**2 / 2
+        return np.asarray(path)
+
+    def velocities(self, times: Array) -> Array:
+        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
+        velocities = np.tile(self.velocity0, (len(times), 1))
+        velocities[:, -1] -= self.gravity * times
+        return velocities
+
+
 class FlightDynamics(Hashable, Protocol):
-    """What a problem fixes of every motion: dynamics, shapes, attitudes, the CM's path; hashed as an object."""
+    """What a problem fixes of every motion, and what is known of it without a search; hashed as an object."""
+
+    @property
+    def problem(self) -> Problem:
+        """Whose flight it is."""
 
     @property
     def tangent(self) -> int:
@@ -49,15 +80,51 @@ class FlightDynamics(Hashable, Protocol):
         """Number of bodies, by which the work of an evaluation is counted."""
 
     @property
+    def node_counts(self) -> tuple[int, ...]:
+        """Number of nodes of the grids, by their level, rising."""
+
+    @property
+    def ballistics(self) -> Ballistics:
+        """Path of the centre of mass."""
+
+    @property
+    def momentum_interval(self) -> tuple[float, float] | None:
+        """(low, high) of (9), kg m^2/s; None in space, where there is none."""
+
+    @property
+    def momentum_set(self) -> MomentumSet:
+        """The angular momenta that the problem leaves to choose."""
+
+    def end_rates(self, momentum: MomentumSet) -> RatesAtEnds:
+        """The joints' rates at both ends: as given, or those with which a frame is at rest.
+
+        Raises
+        ------
+        InputError
+            No rates bring the frame to rest.
+        """
+
+    def motion_into_ground(self, angular_momentum: Array) -> Sequence[InputError]:
+        """What on the ground moves down at takeoff, or up at landing, for h (e,) kg m^2/s, as far as that is known."""
+
+    def difficulties(self) -> list[str]:
+        """Return sentences about what makes the problem hard, as far as it is known."""
+
+    def impossibilities(self, path_is_clear: bool = False) -> list[str]:
+        """Return sentences about why no motion whatever meets the problem, as far as that is known.
+
+        It may be known already that the centre of mass is never too deep in an obstacle.
+        """
+
+    def whole_motion(self, joints: WrittenMotion, angular_momentum: Any, path: Ballistics) -> WholeMotion:
+        """The whole robot's motion, of joints that move as written, with a path of its centre of mass."""
+
+    @property
     def links(self) -> tuple[str, ...]:
         """Link of each shape."""
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """Link (r,) of each distance to an obstacle."""
-
-    @property
-    def node_counts(self) -> tuple[int, ...]:
-        """Number of nodes of the grids, by their level, rising."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -48,10 +48,10 @@ def basis_columns(free: int) -> npt.NDArray[np.object_]:
         jacobi = [Fraction(1)]
         for j in range(k):
             jacobi.append(jacobi[-1] * (j - k) * (k + 13 + j) / ((7 + j) * (j + 1)))
-        powers = _product(BUBBLE, jacobi)
-        square = _product(powers, powers)
+        powers = np.convolve(np.array(BUBBLE, dtype=object), np.array(jacobi, dtype=object))
+        square = np.convolve(powers, powers)
         length = math.sqrt(sum(value / (power + 1) for power, value in enumerate(square)))
-        columns[: len(powers), CONDITIONS + k] = [value / Fraction(length) for value in powers]
+        columns[: len(powers), CONDITIONS + k] = powers / Fraction(length)
     return columns
 
 
@@ -62,16 +62,20 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     ``r_k L_k(s)``. L_k is small, and vanishes with two derivatives at both ends where its degree allows it: (13) does
     not suffer from the rounding of large terms, and p hardly does.
     """
-    factors, rows = [_fixed(value) for value in combination], _fixed_rows(basis_columns, len(combination) - CONDITIONS)
-    rest = [sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in rows]
-    written = [0.0] * len(rest)
-    for k in range(len(rest) - 1, -1, -1):
+    size = len(combination)
+    factors = [_fixed(value) for value in combination]
+    rows = _fixed_rows(basis_columns, size - CONDITIONS)
+    lost = _fixed_rows(compensations, size)
+    remainder = [sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in rows]
+    written = [0.0] * size
+    for k in range(size - 1, -1, -1):
         unit, halvings = _unit(duration, k)
-        written[k] = (rest[k] << halvings) / unit
+        written[k] = (remainder[k] << halvings) / unit
         value, divisor = written[k].as_integer_ratio()
-        rounding = rest[k] - (value * unit >> divisor.bit_length() - 1 + halvings)
-        for index, weight in _lost(k):
-            rest[index] -= rounding * weight >> FIXED_POINT
+        rounding = remainder[k] - (value * unit >> divisor.bit_length() - 1 + halvings)
+        for power, weight in enumerate(lost[k][:k]):
+            if weight:
+                remainder[power] -= rounding * weight >> FIXED_POINT
     return written
 
 
@@ -95,37 +99,28 @@ def _fixed_rows(matrix: Callable[[int], npt.NDArray[np.object_]], size: int) -> 
 
 
 @cache
-def _lost(k: int) -> tuple[tuple[int, int], ...]:
-    """Powers of s of L_k, each with its factor in fixed point, without the highest and the zeros."""
-    return tuple((power, _fixed(value)) for power, value in enumerate(_small_polynomial(k)) if value)
-
-
-def _small_polynomial(k: int) -> list[Fraction]:
-    """Factors of the powers of s of L_k below the highest, whose factor is 1.
+def compensations(size: int) -> npt.NDArray[np.object_]:
+    """Matrix (size, size), as fractions: row k are the factors of the powers below s^k in L_k, where s^k has factor 1.
 
     L_k is ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6. For lower k, as many of the factors s and s - 1
     as there can be.
     """
-    if k >= CONDITIONS:
-        column = basis_columns(k - CONDITIONS + 1)[:, k].tolist()
-        return [value / column[k] for value in column[:k]]
-    found = [Fraction(0)] * min(k, 3) + [Fraction(1)]
-    for _ in range(k - 3):
-        found = _product(found, (-1, 1))
-    return found[:k]
-
-
-def compensations(size: int) -> npt.NDArray[np.object_]:
-    """Matrix (size, size), as fractions: row k are the factors of the powers below s^k in L_k."""
     matrix = np.full((size, size), Fraction(0))
+    columns = basis_columns(max(size - CONDITIONS, 0))
     for k in range(size):
-        matrix[k, :k] = _small_polynomial(k)
+        if k >= CONDITIONS:
+            matrix[k, :k] = columns[:k, k] / columns[k, k]
+            continue
+        powers = np.array([Fraction(0)] * min(k, 3) + [Fraction(1)])
+        for _ in range(k - 3):
+            powers = np.convolve(powers, np.array([-1, 1], dtype=object))
+        matrix[k, :k] = powers[:k]
     return matrix
 
 
 def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
     """Turn b (n, k+1) of (12) into coefficients (k+1, n) of Chebyshev polynomials of 2 t/T - 1, each rounded once."""
-    rows = _fixed_rows(_chebyshev_map, coefficients.shape[1])
+    rows = _fixed_rows(chebyshev_map, coefficients.shape[1])
     units = [_unit(duration, k) for k in range(len(rows))]
     joints = []
     for b in coefficients.tolist():
@@ -138,20 +133,11 @@ def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
     return np.array(joints).T.copy()
 
 
-def chebyshev_of_powers(powers: npt.NDArray[np.object_]) -> Array:
-    """Turn powers of s (k+1, columns), as fractions, into Chebyshev polynomials of 2 s - 1, each rounded once."""
-    return np.asarray(_chebyshev_map(len(powers)) @ powers, dtype=np.float64)
-
-
 @cache
-def _chebyshev_map(size: int) -> npt.NDArray[np.object_]:
+def chebyshev_map(size: int) -> npt.NDArray[np.object_]:
     """Matrix from powers of s to Chebyshev polynomials of 2 s - 1: ``s^k = 2^(1-2k) sum_j' C(2k, k-j) T_j``."""
     matrix = np.full((size, size), Fraction(0))
     for k in range(size):
         for j in range(k + 1):
             matrix[j, k] = Fraction(math.comb(2 * k, k - j), 2 ** (2 * k - (1 if j else 0)))
     return matrix
-
-
-def _product(left: Sequence[int | Fraction], right: Sequence[int | Fraction]) -> list[Fraction]:
-    return list(np.convolve(np.array(left, dtype=object), np.array(right, dtype=object)))

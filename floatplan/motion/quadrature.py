@@ -6,7 +6,8 @@ Theory and Approximation Practice, ch. 8 and 19).
 """
 
 from collections.abc import Callable, Iterable
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
@@ -24,6 +25,7 @@ LOOKED_AT = 17  # instants about a candidate at each of them
 LOWEST = 8  # candidates
 
 
+@dataclass(frozen=True, eq=False)
 class GaussLegendre:
     """Gauss-Legendre quadrature with N nodes on [0, 1].
 
@@ -32,39 +34,47 @@ class GaussLegendre:
     nodes, weights : (N,)
     transform : (N, N)
         Legendre coefficients (in 2 s - 1) of the interpolant, from values at the nodes.
+    antiderivative : (N+1, N)
+        Chebyshev coefficients (in 2 s - 1) of the interpolant's integral, from values at the nodes.
     """
 
-    def __init__(self, count: int) -> None:
-        x, w = legendre.leggauss(count)
-        self.nodes, self.weights = read_only((x + 1) / 2), read_only(w / 2)
-        self.transform = read_only((np.arange(count)[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w)
+    nodes: Array
+    weights: Array
+    transform: Array
+    antiderivative: Array
 
     def integrals(self, instants: Array) -> Array:
         """Matrix (len(instants), N): values at the nodes to integrals of their interpolant over [0, instant]."""
         return chebyshev_values(2 * instants - 1, len(self.nodes)) @ self.antiderivative
 
-    @cached_property
-    @one_thread
-    def antiderivative(self) -> Array:
-        """Matrix (N+1, N): values at the nodes to Chebyshev coefficients (in 2 s - 1) of their interpolant's integral.
-
-        The integrals of Legendre polynomials have their Chebyshev coefficients from their values at the roots of a
-        Chebyshev polynomial. Chebyshev polynomials are cheap to evaluate, Legendre ones are not.
-        """
-        count = len(self.nodes)
-        x = chebyshev.chebpts1(count + 1)
-        legendre_values = legendre.legvander(x, count)
-        degree = np.arange(1, count)
-        integrals = np.empty((count + 1, count))
-        integrals[:, 0] = (x + 1) / 2
-        integrals[:, 1:] = (legendre_values[:, 2:] - legendre_values[:, :-2]) / (2 * (2 * degree + 1))
-        coefficients = chebyshev.chebvander(x, count).T @ integrals * (2 / (count + 1))
-        coefficients[0] /= 2
-        return read_only(np.triu(coefficients, -1) @ self.transform)
-
     def tail(self, values: Array) -> float:
         """Size of the last three Legendre coefficients of the interpolant of ``values`` (N,)."""
         return float(np.abs(self.transform[-3:] @ values).max())
+
+
+@lru_cache(maxsize=32)
+@one_thread
+def gauss_legendre(count: int) -> GaussLegendre:
+    """Return the quadrature with ``count`` nodes."""
+    x, w = legendre.leggauss(count)
+    transform = (np.arange(count)[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w
+
+    # The integrals of Legendre polynomials have their Chebyshev coefficients from their values at the roots of a
+    # Chebyshev polynomial. Chebyshev polynomials are cheap to evaluate, Legendre ones are not.
+    roots = chebyshev.chebpts1(count + 1)
+    legendre_values = legendre.legvander(roots, count)
+    degree = np.arange(1, count)
+    integrals = np.empty((count + 1, count))
+    integrals[:, 0] = (roots + 1) / 2
+    integrals[:, 1:] = (legendre_values[:, 2:] - legendre_values[:, :-2]) / (2 * (2 * degree + 1))
+    coefficients = chebyshev.chebvander(roots, count).T @ integrals * (2 / (count + 1))
+    coefficients[0] /= 2
+    return GaussLegendre(
+        nodes=read_only((x + 1) / 2),
+        weights=read_only(w / 2),
+        transform=read_only(transform),
+        antiderivative=read_only(np.triu(coefficients, -1) @ transform),
+    )
 
 
 def chebyshev_values(x: Array, degree: int) -> Array:
@@ -82,12 +92,6 @@ def chebyshev_values(x: Array, degree: int) -> Array:
         new -= values[known - more : known][::-1]
         known += more
     return values.T
-
-
-@lru_cache(maxsize=32)
-def gauss_legendre(count: int) -> GaussLegendre:
-    """Return the quadrature with ``count`` nodes."""
-    return GaussLegendre(count)
 
 
 @lru_cache(maxsize=16)

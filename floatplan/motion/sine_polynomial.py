@@ -13,9 +13,9 @@ quintic with p'' there is one of the free functions, scaled to the same length.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -42,66 +42,48 @@ class Form(NamedTuple):
     width: int
     free_ends: tuple[int, ...] = ()
 
-    @property
-    def bubbles(self) -> int:
-        """Number of free polynomials that vanish at both ends with two derivatives."""
-        return self.width - len(self.free_ends)
 
-    @property
-    def given(self) -> tuple[int, ...]:
-        """The conditions (13) that are given."""
-        return _given(self.free_ends)
-
-
-@cache
-def _given(free_ends: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(condition for condition in range(CONDITIONS) if condition not in free_ends)
-
-
+@dataclass(frozen=True, eq=False)
 class Basis:
     """The polynomials of s whose combination is p: the Hermite ones of given conditions, then the free ones.
 
     Attributes
     ----------
+    given : the conditions (13) that are given
+    bubbles : number of free polynomials that vanish at both ends with two derivatives
     powers : (k+1, 6+m)
         Coefficients in powers of s, column by column.
-    chebyshev : (k+1, 6+m)
-        The same in Chebyshev polynomials of 2 s - 1.
+    series : (3, k+1, 6+m)
+        Each column and its first two derivatives by s, in Chebyshev polynomials of 2 s - 1.
     """
 
-    def __init__(self, form: Form) -> None:
-        columns = exact.basis_columns(form.bubbles)
-        if form.free_ends:
-            ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
-            columns = np.concatenate((columns[:, form.given], ends, columns[:, CONDITIONS:]), axis=1)
-        self.powers, self.chebyshev = (
-            read_only(columns.astype(np.float64)),
-            read_only(exact.chebyshev_of_powers(columns)),
-        )
+    given: tuple[int, ...]
+    bubbles: int
+    powers: Array
+    series: Array
 
     def values(self, s: Array) -> tuple[Array, Array, Array]:
         """Each column and its first two derivatives by s at the instants s: three arrays (len(s), 6+m)."""
-        polynomials = chebyshev_values(2 * s - 1, len(self.chebyshev) - 1)
-        first, second = self._derivatives
-        return polynomials @ self.chebyshev, polynomials[:, :-1] @ first, polynomials[:, :-2] @ second
-
-    @cached_property
-    def series(self) -> Array:
-        """Each column and its first two derivatives by s, in Chebyshev polynomials of 2 s - 1: (3, k+1, 6+m)."""
-        parts = (self.chebyshev, *self._derivatives)
-        return read_only([np.pad(part, ((0, len(self.chebyshev) - len(part)), (0, 0))) for part in parts])
-
-    @cached_property
-    def _derivatives(self) -> tuple[Array, Array]:
-        """First and second derivatives by s of the columns, in Chebyshev polynomials of 2 s - 1."""
-        first, second = (read_only(chebyshev.chebder(self.chebyshev, order, scl=2)) for order in (1, 2))
-        return first, second
+        value, first, second = self.series
+        polynomials = chebyshev_values(2 * s - 1, len(value) - 1)
+        return polynomials @ value, polynomials[:, :-1] @ first[:-1], polynomials[:, :-2] @ second[:-2]
 
 
 @lru_cache(maxsize=32)
 def basis(form: Form) -> Basis:
-    """Return the basis of a form: p has degree ``5 + form.bubbles``."""
-    return Basis(form)
+    """Return the basis of a form: p has degree ``5 + bubbles``."""
+    bubbles = form.width - len(form.free_ends)
+    given = tuple(condition for condition in range(CONDITIONS) if condition not in form.free_ends)
+    columns = exact.basis_columns(bubbles)
+    if form.free_ends:
+        ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
+        columns = np.concatenate((columns[:, given], ends, columns[:, CONDITIONS:]), axis=1)
+    value = np.asarray(exact.chebyshev_map(len(columns)) @ columns, dtype=np.float64)  # each number rounded once
+    series = np.zeros((3, *value.shape))
+    series[0] = value
+    series[1, :-1] = chebyshev.chebder(value, 1, scl=2)
+    series[2, :-2] = chebyshev.chebder(value, 2, scl=2)
+    return Basis(given, bubbles, read_only(columns), read_only(series))
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
@@ -159,6 +141,14 @@ class SinePolynomials:
     free : (n,) int
         Free polynomials of each joint: degree - 5, and one for each free end.
     free_ends : which of ``CURVATURES`` are free
+    form : Form
+        Which polynomials make p.
+    width : int
+        Free polynomials of the joint that has most.
+    free_indices : int array
+        Which entries of a flattened z (n, width) the joints have; the others stay zero.
+    given_boundary : (n, g)
+        The conditions (13) that are given.
     """
 
     centre: Array
@@ -167,21 +157,21 @@ class SinePolynomials:
     boundary: Array
     free: tuple[int, ...]
     free_ends: tuple[int, ...] = ()
+    form: Form = field(init=False)
+    width: int = field(init=False)
+    free_indices: IntArray = field(init=False)
+    given_boundary: Array = field(init=False)
 
-    @cached_property
-    def form(self) -> Form:
-        """Which polynomials make p."""
-        return Form(self.width, self.free_ends)
-
-    @cached_property
-    def width(self) -> int:
-        """Free polynomials of the joint that has most."""
-        return max(self.free)
-
-    @cached_property
-    def free_indices(self) -> IntArray:
-        """Which entries of a flattened z (n, width) the joints have; the others stay zero."""
-        return np.flatnonzero(np.arange(self.width) < np.array(self.free)[:, None])
+    def __post_init__(self) -> None:
+        """Derive what every motion of the class needs."""
+        width = max(self.free)
+        form = Form(width, self.free_ends)
+        vars(self).update(
+            form=form,
+            width=width,
+            free_indices=np.flatnonzero(np.arange(width) < np.array(self.free)[:, None]),
+            given_boundary=self.boundary[:, basis(form).given] if self.free_ends else self.boundary,
+        )
 
     @property
     def no_free_part(self) -> Array:
@@ -198,11 +188,6 @@ class SinePolynomials:
     def _plain_coefficients(self) -> Array:
         """All coefficients (n, 6+width) of the motion with no free part."""
         return np.concatenate((self.given_boundary, self.no_free_part), axis=1)
-
-    @property
-    def given_boundary(self) -> Array:
-        """The conditions (13) that are given (n, g)."""
-        return self.boundary[:, self.form.given] if self.free_ends else self.boundary
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""
@@ -226,29 +211,21 @@ def whitening(form: Form, durations: tuple[float, ...]) -> tuple[Array, Array, A
     The map is from the boundary; last is what unit of z over its norm (N,) R^-1 makes; of each of N durations, s. With
     fewer coefficients Q and R^-1 are their first columns, and rows.
     """
-    powers, given = powers_map(form, np.array(durations)), len(form.given)
+    powers, given = powers_map(form, np.array(durations)), len(basis(form).given)
     orthogonal, triangular = np.linalg.qr(powers[..., given:])
     inverse = np.linalg.inv(triangular)
     longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.ones(len(durations))
     return powers[..., :given], orthogonal, inverse, np.asarray(1 / longest)
 
 
-def arcsine_argument(sine: Array, branch: IntArray) -> Array:
-    """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
-    return _on_branch(sine, branch, 1 - 2 * (branch % 2))
-
-
-def _on_branch(sine: Array, branch: IntArray, sign: IntArray) -> Array:
-    return np.asarray(np.pi * branch + sign * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
-
-
 def boundary_arguments(
     positions: Array, velocities: Array, accelerations: Array, centre: Array, amplitude: Array, branch: IntArray
 ) -> tuple[Array, Array, Array]:
-    """p, dp/dt, d2p/dt2 (..., n) at an end, from (13); see :func:`arcsine_argument` for the branch.
+    """p, dp/dt, d2p/dt2 (..., n) at an end, from (13).
 
-    On the edge of a range (cos p = 0) the rate is zero and the acceleration ``-amplitude sin(p) p'^2``: p' follows from
-    the acceleration (which must point inwards), and p'' is free; it is taken as zero.
+    The branch is that of the arcsine: p is pi branch + asin for even ones, pi branch - asin for odd ones. On the edge
+    of a range (cos p = 0) the rate is zero and the acceleration ``-amplitude sin(p) p'^2``: p' follows from the
+    acceleration (which must point inwards), and p'' is free; it is taken as zero.
     """
     sine = (positions - centre) / amplitude
     on_edge = 1 - np.abs(sine) < EDGE
@@ -256,7 +233,7 @@ def boundary_arguments(
     if has_edges:
         sine = np.where(on_edge, np.sign(sine), sine)
     sign = 1 - 2 * (branch % 2)
-    p = _on_branch(sine, branch, sign)
+    p = np.asarray(np.pi * branch + sign * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
     cosine = np.sqrt((1 - sine) * (1 + sine)) * sign
     if not has_edges:
         rate = velocities / (amplitude * cosine)

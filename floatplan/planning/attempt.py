@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.flight import impossibilities, momentum_set
+from floatplan.motion.flight import flight_of
 from floatplan.planning.starts import Start, plain_start
 from floatplan.planning.transcription.compiled_attempt import CompiledProblem, PreparedStarts, compiled_problem
 from floatplan.planning.transcription.constraints import Constraint, applies, changes_at_ends, constraints
@@ -42,7 +42,7 @@ class Attempts:
     ) -> None:
         self.problem = problem
         self.seed = seed
-        self.momentum = momentum or momentum_set(problem)
+        self.momentum = momentum or flight_of(problem).momentum_set
         self._ends_hold = False  # as far as is known
         self._path_is_clear = False
         self._starts: PreparedStarts | None = None
@@ -94,7 +94,7 @@ class Attempts:
         reasons: list[str] = []
         if self.problem.has_inequalities:
             reasons += () if self._ends_hold else self._impossible_ends()
-            reasons += impossibilities(self.problem, self._path_is_clear)
+            reasons += self.model.flight.impossibilities(self._path_is_clear)
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         return reasons

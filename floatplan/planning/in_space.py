@@ -11,8 +11,9 @@ import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.spatial.attitude import IntegrationError, cells
-from floatplan.motion.spatial.flight import LEVELS, SpatialFlight
+from floatplan.motion.spatial.attitude import LEVELS, IntegrationError, cells
+from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.motion.spatial.goal import wrong_way as wrong_turns
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
 from floatplan.planning.search import (
@@ -202,4 +203,4 @@ def wrong_way(result: AttemptResult) -> str:
     flight, x = result.model.flight, result.x
     assert isinstance(flight, SpatialFlight), "the robot flies in space"
     lifted = LiftedFlight(result.model, flight, result.variables)
-    return flight.wrong(lifted.flown(cells(*LEVELS[result.level]), x).way)
+    return wrong_turns(flight.start, flight.goal, lifted.flown(cells(*LEVELS[result.level]), x).way)

@@ -16,7 +16,7 @@ from floatplan.arrays import Array
 from floatplan.compiled.attempts import is_planar
 from floatplan.compiled.numbers import Numbers, is_plain
 from floatplan.errors import refuse
-from floatplan.motion.flight import difficulties, motion_into_ground
+from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
@@ -143,7 +143,7 @@ def _searched(prepared: Attempts, options: SearchOptions, near: Plan | None, beg
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     problem = prepared.problem
     if not prepared.momentum.free:
-        refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
+        refuse(flight_of(problem).motion_into_ground(prepared.momentum.centre))
     result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
     if result is not None:
         return result
@@ -172,7 +172,7 @@ def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> Sear
     variables = decision_variables(prepared.problem, degrees, branches, prepared.momentum)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
-    z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
+    z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).given) :]
     start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
     stop = expiry(None if budget is None else SHARE * budget)
     if prepared.problem.robot.in_plane is None:
@@ -199,10 +199,11 @@ def explain(found: SearchResult) -> str:
     problem = prepared.problem
     reasons = found.impossible
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
-    sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(found)]
+    flight = flight_of(problem)
+    sentences = [*interrupted, *reasons, *flight.difficulties(), *_nearest(found)]
     momentum = found.best.start_variables.angular_momentum(found.best.x)
     sentences += [
-        f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)
+        f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in flight.motion_into_ground(momentum)
     ]
     if found.interrupted:
         return " ".join(sentences)

@@ -161,7 +161,8 @@ def _of_motor(problem: Problem, peaks: Peaks, limits: Mapping[str, Array], index
     low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
     least, most = sorted((ratio * problem.position_limits[leader] + offset).tolist())
     used: dict[str, Any] = {}
-    largest, instant = 0.0, float(peaks.motor_torque_instant[index])
+    largest = 0.0
+    instant = float(peaks.motor_torque_instant[index])
     for row in USED:
         if row.of == "motors":
             peak, when = peaks.motor_torque[index], peaks.motor_torque_instant[index]
@@ -171,7 +172,8 @@ def _of_motor(problem: Problem, peaks: Peaks, limits: Mapping[str, Array], index
         limit = own if math.isfinite(own) else None
         use = None if limit is None else float(peak) / limit
         if (use or 0.0) > largest:
-            largest, instant = use or 0.0, float(when)
+            largest = use or 0.0
+            instant = float(when)
         values = {"peak": float(peak), "limit": limit, "utilisation": use, "instant": float(when)}
         used |= {f"{row.key}_{name}": value for name, value in values.items()}
     used |= {"position_low": low, "position_high": high, "range_used": (high - low) / (most - least)}
@@ -278,7 +280,9 @@ def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[Plan
         if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_REST:
             continue
         if not contact.ok:
-            subject, rate, limit = contact.joint or contact.frame, contact.rate, contact.limit
+            subject = contact.joint or contact.frame
+            rate = contact.rate
+            limit = contact.limit
             message = contact.verdict.rstrip(".")
         elif contact.unlimited and contact.unlimited[1] > FAST:
             (subject, rate), limit = contact.unlimited, FAST
@@ -304,7 +308,8 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
             message = f"{joint} goes to {value:.4g} rad, its file ends at {limit:.4g} rad"
             message += '; limits.position = "urdf" keeps it.'
             yield PlanWarning("position", joint, value, limit, "rad", None, message)
-        rate, instant = abs(ratio) * float(peaks.velocity[leader]), float(peaks.velocity_instant[leader])
+        rate = abs(ratio) * float(peaks.velocity[leader])
+        instant = float(peaks.velocity_instant[leader])
         if rate > written.velocity * (1 + RELATIVE):
             message = (
                 f"{joint} turns at {rate:.4g} rad/s at {instant:.3g} s, its file allows {written.velocity:.4g} rad/s;"
@@ -315,7 +320,8 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
 
 def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
     """Motors, and locked joints to be held, that need more torque than the URDF's effort."""
-    robot, peaks = plan.robot, plan.peaks
+    robot = plan.robot
+    peaks = plan.peaks
     of_motors = zip(robot.motor_torque_limits, peaks.motor_torque, peaks.motor_torque_instant, strict=True)
     for joint, (limit, torque, instant) in zip(robot.motors, of_motors, strict=True):
         if torque > limit * (1 + RELATIVE):
@@ -328,7 +334,8 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
     if not any(math.isfinite(joints[name].effort) for name in robot.locked):
         return
     for name, (torque, instant) in plan.holding_torques.items():
-        effort, unit = joints[name].effort, "N" if joints[name].type == "prismatic" else "N m"
+        effort = joints[name].effort
+        unit = "N" if joints[name].type == "prismatic" else "N m"
         if torque > effort * (1 + RELATIVE):
             message = (
                 f"Holding the locked joint {name} takes {torque:.4g} {unit} at {instant:.3g} s, its file allows"
@@ -339,10 +346,12 @@ def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
 
 def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
     """Of motors without a limit, the one that needs most torque and the one that turns fastest, beyond what any do."""
-    problem, robot = plan.problem, plan.robot
+    problem = plan.problem
+    robot = plan.robot
     if not robot.motors:
         return
-    limits, rows = limits_of_motors(problem), utilisation(problem, plan.peaks)
+    limits = limits_of_motors(problem)
+    rows = utilisation(problem, plan.peaks)
     unlimited = {
         key: [row for row in rows if not math.isfinite(limits[key][robot.motors.index(row.joint)])]
         for key in ("torque", "velocity")
@@ -389,7 +398,8 @@ def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
     turned = plan.out_of_plane
     if turned is None or np.linalg.norm(turned) <= OUT_OF_PLANE:
         return
-    root, size = plan.robot.joint_tree.root, float(np.linalg.norm(turned))
+    root = plan.robot.joint_tree.root
+    size = float(np.linalg.norm(turned))
     if math.isnan(size):
         message = f"How {root} turns out of the plane could not be integrated: the motion is too wild."
     else:

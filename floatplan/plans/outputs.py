@@ -45,7 +45,8 @@ class Outputs:
 
         ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
         """
-        path, speed = as_path(path, "path"), positive()(speed, "speed")
+        path = as_path(path, "path")
+        speed = positive()(speed, "speed")
         progress = optional(function)(progress, "progress")
         return Path(output("animate")(self.view, path, speed=speed, progress=progress))
 
@@ -91,7 +92,8 @@ class Outputs:
             The format is unknown, or has no room for gains or for the order of a model; a number is wrong; the model
             has other joints or bodies than the robot; or there is no motion.
         """
-        path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
+        path = optional(as_path)(path, "path")
+        rate = optional(positive(unit="Hz"))(rate, "rate")
         model = optional(as_path)(model, "model")
         return Path(output("export")(self, text(form, "format"), path, rate, kp=kp, kd=kd, model=model))
 

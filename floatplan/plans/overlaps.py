@@ -67,7 +67,8 @@ def overlaps(
     room = pairs.distances(sampled, chosen) - resting
     step = np.abs(np.diff(room, axis=0)).max(axis=0)
     lowest = room.argmin(axis=0)
-    when, least = times[lowest], room.min(axis=0)
+    when = times[lowest]
+    least = room.min(axis=0)
     for column in np.flatnonzero(least < step).tolist():  # below zero, or perhaps between the instants
         around = np.clip(when[column] + times[1] * CLOSER, 0.0, duration)
         closer = pairs.distances(positions(around), chosen[[column]])[:, 0] - resting[column]

@@ -16,7 +16,7 @@ from floatplan.arguments import in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.motion.flight import Ballistics, Contact, angular_momentum_interval, ballistics, landing, takeoff
+from floatplan.motion.flight import Ballistics, Contact, flight_of, landing, takeoff
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import Outputs, output
@@ -90,10 +90,11 @@ class Plan(Outputs, PlannedMotion):
             b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
+        flight = flight_of(problem)
         return cls(
             **_motion(problem, polynomials, z, angular_momentum, coefficients),
-            ballistics=ballistics(problem),
-            angular_momentum_bounds=angular_momentum_interval(problem),
+            ballistics=flight.ballistics,
+            angular_momentum_bounds=flight.momentum_interval,
             **answer,
         )
 
@@ -140,7 +141,8 @@ class Plan(Outputs, PlannedMotion):
     @cached_property
     @one_thread
     def _measured_record(self) -> PlanRecord:
-        peaks, problem = self.peaks, self.problem
+        peaks = self.peaks
+        problem = self.problem
         return PlanRecord(
             **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
             problem=problem_to_dict(problem),
@@ -253,7 +255,9 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
 
 def _check_stated(plan: Plan, record: PlanRecord) -> None:
     """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
-    problem, peaks, h = plan.problem, plan.peaks, plan.problem.flight.angular_momentum
+    problem = plan.problem
+    peaks = plan.peaks
+    h = plan.problem.flight.angular_momentum
     state = plan.at([0.0, plan.duration])
     found = {
         "problem": {
@@ -261,7 +265,7 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
             for index, end in enumerate(("start", "goal"))
         },
         "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
-        "com": vars(ballistics(problem)),
+        "com": vars(flight_of(problem).ballistics),
         "orientation": plan.whole.orientation_at_ends,
         "objective": {"value": plan.objective_value},
         "torque_peak": peaks.torque,
@@ -279,7 +283,8 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
 def _unlike(stated: Any, found: Mapping[str, Any], within: str = "") -> Iterator[str]:
     """Which numbers, by their keys, are not those found; peaks are as near as a grid tells them."""
     for key, value in found.items():
-        element, own = within + key, stated.get(key)
+        element = within + key
+        own = stated.get(key)
         if isinstance(value, Mapping):
             yield from _unlike(own or {}, value, f"{element}.")
         elif own is None or not np.allclose(own, value, rtol=OF_GRIDS if "peak" in element else SAME, atol=SAME):
@@ -304,5 +309,6 @@ def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
     InputError
         Either is missing, damaged, or does not belong to the other.
     """
-    path, urdf = as_path(path, "path"), optional(as_path)(urdf, "urdf")
+    path = as_path(path, "path")
+    urdf = optional(as_path)(urdf, "urdf")
     return rebuild(load_record(path), path, urdf)

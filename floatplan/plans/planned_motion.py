@@ -63,7 +63,7 @@ class PlannedMotion(flight.MotionInFile):
     @cached_property
     def whole(self) -> WholeMotion:
         """The whole robot's motion, as the joints' makes it."""
-        return flight.whole_motion(self.problem, self._written, self.angular_momentum, self.ballistics)
+        return flight.flight_of(self.problem).whole_motion(self._written, self.angular_momentum, self.ballistics)
 
     @property
     def dynamics(self) -> Any:
@@ -208,7 +208,8 @@ class PlannedMotion(flight.MotionInFile):
     @one_thread
     def holding_torques(self) -> Mapping[str, tuple[float, float]]:
         """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
-        state, robot = self._resolved, self.robot
+        state = self._resolved
+        robot = self.robot
         forces = self.whole.forces(state)
         rows = [robot.model.idx_vs[robot.model.getJointId(joint)] for joint in robot.locked]
         largest, where = quadrature.largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
@@ -230,7 +231,9 @@ class PlannedMotion(flight.MotionInFile):
             return None
         state = self._resolved
         few = slice(None, None, (len(state.times) - 1) // (PEAK_NODES[0] - 1))
-        positions, velocities, turning = state.positions[few], state.velocities[few], state.orientation_rate[few]
+        positions = state.positions[few]
+        velocities = state.velocities[few]
+        turning = state.orientation_rate[few]
         return leak_along(self.robot, positions, velocities, turning, self.angular_momentum)
 
     @cached_property

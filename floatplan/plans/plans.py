@@ -12,13 +12,15 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.motion.flight import angular_momentum_interval, ballistics
+from floatplan.motion.flight import flight_of
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 
 SOLVED = ("optimal", "feasible")
-GOAL_MET, ALL_HOLDS = "The goal is met.", "Every constraint holds at all times."
-WORDS, NUMBERS = ("status", "verdict"), ("objective", "angular_momentum", "residual")
+GOAL_MET = "The goal is met."
+ALL_HOLDS = "Every constraint holds at all times."
+WORDS = ("status", "verdict")
+NUMBERS = ("objective", "angular_momentum", "residual")
 COUNTS = ("evaluations", "iterations", "starts", "solved")
 COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and an Answer one of
 
@@ -59,6 +61,7 @@ class Answer:
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
         """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
         low, high = problem.position_limits.T
+        flight = flight_of(problem)
         ok = self.status in SOLVED and self.verdict != "refuted"
         plan = Plan(
             problem=problem,
@@ -66,8 +69,8 @@ class Answer:
             amplitude=read_only((high - low) / 2),
             coefficients=read_only(self.coefficients),
             angular_momentum=self.angular_momentum,
-            ballistics=ballistics(problem),
-            angular_momentum_bounds=angular_momentum_interval(problem),
+            ballistics=flight.ballistics,
+            angular_momentum_bounds=flight.momentum_interval,
             status=self.status if ok else "infeasible",
             ok=ok,
             explanation=self.message or GOAL_MET,

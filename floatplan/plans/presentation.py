@@ -42,10 +42,12 @@ def result_rows(plan: Plan) -> list[Row]:
             momentum += f", inside [{low:.5g}, {high:.5g}], as motions without turning back are"
         else:
             momentum += f", outside [{low:.5g}, {high:.5g}], so a joint or the base turns back"
-    name, seconds = record.objective["name"], record.solver.get("seconds")
+    name = record.objective["name"]
+    seconds = record.solver.get("seconds")
     unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
     if record.in_space and name == "coefficients":
-        name, unit = "free part of p", "rad"
+        name = "free part of p"
+        unit = "rad"
     of_nearest = "" if plan.ok else ", in the nearest motion"
     rows = [
         Row("status", record.status if seconds is None else f"{record.status}, after {float(seconds):.3g} s"),
@@ -72,10 +74,12 @@ def result_rows(plan: Plan) -> list[Row]:
 
 def proof_rows(plan: Plan) -> list[Row]:
     """Return what was proved of a plan, and what was not; nothing where it has no certificate."""
-    certificate, goal = plan.certificate, plan.problem.final.orientation
+    certificate = plan.certificate
+    goal = plan.problem.final.orientation
     if certificate is None:
         return []
-    tone, unproved = TONES[certificate.verdict], [finding.label for finding in certificate.unproved]
+    tone = TONES[certificate.verdict]
+    unproved = [finding.label for finding in certificate.unproved]
     many = f"{len(certificate.findings) - len(unproved)} of {len(certificate.findings)}"
     took = f"{certificate.seconds:.2g} s, {certificate.subintervals} intervals"
     rows = [Row("certificate", f"{certificate.verdict}: {many} constraints hold at every instant ({took})", tone)]

@@ -3,6 +3,7 @@
 Its robot is found again, read as it was read, and must be the same file as then.
 """
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -13,10 +14,20 @@ import numpy as np
 from floatplan.arguments import in_short, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
-from floatplan.plans.record import FILE, FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
+from floatplan.files import (
+    check_depth,
+    check_finite,
+    check_hash,
+    check_numbers,
+    is_file,
+    plain,
+    read_json,
+    read_regular,
+)
+from floatplan.plans.record import FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.shapes.collisions import LARGEST_MESH
 from floatplan.robot.urdf.tree import is_address
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
@@ -72,9 +83,7 @@ def _record(content: dict[str, Any]) -> PlanRecord:
     if not isinstance(kind, str) or kind not in FILES:
         advice = "give a plan file: that of a jump's flight is plan.json, beside jump.json"
         raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format", advice=advice)
-    FILE(content, "")
-    for name, check in FILES[kind].items():
-        check(content[name], name)
+    FILES[kind](content, "")
     robot = RobotRecord.from_dict(content["robot"])
     values = {**content, "robot": robot}
     for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
@@ -220,6 +229,12 @@ def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None
             raise _changed("the collision mesh", f"robot.meshes of {filename}", plan_file)
 
 
+def check_parts(record: RobotRecord, path: Path) -> None:
+    """Refuse an MJCF at ``path`` if a file that it is read with is not what it was when the plan was made."""
+    for name, digest in record.meshes.items():
+        check_hash(read_regular(path.parent / name, LARGEST_MESH, "a part of an MJCF"), digest, path.parent / name)
+
+
 def find_robot(record: RobotRecord, plan_file: str | Path | None) -> str:
     """Return where the robot's file of a plan is: as recorded, or beside or relative to the plan file.
 
@@ -243,6 +258,8 @@ def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
     values: dict[str, Any] = {name: dict(getattr(robot, name)) for name in ("locked", "meshes", *LOSSES)}
     values[robot.kind] = robot.source if is_address(robot.source) else str(robot.path.resolve())
+    if robot.kind == "mjcf":
+        values["resolved"] = {"urdf": robot.xml, "sha256": hashlib.sha256(robot.xml.encode()).hexdigest()}
     return RobotRecord(
         sha256=robot.sha256,
         joints=robot.joints,

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from floatplan.arguments import (
     FINITE,
@@ -34,7 +34,8 @@ from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, ROBOT_KINDS, Range, RobotKind
+from floatplan.keys import Key, Keyed, is_needed
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, Range, RobotKind
 
 FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
@@ -47,38 +48,152 @@ number = FINITE
 non_negative = number_in(Range(0.0, math.inf, ""))
 
 
+def table(value: Any, element: str) -> None:
+    """Check that something is a table."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"must be a table, not {value!r}", element=element)
+
+
+@dataclass(frozen=True)
+class KeyedTable:
+    """A table with these keys and no others, unless ``unknown``, what is said of others, is left empty."""
+
+    keys: Mapping[str, Check]
+    optional: Mapping[str, Check] = field(default_factory=dict)
+    unknown: str = NOT_PROVED
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        table(value, element)
+        inside = f"{element}." if element else ""
+        for name, item in value.items():
+            check = self.keys.get(name) or self.optional.get(name)
+            if check is not None:
+                check(item, inside + name)
+            elif self.unknown:
+                raise InputError(self.unknown, element=f"{inside}{name}")
+        for name in self.keys:
+            if name not in value:
+                raise InputError("is missing", element=inside + name)
+
+
+POINT, TRIPLE = (pair(number, count=count) for count in (2, 3))
+
+
+def direction(value: Any, element: str) -> None:
+    """Check that something is two numbers that are not both zero."""
+    POINT(value, element)
+    if not any(value):
+        raise InputError("has length zero", element=element)
+
+
+def quaternion(value: Any, element: str) -> None:
+    """Check a unit quaternion."""
+    pair(number, count=4)(value, element)
+    if not abs(math.hypot(*value) - 1) < UNIT:
+        raise InputError(f"must have length 1, not {math.hypot(*value):g}", element=element)
+
+
+def nothing(value: Any, element: str) -> None:
+    """Check that there is none."""
+    if value is not None:
+        raise InputError(f"must be null, not {value!r}", element=element)
+
+
+def anything(value: Any, element: str) -> None:
+    """Pass what is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
+
+
+class Record(Keyed):
+    """A dataclass whose fields are the keys of a table in plan files; it is checked where it is read, not when made."""
+
+    def __post_init__(self) -> None:
+        """Take what is given."""
+
+    @classmethod
+    def in_files(
+        cls, needed: Collection[str], absent: Collection[str] = (), others: Mapping[str, Check] | None = None
+    ) -> KeyedTable:
+        """Return what a file may hold: keys without a default are needed there, as the ``needed`` ones are.
+
+        ``absent`` are keys that this file has not; ``others`` are checks in the place of the fields' own.
+        """
+        checks = {**cls.checks, **(others or {})}
+        keys = dict[str, Check]()
+        optional_keys = dict[str, Check]()
+        for each, _ in cls.keyed_fields():
+            if each.name in needed or is_needed(each):
+                keys[each.name] = checks[each.name]
+            elif each.name not in absent:
+                optional_keys[each.name] = checks[each.name]
+        return KeyedTable(keys, optional_keys, NO_KEY)
+
+
+AT_ENDS = ("start", "end", "goal")
+COUPLING: Mapping[str, Check] = {"leader": text, "ratio": number, "offset": number}
+PAYLOAD: Mapping[str, Check] = {"link": text, "mass": number_in("mass"), "at": pair(number_in("place"), count=3)}
+
+
 @dataclass(frozen=True, kw_only=True)
-class RobotRecord:
+class RobotRecord(Record):
     """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf`` or ``from_mjcf``.
 
-    Exactly one of ``urdf`` and ``mjcf`` is given: the path (or the address in a package) as resolved when planned;
-    ``sha256`` is that of the file (of a xacro file, of the URDF that it makes), ``meshes`` are those of the collision
-    meshes that its shapes are around, by their file names in the file, and of an MJCF also those of all else that it is
-    read with, such as included files;
-    ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them;
-    ``balance_inertias`` and ``payload`` are there where they were asked for: whether inertias that no body can have
-    were balanced, and point masses that links carry: {"link", "mass", "at"}, kg and m in the link's frame;
-    ``resting`` is its reference posture, rad; empty in files without it. In space ``base`` is "free-flyer", and
-    ``plane`` is not there.
+    Exactly one of ``urdf`` and ``mjcf`` is there; ``plane`` of flights in a plane, ``base`` of those in space.
     """
 
-    urdf: str | None = None
-    mjcf: str | None = None
-    sha256: str
-    joints: tuple[str, ...]
-    plane: str | None = None
-    base: str | None = None
-    coupled: Mapping[str, Any] = field(default_factory=dict)
-    locked: Mapping[str, float] = field(default_factory=dict)
-    meshes: Mapping[str, str] = field(default_factory=dict)
-    armature: Mapping[str, float] = field(default_factory=dict)
-    damping: Mapping[str, float] = field(default_factory=dict)
-    resting: tuple[float, ...] = ()
-    balance_inertias: bool | None = None
-    payload: tuple[Mapping[str, Any], ...] | None = None
+    urdf: Annotated[str | None, Key("The robot's file as resolved when planned: a path, or an address", check=text)] = (
+        None
+    )
+    mjcf: Annotated[str | None, Key("The same, of an MJCF", check=text)] = None
+    sha256: Annotated[str, Key("Of the file; of a xacro file, of the URDF that it makes", check=text)]
+    joints: Annotated[tuple[str, ...], Key("Planned joints, in the order of all lists", check=many(text, "names"))]
+    plane: Annotated[str | None, Key("Horizontal and vertical axis", check=text)] = None
+    base: Annotated[str | None, Key("How the base moves, if not in a plane", check=one_of("free-flyer"))] = None
+    coupled: Annotated[
+        Mapping[str, Any],
+        Key("Joints that follow others", check=by_name(KeyedTable(COUPLING, unknown=NO_KEY))),
+    ] = field(default_factory=dict)
+    locked: Annotated[Mapping[str, float], Key("Positions of joints that stay", "rad or m", check=by_name(number))] = (
+        field(default_factory=dict)
+    )
+    meshes: Annotated[
+        Mapping[str, str],
+        Key(
+            "SHA-256 of the collision meshes that the shapes are around, by their names in the file; of an MJCF also "
+            "those of all else that it is read with, such as included files",
+            check=by_name(text),
+        ),
+    ] = field(default_factory=dict)
+    armature: Annotated[
+        Mapping[str, float], Key("Of rotors, by joint, where it was given", "kg m^2", check=by_name(non_negative))
+    ] = field(default_factory=dict)
+    damping: Annotated[
+        Mapping[str, float], Key("Of joints, where it was given", "N m s/rad", check=by_name(non_negative))
+    ] = field(default_factory=dict)
+    resting: Annotated[
+        tuple[float, ...],
+        Key("The reference posture; empty in files without it", "rad", check=many(number, "numbers")),
+    ] = ()
+    resolved: Annotated[
+        Mapping[str, str] | None,
+        Key(
+            "Of an MJCF, the URDF that the robot was planned as, and its SHA-256",
+            check=KeyedTable(dict.fromkeys(("urdf", "sha256"), text), unknown=NO_KEY),
+        ),
+    ] = None
+    balance_inertias: Annotated[
+        bool | None, Key("Whether inertias that no body can have were balanced, where that was asked for", check=flag)
+    ] = None
+    payload: Annotated[
+        tuple[Mapping[str, Any], ...] | None,
+        Key(
+            "Point masses that links carry, where they do: kg, and m in the link's frame",
+            check=many(KeyedTable(PAYLOAD, unknown=NO_KEY), "payloads"),
+        ),
+    ] = None
 
-    @property
-    def kind(self) -> RobotKind:
+    @property  # a table of a problem file may be of several kinds, this one is not
+    def kind(self) -> RobotKind:  # type: ignore[override]
         """What its file is."""
         return "urdf" if self.mjcf is None else "mjcf"
 
@@ -91,7 +206,12 @@ class RobotRecord:
     def from_dict(cls, content: Any) -> RobotRecord:
         """Rebuild a record from what :meth:`to_dict` returned; InputError where it is none."""
         table(content, "robot")
-        ROBOTS["mjcf" if "mjcf" in content else "urdf", "base" in content](content, "robot")
+        kind = "mjcf" if "mjcf" in content else "urdf"
+        place = "base" if "base" in content else "plane"
+        absent = {"urdf", "mjcf", "plane", "base"} - {kind, place}
+        cls.in_files(needed={kind, place}, absent=absent | ({"resolved"} if kind == "urdf" else set()))(
+            content, "robot"
+        )
         values: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in content.items()}
         return cls(**values)
 
@@ -102,60 +222,90 @@ class RobotRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanRecord:
-    """A plan as data. Arrays are read-only, lists follow ``robot.joints``.
+class PlanRecord(Record):
+    """A plan as data. Arrays are read-only, lists follow ``robot.joints``; (n,) and (n, k+1) are checked by the reader.
 
-    Attributes
-    ----------
-    status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
-    ok : whether every constraint holds
-    explanation : one or more sentences; empty where there is nothing to explain
-    problem : the problem as resolved: the tables of a problem file, in rad, lists in joint order
-    angular_momentum : kg m^2/s; (3,) in space, in the world's axes
-    angular_momentum_bounds : (low, high) of (9), kg m^2/s; None in space
-    centre, amplitude : (n,) rad, of ``q_i = centre_i + amplitude_i sin(p_i(t))``
-    coefficients : (n, k+1), powers of t in seconds of p_i
-    orientation : {"start", "end", "goal"}, rad; in space {"quaternion_xyzw": (4,)} each
-    com : {"position0": (2,) m, "velocity0": (2,) m/s, "gravity": m/s^2}; (3,) in space
-    objective : {"name", "value"}
-    torque_peak, velocity_peak : (n,) N m, rad/s; largest magnitudes over the flight
-    clearance_min : m, surface to surface, margin not subtracted; None without obstacles
-    solver : {"iterations", "evaluations", "seconds", "seed", ...}
-    motor_torque_peak : motor's joint -> N m, the largest magnitude of its own torque; None in files without it
-    warnings : what the plan does beside what was asked: {"kind", "subject", "value", "limit", "unit", "instant",
-        "message"} each; None in files without it
-    utilisation : how much of its limits each motor uses, worst first; None in files without it
-    out_of_plane_leak : largest angular momentum out of the plane over that in it; None in files without it
-    problem_file : the problem file as its user wrote it; None where there was none
-    certificate, replay : what the checks found, None where they were not run
+    Of flights in space see :data:`IN_SPACE`.
     """
 
-    status: str
-    ok: bool
-    explanation: str
-    problem: Mapping[str, Any]
-    robot: RobotRecord
-    angular_momentum: Any
-    angular_momentum_bounds: tuple[float, float] | None
-    centre: Array
-    amplitude: Array
-    coefficients: Array
-    orientation: Mapping[str, Any]
-    com: Mapping[str, Any]
-    objective: Mapping[str, Any]
-    torque_peak: Array
-    velocity_peak: Array
-    clearance_min: float | None
-    solver: Mapping[str, Any]
-    motor_torque_peak: Mapping[str, float] | None = None
-    warnings: Sequence[Mapping[str, Any]] | None = None
-    utilisation: Sequence[Mapping[str, Any]] | None = None
-    out_of_plane_leak: float | None = None
-    problem_file: str | None = None
-    certificate: Mapping[str, Any] | None = None
-    replay: Mapping[str, Any] | None = None
-    format: str = FORMAT
-    floatplan: str = ""
+    status: Annotated[
+        str,
+        Key(
+            '"interrupted" where Ctrl-C ended the search before a plan was found',
+            check=one_of("optimal", "feasible", "infeasible", "interrupted"),
+        ),
+    ]
+    ok: Annotated[bool, Key("Whether every constraint holds", check=flag)]
+    explanation: Annotated[str, Key("One or more sentences; empty where there is nothing to explain", check=text)]
+    problem: Annotated[
+        Mapping[str, Any],
+        Key(
+            "The problem as resolved: the tables of a problem file, in rad, lists in joint order",
+            check=KeyedTable({"flight": KeyedTable({"duration": positive()}, unknown="")}, unknown=""),
+        ),
+    ]
+    robot: Annotated[RobotRecord, Key("Which robot it is for", check=table)]
+    angular_momentum: Annotated[Any, Key("About the centre of mass", "kg m^2/s", check=number)]
+    angular_momentum_bounds: Annotated[tuple[float, float] | None, Key("Low and high, (9)", "kg m^2/s", check=POINT)]
+    centre: Annotated[Array, Key("(n,), of ``q_i = centre_i + amplitude_i sin(p_i(t))``", "rad", check=anything)]
+    amplitude: Annotated[Array, Key("(n,), as ``centre``", "rad", check=anything)]
+    coefficients: Annotated[Array, Key("(n, k+1), powers of t in seconds of p_i", check=anything)]
+    orientation: Annotated[
+        Mapping[str, Any],
+        Key("Start, end and goal", "rad", check=KeyedTable(dict.fromkeys(AT_ENDS, number), unknown=NO_KEY)),
+    ]
+    com: Annotated[
+        Mapping[str, Any],
+        Key(
+            "The path of the centre of mass: m, m/s, m/s^2",
+            check=KeyedTable({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
+        ),
+    ]
+    objective: Annotated[
+        Mapping[str, Any],
+        Key("Its name and its value", check=KeyedTable({"name": text, "value": number}, unknown=NO_KEY)),
+    ]
+    torque_peak: Annotated[Array, Key("(n,), largest magnitudes over the flight", "N m", check=anything)]
+    velocity_peak: Annotated[Array, Key("(n,), the same of rates", "rad/s", check=anything)]
+    clearance_min: Annotated[
+        float | None,
+        Key("Surface to surface, margin not subtracted; None without obstacles", "m", check=optional(number)),
+    ]
+    solver: Annotated[
+        Mapping[str, Any],
+        Key("What the search did", check=KeyedTable({}, dict.fromkeys(SOLVER, optional(number)), unknown="")),
+    ]
+    motor_torque_peak: Annotated[
+        Mapping[str, float] | None,
+        Key("Largest magnitude of each motor's own torque", "N m", check=optional(by_name(number))),
+    ] = None
+    warnings: Annotated[
+        Sequence[Mapping[str, Any]] | None,
+        Key(
+            "What the plan does beside what was asked: kind, subject, value, limit, unit, instant, message of each",
+            check=optional(many(table, "tables")),
+        ),
+    ] = None
+    utilisation: Annotated[
+        Sequence[Mapping[str, Any]] | None,
+        Key("How much of its limits each motor uses, worst first", check=optional(many(table, "tables"))),
+    ] = None
+    out_of_plane_leak: Annotated[
+        float | None,
+        Key("Largest angular momentum out of the plane over that in it", check=optional(number)),
+    ] = None
+    problem_file: Annotated[
+        str | None,
+        Key("The problem file as its user wrote it; None where there was none", check=optional(text)),
+    ] = None
+    certificate: Annotated[
+        Mapping[str, Any] | None, Key("What was proved; None where nothing was", check=optional(table))
+    ] = None
+    replay: Annotated[Mapping[str, Any] | None, Key("What a replay found; None without one", check=optional(table))] = (
+        None
+    )
+    format: Annotated[str, Key("Of the file", check=one_of(FORMAT, FORMAT_IN_SPACE))] = FORMAT
+    floatplan: Annotated[str, Key("Version that made it", check=text)] = ""
 
     @property
     def duration(self) -> float:
@@ -193,125 +343,19 @@ class PlanRecord:
         return write_atomically(path, self.to_json())
 
 
-def table(value: Any, element: str) -> None:
-    """Check that something is a table."""
-    if not isinstance(value, Mapping):
-        raise InputError(f"must be a table, not {value!r}", element=element)
-
-
-@dataclass(frozen=True)
-class KeyedTable:
-    """A table with these keys and no others, unless ``unknown``, what is said of others, is left empty."""
-
-    keys: Mapping[str, Check]
-    optional: Mapping[str, Check] = field(default_factory=dict)
-    unknown: str = NOT_PROVED
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse everything else."""
-        table(value, element)
-        inside = f"{element}." if element else ""
-        for name, item in value.items():
-            check = self.keys.get(name) or self.optional.get(name)
-            if check is not None:
-                check(item, inside + name)
-            elif self.unknown:
-                raise InputError(self.unknown, element=f"{inside}{name}")
-        for name in self.keys:
-            if name not in value:
-                raise InputError("is missing", element=inside + name)
-
-
-POINT = pair(number)
-
-
-def direction(value: Any, element: str) -> None:
-    """Check that something is two numbers that are not both zero."""
-    POINT(value, element)
-    if not any(value):
-        raise InputError("has length zero", element=element)
-
-
-def quaternion(value: Any, element: str) -> None:
-    """Check a unit quaternion."""
-    pair(number, count=4)(value, element)
-    if not abs(math.hypot(*value) - 1) < UNIT:
-        raise InputError(f"must have length 1, not {math.hypot(*value):g}", element=element)
-
-
-def nothing(value: Any, element: str) -> None:
-    """Check that there is none."""
-    if value is not None:
-        raise InputError(f"must be null, not {value!r}", element=element)
-
-
-def _anything(value: Any, element: str) -> None:
-    """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
-
-
-PAYLOAD = KeyedTable({"link": text, "mass": number_in("mass"), "at": pair(number_in("place"), count=3)}, unknown=NO_KEY)
-ROBOTS = {  # by what the file is, and whether the robot flies in space
-    (kind, in_space): KeyedTable(
-        {
-            kind: text,
-            "sha256": text,
-            "joints": many(text, "names"),
-            **({"base": one_of("free-flyer")} if in_space else {"plane": text}),
-        },
-        {
-            "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
-            "locked": by_name(number),
-            "meshes": by_name(text),
-            "resting": many(number, "numbers"),
-            "balance_inertias": flag,
-            "payload": many(PAYLOAD, "payloads"),
-            **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
-        },
-        NO_KEY,
-    )
-    for kind in ROBOT_KINDS
-    for in_space in (False, True)
-}
-
-
-TRIPLE, ATTITUDE = pair(number, count=3), KeyedTable({"quaternion_xyzw": quaternion}, unknown=NO_KEY)
-IN_PLANE: Mapping[str, Check] = {
-    "angular_momentum": number,
-    "angular_momentum_bounds": POINT,
-    "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
-    "com": KeyedTable({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
-}
-IN_SPACE: Mapping[str, Check] = {
-    "angular_momentum": TRIPLE,
+ATTITUDES = KeyedTable(
+    dict.fromkeys(AT_ENDS, KeyedTable({"quaternion_xyzw": quaternion}, unknown=NO_KEY)), unknown=NO_KEY
+)
+IN_SPACE: Mapping[str, Check] = {  # what is another there
+    "angular_momentum": TRIPLE,  # in the world's axes
     "angular_momentum_bounds": nothing,
-    "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), ATTITUDE), unknown=NO_KEY),
+    "orientation": ATTITUDES,
     "com": KeyedTable({"position0": TRIPLE, "velocity0": TRIPLE, "gravity": number}, unknown=NO_KEY),
 }
-FILES = {FORMAT: IN_PLANE, FORMAT_IN_SPACE: IN_SPACE}
-FILE = KeyedTable(
-    {
-        "format": one_of(*FILES),
-        "status": one_of("optimal", "feasible", "infeasible", "interrupted"),
-        "ok": flag,
-        "explanation": text,
-        "problem": KeyedTable({"flight": KeyedTable({"duration": positive()}, unknown="")}, unknown=""),
-        "robot": table,
-        **dict.fromkeys(IN_PLANE, _anything),
-        **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),
-        "objective": KeyedTable({"name": text, "value": number}, unknown=NO_KEY),
-        "clearance_min": optional(number),
-        "solver": KeyedTable({}, dict.fromkeys(SOLVER, optional(number)), unknown=""),
-        "problem_file": optional(text),
-    },
-    {
-        "motor_torque_peak": optional(by_name(number)),
-        **dict.fromkeys(("warnings", "utilisation"), optional(many(table, "tables"))),
-        "out_of_plane_leak": optional(number),
-        **dict.fromkeys(("certificate", "replay"), optional(table)),
-        "floatplan": text,
-    },
-    NO_KEY,
-)
+FILES = {  # by their format
+    FORMAT: PlanRecord.in_files({"format", "problem_file"}),
+    FORMAT_IN_SPACE: PlanRecord.in_files({"format", "problem_file"}, others=IN_SPACE),
+}
 
 JOINTS_AT_ENDS = ("positions", "velocities", "accelerations")
 DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
@@ -338,10 +382,10 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
     }
     flight: dict[str, Check] = {
         "duration": positive(),
-        "angular_momentum": _anything if in_space else one_of("midpoint", "free", or_number=number),
+        "angular_momentum": anything if in_space else one_of("midpoint", "free", or_number=number),
         "takeoff": KeyedTable({"frame": text, "position": TRIPLE if in_space else POINT}),
         "landing": KeyedTable({"frame": text, "height": number}),
-        "horizontal_velocity": _anything if in_space else number,
+        "horizontal_velocity": anything if in_space else number,
         "gravity": number,
     }
     kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
@@ -394,7 +438,8 @@ def check_asked(record: PlanRecord) -> None:
         A table of the problem holds a key that is not known or lacks one, a value is of the wrong kind, a list is not
         one entry per joint; or degree, objective and coefficients do not fit together.
     """
-    joints, problem = record.robot.joints, record.problem
+    joints = record.robot.joints
+    problem = record.problem
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
     problem_table(joints, (*joints, *record.robot.coupled), record.in_space)(problem, "problem")
@@ -410,7 +455,8 @@ def check_asked(record: PlanRecord) -> None:
 
 def _check_degree(record: PlanRecord) -> None:
     """The coefficients are those of polynomials of the degrees asked for, (12)."""
-    degree, joints = record.problem["motion"]["degree"], record.robot.joints
+    degree = record.problem["motion"]["degree"]
+    joints = record.robot.joints
     if isinstance(degree, str):
         return
     degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * len(joints)

@@ -31,6 +31,7 @@ LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, 
     "self_clearance": "self_clearance {} {}",
     "mesh": "hash of mesh {}",
     "robot": "robot: {}",
+    "resolved": "robot.resolved: the proof is of this URDF, not of the MJCF that it was made from",
 }
 
 
@@ -43,8 +44,9 @@ class Finding:
     kind : which constraint
         "start", "goal", "takeoff" and "landing" hold at an end of the flight; "position", "velocity", "torque",
         "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle", "self_clearance", "ground" and
-        "mesh" belong to clearances; "robot" is what of its file is not read; "recorded" is what the file claims of the
-        motion, "stated" and "angular_momentum" are numbers that the file gives twice.
+        "mesh" belong to clearances; "robot" is what of its file is not read; "resolved" says that the proof is of the
+        URDF that the plan file holds of an MJCF; "recorded" is what the file claims of the motion, "stated" and
+        "angular_momentum" are numbers that the file gives twice.
     subject : whose
         The joint, the obstacle's index and kind, both links, the mesh file, or the quantity's key; empty where the kind
         says everything.

@@ -110,7 +110,8 @@ def motor_limits_with(base: Problem, row: LimitRow, varied: Mapping[str, Array])
 
     None where what is varied is not written motor by motor.
     """
-    whole, count = f"limits.{row.key}", len(next(iter(varied.values())))
+    whole = f"limits.{row.key}"
+    count = len(next(iter(varied.values())))
     if whole in varied:
         return np.tile(varied[whole][:, None], len(base.robot.motors)) if len(varied) == 1 else None
     given = _spelt_out(base, f"{whole}.", row.key, getattr(base.limits, row.key))
@@ -171,7 +172,8 @@ def _index(key: str, length: int, path: str) -> int:
 
 def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
     """What a path may lead into, where the base has a word, one number for all, or nothing for it."""
-    head, robot = path.split(".")[0], base.robot
+    head = path.split(".")[0]
+    robot = base.robot
     if head in ("start", "goal") and key in BY_JOINT and not isinstance(value, str):
         if isinstance(value, Mapping):
             return value

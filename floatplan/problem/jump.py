@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from floatplan.arguments import by_name, positive
@@ -28,6 +27,17 @@ def _margin(value: Any, element: str) -> dict[str, float]:
     if unknown:
         raise InputError(f"{unknown[0]!r} is not a margin", element=element, advice=f"margins: {', '.join(MARGIN)}")
     return MARGIN | given
+
+
+def _stands_again(stands: Sequence[bool]) -> bool:
+    """Whether a foot that stands in these phases leaves the ground and returns."""
+    landings = 0
+    stood = False
+    for phase in stands:
+        if phase and not stood:
+            landings += 1
+        stood = phase
+    return landings > 1
 
 
 @dataclass(frozen=True)
@@ -64,7 +74,7 @@ class JumpSide(Keyed):
     def _fault(self, groups: Groups) -> str:
         for name in dict.fromkeys(name for group in groups for name in group):
             stands = [name in group or name.partition(".")[0] in group for group in groups]
-            if "101" in "".join(key for key, _ in groupby(str(int(each)) for each in stands)):
+            if _stands_again(stands):
                 return f"{name!r} would leave the ground and return; let it stand without a break"
             if 1 <= len(groups) <= MOST_PHASES and not stands[self.outer]:
                 return f"{name!r} would {self.wrong}; name it in the {'last' if self.outer else 'first'} phase too"

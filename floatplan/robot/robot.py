@@ -353,15 +353,17 @@ class Robot:
         """The plane in which it flies; refused in space."""
         return self.layout.plane
 
-    @cached_property
+    @property
     def tree(self) -> PlanarTree:
         """Bodies in the plane; refused in space."""
-        return self.layout.planar_tree()
+        if self.in_plane is None:
+            raise self.not_in_plane
+        return self.in_plane.planar_tree
 
     @cached_property
     def frames(self) -> Mapping[str, Frame]:
         """Links' and joints' origins by name, on the bodies of ``tree``; refused in space."""
-        return MappingProxyType(dict(self.layout.frames()))
+        return MappingProxyType(dict(self.layout.frames))
 
     @property
     def model_joints(self) -> tuple[str, ...]:

@@ -212,7 +212,10 @@ class StudyRun:
     def __init__(
         self, study: StudyFile, folder: StudyFolder, engine: Engine, progress: Callable[[Progress], None] | None
     ) -> None:
-        self._study, self._folder, self._engine, self._progress = study, folder, engine, progress
+        self._study = study
+        self._folder = folder
+        self._engine = engine
+        self._progress = progress
         self._packed = packed(study)
         self._row_check = row_check(study) if engine.is_callers else None
         self._size = self._least = (
@@ -222,7 +225,8 @@ class StudyRun:
     def fill(self, gaps: list[Range]) -> None:
         """Keep every process busy until nothing is left."""
         self._missing = sum(stop - first for first, stop in gaps)
-        self._done, self._began = 0, time.monotonic()
+        self._done = 0
+        self._began = time.monotonic()
         waiting = list(reversed(gaps))
         running: dict[Future[PlannedChunk], Range] = {}
         lost: list[Range] = []
@@ -233,7 +237,8 @@ class StudyRun:
                     executors.close()
                     for chunk in lost:
                         self._alone(chunk)
-                    lost, executor = [], executors.enter_context(self._engine.begin())
+                    lost = []
+                    executor = executors.enter_context(self._engine.begin())
                 places = self._engine.places()
                 while waiting and len(running) < places and not lost:
                     chunk = self._next(waiting, places)
@@ -268,10 +273,11 @@ class StudyRun:
         self._folder.keep(first, stop, planned.content)
         rows = stop - first
         self._done += rows
-        wanted = int(CHUNK_SECONDS * rows / max(planned.seconds, 1e-6))
-        self._size = max(min(wanted, GROWTH * rows, MOST_IN_CHUNK), self._least)
+        fitting = int(CHUNK_SECONDS * rows / max(planned.seconds, 1e-6))
+        self._size = max(min(fitting, GROWTH * rows, MOST_IN_CHUNK), self._least)
         if self._progress:
-            rate, left = self._done / max(time.monotonic() - self._began, 1e-9), self._missing - self._done
+            rate = self._done / max(time.monotonic() - self._began, 1e-9)
+            left = self._missing - self._done
             total = self._folder.rows[1] - self._folder.rows[0]
             self._progress(Progress(total - left, total, rate, left / rate))
 

@@ -151,7 +151,8 @@ def versions() -> Mapping[str, str]:
     for path in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.so")]):
         digest.update(f"{path.relative_to(PACKAGE).as_posix()} ".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
-    code, solver = digest.hexdigest()[:16], description().partition(" (")[0]
+    code = digest.hexdigest()[:16]
+    solver = description().partition(" (")[0]
     return {"floatplan": version("floatplan"), "code": code, "solver": solver}
 
 
@@ -217,7 +218,8 @@ def _count(tables: schema.StudyTables) -> int:
 
 
 def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
-    number, element = schema.varied_number(path, degrees), f"vary.{path}"
+    number = schema.varied_number(path, degrees)
+    element = f"vary.{path}"
     if isinstance(varied, schema.RangeTable):
         if varied.from_ > varied.to:
             raise InputError(f"from {varied.from_:g} is above to {varied.to:g}", element=element)

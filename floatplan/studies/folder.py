@@ -21,7 +21,11 @@ from floatplan.errors import InputError, import_optional
 from floatplan.files import check_readable, read_json, read_regular, write_atomically
 
 FORMAT = "floatplan.study/1"
-STUDY, RESULTS, CHUNKS, SHARDS, LOCK = "study.json", "results.parquet", "chunks", "shards", ".lock"
+STUDY = "study.json"
+RESULTS = "results.parquet"
+CHUNKS = "chunks"
+SHARDS = "shards"
+LOCK = ".lock"
 MAPS = ("map.png", "map.svg", "map.html")
 LARGEST_CHUNK = 1_000_000_000  # [bytes]
 LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
@@ -49,8 +53,8 @@ class Shard:
     @classmethod
     def asked(cls, words: str, total: int) -> Shard:
         """Read "3/64" about a study of so many rows; each shard has one at least."""
-        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
-        shard = cls(int(found[1]), int(found[2])) if found else cls(0, 0)
+        match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
+        shard = cls(int(match[1]), int(match[2])) if match else cls(0, 0)
         if not 1 <= shard.number <= shard.count <= total:
             reason = f"must be the number of a shard and how many there are, such as 3/64, not {words!r}"
             raise InputError(reason, element="shard", advice=f"{total} rows make 1/1 to {total}/{total}")

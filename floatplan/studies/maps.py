@@ -141,8 +141,8 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     axes = {axis.path: axis for axis in study.samples.axes}
     edges = {key: _edges(study, axes[key]) for key in (x, y)}
     columns, rows = (
-        np.clip(np.searchsorted(each, table[key].to_numpy(), side="right") - 1, 0, len(each) - 2)
-        for key, each in edges.items()
+        np.clip(np.searchsorted(ends, table[key].to_numpy(), side="right") - 1, 0, len(ends) - 2)
+        for key, ends in edges.items()
     )
     shape = (len(edges[y]) - 1, len(edges[x]) - 1)
     status = _statuses(table)
@@ -158,7 +158,7 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     units = units_of(table)
     others = [path for path in study.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
-    across, up = ((_label(key, units), each) for key, each in edges.items())
+    across, up = ((_label(key, units), ends) for key, ends in edges.items())
     return HeatMap(across, up, colour, shown, _label(z, units), title)
 
 
@@ -243,7 +243,8 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
 
 def _flight_data(problem: Problem) -> dict[str, Any]:
     """What the page needs to fly any row: links and inertia, and the problem whose numbers vary."""
-    scene, tree = scene_data(problem), problem.robot.tree
+    scene = scene_data(problem)
+    tree = problem.robot.tree
     inertia = {"coupling": rounded(pairs(tree.coupling)), "inertia": rounded(tree.inertia)}
     asked = {"ranges": rounded(problem.position_limits), "problem": problem_to_dict(problem)}
     return {**scene, "robot": {**scene["robot"], **inertia}, **asked}
@@ -258,22 +259,23 @@ def _axis(study: StudyFile, axis: Axis) -> dict[str, Any]:
 def _in_fractions(study: StudyFile, table: Any) -> npt.NDArray[np.float32]:
     """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
     sizes, joints = _unfolded(table["coefficients"].combine_chunks())
-    there, n = sizes > 0, len(study.base.robot.joints)
+    there = sizes > 0
+    n = len(study.base.robot.joints)
     sizes, values = _unfolded(joints)
     sizes = sizes.reshape(-1, n)
     size = int(sizes.max(initial=0))
     shape = len(table), n, size
-    found = values.to_numpy()
-    if found.size < math.prod(shape):
+    powers_of_seconds = values.to_numpy()
+    if powers_of_seconds.size < math.prod(shape):
         inside = np.zeros(shape, dtype=np.bool_)
         inside[there] = np.arange(size) < sizes[..., None]
-        found = np.full(shape, np.nan)
-        found[inside] = values.to_numpy()
+        powers_of_seconds = np.full(shape, np.nan)
+        powers_of_seconds[inside] = values.to_numpy()
     varied = "flight.duration" in study.paths
     duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), study.base.flight.duration)
     powers = np.vander(duration, size, increasing=True)
     fractions = np.empty(shape, dtype="<f4")
-    np.multiply(found.reshape(shape), powers[:, None], out=fractions, casting="same_kind")
+    np.multiply(powers_of_seconds.reshape(shape), powers[:, None], out=fractions, casting="same_kind")
     return fractions.reshape(len(table), n * size)
 
 

@@ -25,7 +25,8 @@ from floatplan.stance.planner import jump
 from floatplan.studies.file import StudyFile
 from floatplan.studies.rows import row_seed
 
-FORMAT, INDEX = "floatplan.motions/1", "index.json"
+FORMAT = "floatplan.motions/1"
+INDEX = "index.json"
 LARGEST_INDEX = 500_000_000  # [bytes]
 LARGEST_MOTION = 1_000_000_000  # [bytes]
 EVERY, RARELY = 5.0, 20  # [s] the index is written; or where that takes long, in times of what it takes
@@ -36,7 +37,8 @@ Row = Mapping[str, Any]  # of a study's table
 def row_plan(study: StudyFile, row: Row, prove: bool = True) -> Plan:
     """Return a row's plan, rebuilt, and proved; errors as of :meth:`floatplan.studies.study.Study.plan`."""
     index = row["index"]
-    family, seed = study.family(index, index + 1), row_seed(study.samples.seed, index)
+    family = study.family(index, index + 1)
+    seed = row_seed(study.samples.seed, index)
     if row["coefficients"] is None:
         advice = "call jump, which plans it once more" if study.plan.jump else None
         raise InputError(row["explanation"], element=f"row {index}", advice=advice)
@@ -55,7 +57,8 @@ def row_plan(study: StudyFile, row: Row, prove: bool = True) -> Plan:
 
 def row_jump(study: StudyFile, index: int) -> Jump:
     """Plan a row's whole jump once more; InputError where its problem is wrong."""
-    problem, seed = study.family(index, index + 1)[0], row_seed(study.samples.seed, index)
+    problem = study.family(index, index + 1)[0]
+    seed = row_seed(study.samples.seed, index)
     return jump(problem, seed=seed, starts=study.plan.starts, helps=False)
 
 
@@ -69,7 +72,8 @@ def write_motions(
     """
     about = {"format": FORMAT, "study": study.digest(), **options, "units": study.units}
     about["model"] = _sha256(options["model"]) if options["model"] else None
-    index, name = folder / INDEX, "{:07d}" + Path(format_of(options["form"]).file).suffix
+    index = folder / INDEX
+    name = "{:07d}" + Path(format_of(options["form"]).file).suffix
     known = _entries(index, about)
     done = {row: known[row] for row in known if known[row]["sha256"] == _sha256(folder / name.format(row))}
     left_over = [path for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)) if path.is_file()]
@@ -78,11 +82,13 @@ def write_motions(
         check_readable(path, "is not replaced")
     for path in left_over:
         path.unlink()
-    waiting, given = [(row,) for row in rows if row["index"] not in done], (study, folder, name, options)
-    written, took = time.monotonic(), 0.0
+    waiting = [(row,) for row in rows if row["index"] not in done]
+    writing = (study, folder, name, options)
+    written = time.monotonic()
+    took = 0.0
     try:
-        with processes(jobs, (__name__,), _writer, *given) if min(jobs, len(waiting)) > 1 else nullcontext() as pool:
-            for entry in in_order(pool, waiting, _writer(*given)):
+        with processes(jobs, (__name__,), _writer, *writing) if min(jobs, len(waiting)) > 1 else nullcontext() as pool:
+            for entry in in_order(pool, waiting, _writer(*writing)):
                 done |= {entry["row"]: entry} if entry else {}
                 if progress is not None:
                     progress(len(done), len(rows))
@@ -111,8 +117,8 @@ def _writer(study: StudyFile, folder: Path, name: str, options: Mapping[str, Any
         except InputError as error:
             raise error.within(element=f"row {index}") from None
         entry = {"row": index, "values": {key: row[key] for key in study.paths}, "file": path.name}
-        told = {"status": row["status"], "verdict": verdict, "proved": verdict == "proved"}
-        return {**entry, **told, "sha256": _sha256(path)}
+        found = {"status": row["status"], "verdict": verdict, "proved": verdict == "proved"}
+        return {**entry, **found, "sha256": _sha256(path)}
 
     return write
 

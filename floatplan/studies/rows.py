@@ -53,9 +53,9 @@ def packed(study: StudyFile) -> bytes:
 def _unpacked(content: bytes) -> StudyFile:
     """The study, unpacked once in each process."""
     study: StudyFile
-    study, there = pickle.loads(content)
-    if there != versions():
-        words = (" ".join(each.values()) for each in (versions(), there))
+    study, own_versions = pickle.loads(content)
+    if own_versions != versions():
+        words = (" ".join(names.values()) for names in (versions(), own_versions))
         raise FloatplanError("a worker has {}, the study {}: install the same everywhere".format(*words))
     return study
 
@@ -96,15 +96,17 @@ def _planned(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
 
 def _together(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
     """Plan rows together and measure them in blocks."""
-    began, plan = time.perf_counter(), study.plan
-    seed, is_plain = study.samples.seed, is_plain_family(problems)
+    began = time.perf_counter()
+    plan = study.plan
+    seed = study.samples.seed
+    is_plain = is_plain_family(problems)
     options = SearchOptions(seed, starts=plan.starts, attempts=plan.attempts, near_miss=False)
     seeds = (lambda row: seed) if is_plain else lambda row: row_seed(seed, first + row)
     plans = planned_together(problems, options, seeds, plan.search, plan.prove)
     peaks, use, clearance = _measured(problems, plans, np.flatnonzero(plans.ok))
     spent = np.maximum(plans.evaluations, 1)
     milliseconds = 1e3 * (time.perf_counter() - began) * spent / spent.sum()
-    shown = {each: printable(each, LONGEST_EXPLANATION) for each in {GOAL_MET, *plans.messages.values()}}
+    shown = {text: printable(text, LONGEST_EXPLANATION) for text in {GOAL_MET, *plans.messages.values()}}
     explanation = np.full(len(plans), shown[GOAL_MET], dtype=object)
     for index, message in plans.messages.items():
         explanation[index] = shown[message]
@@ -130,32 +132,42 @@ def _without_gaps(plans: Plans) -> list[list[list[float]] | None]:
     return [b.tolist() if b.size else None for b in own]
 
 
-def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, Array, Array]:
+def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Array, Array]:
     """Peaks (N, m) of the motors' torques, utilisation (N,) of limits, and distances (N,) to obstacles, m.
 
     By the kernel where it knows all of that.
     """
-    base, (use, clearance) = problems.base, np.full((2, len(plans)), np.nan)
+    base = problems.base
     peaks = np.full((len(plans), len(base.robot.motors)), np.nan)
-    known = base.robot.in_plane and limits_of_motors(base).keys() <= {"torque", *ORDERS} and can_measure(base)
-    if known and found.size:
+    use = np.full(len(plans), np.nan)
+    clearance = np.full(len(plans), np.nan)
+    is_known = base.robot.in_plane and limits_of_motors(base).keys() <= {"torque", *ORDERS} and can_measure(base)
+    if not is_known:
+        for index in rows.tolist():
+            plan = replace(plans.answer(index), certificate=None).plan(problems[index], plans.seed)
+            share = largest_use(plan.utilisation)
+            peaks[index] = plan.peaks.motor_torque
+            use[index] = np.nan if share is None else share
+            clearance[index] = np.nan if plan.peaks.clearance is None else plan.peaks.clearance
+    elif rows.size:
         if is_together(problems):
-            numbers = Numbers.of_family(problems, found)
+            numbers = Numbers.of_family(problems, rows)
             of: Problem | Sequence[Problem] | Numbers = numbers if numbers.obstacles else base
-            durations, limits = numbers.values["duration"], limits_of_motors(numbers.limits or base)
+            durations = numbers.values["duration"]
+            limits = limits_of_motors(numbers.limits or base)
         else:
-            of = each = [problems[index] for index in found.tolist()]
-            durations, own = np.array([one.flight.duration for one in each]), list(map(limits_of_motors, each))
-            limits = {name: np.array([one[name] for one in own]) for name in own[0]}
-        orders = max((1 + i for i, name in enumerate(ORDERS) if np.isfinite(limits[name]).any()), default=0)
-        measured = many_peaks(of, durations, plans.angular_momentum[found], plans.coefficients[found], orders)
-        peaks[found], use[found] = measured.motor_torque, _use(base.robot, measured, limits)
-        clearance[found] = np.where(np.isfinite(measured.clearance), measured.clearance, np.nan)
-    for index in [] if known else found.tolist():
-        plan = replace(plans.answer(index), certificate=None).plan(problems[index], plans.seed)
-        peaks[index] = plan.peaks.motor_torque
-        use[index] = np.nan if (share := largest_use(plan.utilisation)) is None else share
-        clearance[index] = np.nan if plan.peaks.clearance is None else plan.peaks.clearance
+            of = [problems[index] for index in rows.tolist()]
+            durations = np.array([problem.flight.duration for problem in of])
+            of_each = [limits_of_motors(problem) for problem in of]
+            limits = {name: np.array([own[name] for own in of_each]) for name in of_each[0]}
+        orders = 0  # of the derivatives that have a limit
+        for order, name in enumerate(ORDERS, start=1):
+            if np.isfinite(limits[name]).any():
+                orders = order
+        measured = many_peaks(of, durations, plans.angular_momentum[rows], plans.coefficients[rows], orders)
+        peaks[rows] = measured.motor_torque
+        use[rows] = _use(base.robot, measured, limits)
+        clearance[rows] = np.where(np.isfinite(measured.clearance), measured.clearance, np.nan)
     return peaks, use, clearance
 
 
@@ -183,20 +195,21 @@ def _jumped_all(study: StudyFile, problems: Family, first: int) -> dict[str, Any
 
 def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
     """A whole jump, and what was measured of it 2000 times a second: the check's figures, and those of the motors."""
-    found = jump(problem, seed=seed, starts=plan.starts, helps=False)
-    if not found.ok or found.flight is None:
-        return Answer("not_found", starts=plan.starts, message=found.explanation), {}
-    verdict = certify(found.flight).verdict if plan.prove else ""
-    figures, view = found.check.figures, found.view
-    times = np.linspace(0.0, found.duration, int(found.duration * RATE) + 2)
+    planned = jump(problem, seed=seed, starts=plan.starts, helps=False)
+    if not planned.ok or planned.flight is None:
+        return Answer("not_found", starts=plan.starts, message=planned.explanation), {}
+    verdict = certify(planned.flight).verdict if plan.prove else ""
+    figures = planned.check.figures
+    view = planned.view
+    times = np.linspace(0.0, planned.duration, int(planned.duration * RATE) + 2)
     torques = view.at(times).motor_torques
     answer = Answer(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
-        angular_momentum=found.flight.angular_momentum,
+        angular_momentum=planned.flight.angular_momentum,
         starts=plan.starts,
         verdict=verdict,
-        message=found.explanation,
+        message=planned.explanation,
     )
     return answer, {
         "objective": answer.objective,
@@ -204,7 +217,7 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
         "utilisation": max(figures[name] for name in ("torque", "torque_speed", "velocity")),
         "clearance": figures.get("obstacles", np.nan),
         "height": view.height,
-        "jump_duration": found.duration,
+        "jump_duration": planned.duration,
         "friction_used": figures["friction"],
     }
 
@@ -230,11 +243,11 @@ def _unplanned(study: StudyFile, index: int, values: Values, reason: str) -> Any
     return _table(study, index, values, {name: [value] for name, value in row.items()})
 
 
-def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any]) -> Any:
+def _table(study: StudyFile, first: int, values: Values, results: Mapping[str, Any]) -> Any:
     """The rows as a table; no number is NaN: what there is not is null."""
 
     def number(name: str) -> Array:
-        return np.asarray(found[name], dtype=np.float64)
+        return np.asarray(results[name], dtype=np.float64)
 
     motors = [f"torque_peak.{motor}" for motor in study.base.robot.motors]
     peaks = number("peaks").reshape(-1, len(motors))
@@ -242,7 +255,7 @@ def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any
     columns = {
         "index": np.arange(first, first + len(peaks)),
         **values,
-        "status": found["status"],
+        "status": results["status"],
         "objective": number("objective"),
         "angular_momentum": number("angular_momentum"),
         "torque_peak": np.where(there, peaks.max(axis=1, initial=-np.inf), np.nan),
@@ -250,13 +263,13 @@ def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any
         "utilisation": number("utilisation"),
         "clearance": number("clearance"),
         **({name: number(name) for name in OF_JUMPS} if study.plan.jump else {}),
-        "explanation": found["explanation"],
-        "starts": np.asarray(found["starts"], dtype=np.int32),
+        "explanation": results["explanation"],
+        "starts": np.asarray(results["starts"], dtype=np.int32),
         "milliseconds": number("milliseconds"),
-        "coefficients": found["coefficients"],
+        "coefficients": results["coefficients"],
     }
     if study.plan.prove:
-        columns["verdict"] = found["verdict"]
+        columns["verdict"] = results["verdict"]
     units = {
         **study.units,
         **OF_JUMPS,
@@ -274,20 +287,20 @@ def row_check(study: StudyFile) -> Callable[[Any, int, int], bool]:
     """Return what tells whether a table holds a range of rows and no others, in their order, each with a status."""
     schema = read_table(written(_unplanned(study, 0, study.samples.values(0, 1), ""))).schema
 
-    there = ("objective", *([] if study.plan.jump else ["coefficients"]))
+    needed = ("objective", *([] if study.plan.jump else ["coefficients"]))
 
     def are_in(table: Any, first: int, stop: int) -> bool:
         if not table.schema.equals(schema, check_metadata=True) or len(table) != stop - first:
             return False
-        given = {"index": np.arange(first, stop), **study.samples.values(first, stop)}
-        said = {"status": STATUSES, **({"verdict": VERDICTS} if "verdict" in table.column_names else {})}
-        if any(table[name].null_count for name in (*given, *said, "explanation", "starts")):
+        expected = {"index": np.arange(first, stop), **study.samples.values(first, stop)}
+        allowed = {"status": STATUSES, **({"verdict": VERDICTS} if "verdict" in table.column_names else {})}
+        if any(table[name].null_count for name in (*expected, *allowed, "explanation", "starts")):
             return False
         solved = table.filter(np.isin(table["status"].to_numpy(), SOLVED))
         return (
-            not any(solved[name].null_count for name in there)
-            and all(np.array_equal(table[name].to_numpy(), values) for name, values in given.items())
-            and all(np.isin(table[name].to_numpy(), words).all() for name, words in said.items())
+            not any(solved[name].null_count for name in needed)
+            and all(np.array_equal(table[name].to_numpy(), values) for name, values in expected.items())
+            and all(np.isin(table[name].to_numpy(), words).all() for name, words in allowed.items())
         )
 
     return are_in

@@ -85,7 +85,9 @@ def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**content, **lifted, "vary": {key: value for key, value in vary.items() if key not in lifted}}
 
 
-_JOINT, _INDEX, _AXIS = r"\.[^.]+", r"\.\d+", r"\.[01]"
+_JOINT = r"\.[^.]+"
+_INDEX = r"\.\d+"
+_AXIS = r"\.[01]"
 _PARTS = (
     *((r"(?:start|goal)", Posture), ("flight", Flight), ("motion", Motion), ("limits", Limits)),
     ("jump", JumpRequest),
@@ -146,11 +148,11 @@ def varied_number(path: str, degrees: bool) -> VariedNumber:
 @cache
 def _numbers() -> Mapping[str, tuple[str, Range, bool]]:
     """Unit, range, and whether it is whole, of every number of a problem file, by the pattern of its paths."""
-    found: dict[str, tuple[str, Range, bool]] = {}
+    numbers: dict[str, tuple[str, Range, bool]] = {}
     for head, part in _PARTS:
         for pattern, key, name, whole in _below(head, part, Key(""), ""):
-            found[pattern] = key.unit, DEGREE if whole else name if isinstance(name, Range) else RANGES[name], whole
-    return found
+            numbers[pattern] = key.unit, DEGREE if whole else name if isinstance(name, Range) else RANGES[name], whole
+    return numbers
 
 
 def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[str, Key, str | Range, bool]]:
@@ -159,8 +161,8 @@ def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[
     if hint in (float, int):
         yield path, key, name, hint is int
     elif isinstance(hint, type) and issubclass(hint, Keyed):
-        for name, each in hint.keys.items():
-            yield from _below(rf"{path}\.{in_files(name)}", hint.hints[name], each, each.numbers or name)
+        for name, inner_key in hint.keys.items():
+            yield from _below(rf"{path}\.{in_files(name)}", hint.hints[name], inner_key, inner_key.numbers or name)
     elif origin in (Union, UnionType):
         for kind in inner:
             yield from _below(path, kind, key, name)

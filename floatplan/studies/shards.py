@@ -29,7 +29,7 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     file = load_study_file(path)
     place = StudyFolder(folder or file.folder, (0, len(file)))
     parts = parts or [path for path in listed(place.path / SHARDS) if path.is_dir()]
-    found: dict[Shard, Path] = {}
+    folders: dict[Shard, Path] = {}
     for part in parts:
         shard = Shard(0, 0)
         match StudyFolder(part, (0, 0)).record():
@@ -37,23 +37,24 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
                 shard = Shard(number, count)
         if not 1 <= shard.number <= shard.count <= len(file):
             raise InputError(FOREIGN, source=part)
-        if shard in found:
-            raise InputError(f"is shard {shard}, as {found[shard]} is", source=part, advice="give one of them")
-        found[shard] = part
-    count = max((shard.count for shard in found), default=1)
-    wanted = [Shard(number, count) for number in range(1, count + 1)]
-    missing = [str(shard) for shard in wanted if shard not in found]
+        if shard in folders:
+            raise InputError(f"is shard {shard}, as {folders[shard]} is", source=part, advice="give one of them")
+        folders[shard] = part
+    count = max((shard.count for shard in folders), default=1)
+    shards = [Shard(number, count) for number in range(1, count + 1)]
+    missing = [str(shard) for shard in shards if shard not in folders]
     if missing:
-        reason, advice = f"shards are missing: {', '.join(missing)}", f"floatplan study STUDY.toml --shard {missing[0]}"
+        reason = f"shards are missing: {', '.join(missing)}"
+        advice = f"floatplan study STUDY.toml --shard {missing[0]}"
         raise InputError(reason, source=place.path / SHARDS, advice=advice)
-    tables = [_rows(file, shard, found[shard]) for shard in wanted]
+    tables = [_rows(file, shard, folders[shard]) for shard in shards]
     with place.locked():
         place.open(file.digest(), facts(file), restart=False)
         contents = place.look(row_check(file))
         if contents.damaged:
             advice = f"floatplan study {path} plans its rows again; or give another folder"
             raise InputError("is damaged", source=contents.damaged[0], advice=advice)
-        for shard, table in zip(wanted, tables, strict=True):
+        for shard, table in zip(shards, tables, strict=True):
             _keep_missing(place, contents.gaps, shard.rows(len(file)), table)
     return planned_study(path, folder, False, started("processes", 1, None), None)
 

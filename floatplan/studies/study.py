@@ -109,7 +109,8 @@ class Study:
             There is no such column of numbers.
         """
         pa, _ = arrow()
-        k, by = whole(Range(0, 2**63 - 1, ""))(k, "k"), text(by, "by")
+        k = whole(Range(0, 2**63 - 1, ""))(k, "k")
+        by = text(by, "by")
         kind = self.table.schema.field(by).type if by in self.table.column_names else pa.null()
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise InputError("is no column of numbers", element=f"by {by!r}")
@@ -166,7 +167,8 @@ class Study:
         solved = self.table.filter(np.isin(self.table["status"].to_numpy(), SOLVED))
         if len(solved) > MOST_MOTIONS:
             raise InputError(f"{len(solved)} rows hold a motion, more than {MOST_MOTIONS}", element="export")
-        count, progress = optional(JOBS)(jobs, "jobs") or processors(), optional(function)(progress, "progress")
+        count = optional(JOBS)(jobs, "jobs") or processors()
+        progress = optional(function)(progress, "progress")
         with StudyFolder(self.folder, (0, len(self))).locked():
             return write_motions(self._file, solved.to_pylist(), self.folder / form, options, count, progress)
 
@@ -233,8 +235,9 @@ def study(
         No process can be started, or the executor takes no more; the same call goes on from there.
     """
     chosen = started(text(engine, "engine"), jobs, optional(text)(scheduler, "scheduler"), executor)
-    given, progress = optional(as_path)(folder, "folder"), optional(function)(progress, "progress")
-    return planned_study(as_path(path, "path"), given, flag(restart, "restart"), chosen, progress)
+    place = optional(as_path)(folder, "folder")
+    progress = optional(function)(progress, "progress")
+    return planned_study(as_path(path, "path"), place, flag(restart, "restart"), chosen, progress)
 
 
 def planned_study(
@@ -253,7 +256,8 @@ def planned_study(
     file = load_study_file(path)
     if file.plan.jump:
         casadi()
-    place, of_shard = StudyFolder(folder or file.folder, (0, len(file))), {}
+    place = StudyFolder(folder or file.folder, (0, len(file)))
+    of_shard = {}
     if shard is not None:
         which = Shard.asked(shard, len(file))
         of_shard = {"shard": [which.number, which.count]}

@@ -1,7 +1,8 @@
-"""Plans of robots from MJCF, proved by the certificate's own reader: it and the planner's read the same robot."""
+"""Plans of robots from MJCF: proved of the URDF that the plan file holds, and of nothing else."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from dataclasses import replace
@@ -55,17 +56,76 @@ class TestKangaroo:
             changed.write_text(text)
         assert fp.certify(file).proved
 
-    def test_an_include_whose_hash_is_not_recorded_is_not_read(self, split):
-        plan = fp.plan(replace(flight(fp.Robot.from_mjcf(split)), obstacles=()))
-        record = plan.record
-        assert set(record.robot.meshes) == {"parts/leg.xml"}
-        unknown = replace(record, robot=replace(record.robot, meshes={}))
-        certificate = fp.certify(unknown)
+    def test_the_urdf_in_the_file_is_what_is_proved(self, tmp_path):
+        """A URDF that is changed is refused by its digest; one that has its digest is proved or refuted itself."""
+        problem = replace(flight(fp.Robot.from_mjcf(KANGAROO)), obstacles=())
+        file = fp.plan(problem, prove=True).save(tmp_path / "plan.json")
+        certificate = fp.certify(file)
+        (said,) = [finding for finding in certificate.findings if finding.kind == "resolved"]
+        assert certificate.proved
+        assert said.label == "robot.resolved: the proof is of this URDF, not of the MJCF that it was made from"
+        assert fp.load_plan(file).certificate.findings == certificate.findings
+        written = file.read_text()
+        content = json.loads(written)
+        resolved = content["robot"]["resolved"]
+        assert resolved["sha256"] == hashlib.sha256(resolved["urdf"].encode()).hexdigest()
+        mass = re.search(r'mass value="([^"]*)"', resolved["urdf"]).group(1)
+        resolved["urdf"] = resolved["urdf"].replace(mass, repr(1.1 * float(mass)), 1)
+        file.write_text(json.dumps(content))
+        with pytest.raises(InputError, match=r"robot\.resolved\.urdf: its SHA-256 differs"):
+            fp.certify(file)
+        resolved["sha256"] = hashlib.sha256(resolved["urdf"].encode()).hexdigest()
+        file.write_text(json.dumps(content))
+        assert fp.certify(file).verdict == "refuted"
+        resolved["urdf"] = "<robot"
+        resolved["sha256"] = hashlib.sha256(b"<robot").hexdigest()
+        file.write_text(json.dumps(content))
+        with pytest.raises(InputError, match=r"robot\.resolved\.urdf: is not well-formed"):
+            fp.certify(file)
+
+    def test_shapes_of_another_urdf_prove_nothing(self, tmp_path):
+        file = fp.plan(flight(fp.Robot.from_mjcf(KANGAROO))).save(tmp_path / "plan.json")
+        content = json.loads(file.read_text())
+        resolved = content["robot"]["resolved"]
+        resolved["urdf"] = resolved["urdf"].replace('radius="0.09"', 'radius="0.08"')
+        resolved["sha256"] = hashlib.sha256(resolved["urdf"].encode()).hexdigest()
+        file.write_text(json.dumps(content))
+        certificate = fp.certify(file)
         (finding,) = certificate.findings
-        assert (certificate.verdict, finding.label) == (
-            "undecided",
-            'robot: the included "parts/leg.xml" is not read: it has no hash of its own in the plan',
-        )
+        assert certificate.verdict == "undecided"
+        assert "robot.resolved is another" in finding.label
+
+    @pytest.mark.parametrize(
+        ("resolved", "element"),
+        [
+            ("<robot/>", "robot.resolved"),
+            ({"urdf": "<robot/>"}, "robot.resolved.sha256"),
+            ({"url": ""}, "resolved.url"),
+        ],
+    )
+    def test_what_is_no_resolved_urdf_is_refused(self, tmp_path, resolved, element):
+        file = fp.plan(replace(flight(fp.Robot.from_mjcf(KANGAROO)), obstacles=())).save(tmp_path / "plan.json")
+        content = json.loads(file.read_text())
+        content["robot"]["resolved"] = resolved
+        file.write_text(json.dumps(content))
+        for read in (fp.certify, fp.load_plan):
+            with pytest.raises(InputError, match=element):
+                read(file)
+
+    def test_a_file_without_it_is_undecided(self):
+        record = fp.plan(replace(flight(fp.Robot.from_mjcf(KANGAROO)), obstacles=())).record
+        certificate = fp.certify(replace(record, robot=replace(record.robot, resolved=None)))
+        (finding,) = certificate.findings
+        assert certificate.verdict == "undecided"
+        assert finding.label.startswith("robot: the MJCF is not read: the plan file does not hold the URDF")
+
+    def test_an_included_file_may_not_change_whatever_is_asked(self, split, tmp_path):
+        file = fp.plan(replace(flight(fp.Robot.from_mjcf(split)), obstacles=())).save(tmp_path / "plan.json")
+        assert fp.certify(file).proved
+        leg = split.parent / "parts" / "leg.xml"
+        leg.write_text(leg.read_text() + " ")
+        with pytest.raises(InputError, match=r"leg\.xml.*SHA-256 differs"):
+            fp.certify(file)
 
     def test_a_limit_that_its_actuators_give_is_proved(self):
         robot = fp.Robot.from_mjcf(KANGAROO)
@@ -76,34 +136,17 @@ class TestKangaroo:
         assert limits == dict(zip(robot.joints, robot.torque_limits.tolist(), strict=True))
 
 
-class TestNotRead:
-    """A robot that the planner reads and the certificate does not: its plans stay, undecided."""
-
-    @pytest.fixture
-    def file(self, tmp_path) -> Path:
-        corners = "0 0 0  0.1 0 0  0 0.1 0  0 0 -0.3"
-        mesh = f'<asset><mesh name="shin" vertex="{corners}"/></asset><worldbody>'
-        text = KANGAROO.read_text().replace("<worldbody>", mesh, 1)
-        file = tmp_path / "meshed.xml"
-        file.write_text(
-            re.sub(r'<geom name="shank"[^>]*>', '<geom type="mesh" mesh="shin" contype="0" conaffinity="0"/>', text)
-        )
-        write_mesh(tmp_path / "shin.obj", corners)
-        file.write_text(file.read_text().replace(f'name="shin" vertex="{corners}"', 'name="shin" file="shin.obj"'))
-        return file
-
-    def test_its_plan_is_undecided_and_says_why(self, file, tmp_path, floatplan):
-        plan = fp.plan(replace(flight(fp.Robot.from_mjcf(file)), obstacles=()), prove=True)
-        assert plan.ok
-        assert plan.certificate.verdict == "undecided"
-        reason = 'robot: body "shank": inertia from a mesh is not read'
-        assert plan.explanation.endswith(f"Not proved: {reason}.")
-        saved = fp.load_plan(plan.save(tmp_path / "plan.json"))
-        assert [finding.label for finding in saved.certificate.findings] == [reason]
-        assert not np.isfinite(saved.certificate.torque_peak).any()
-        done = floatplan("certify", tmp_path / "plan.json", "--json")
-        assert (done.code, json.loads(done.stdout)["verdict"]) == (1, "undecided")
-        assert "inertia from a mesh" in " ".join(floatplan("certify", tmp_path / "plan.json").stdout.split())
+def test_an_inertia_from_a_mesh_is_proved(tmp_path):
+    """It is as MuJoCo's compiler has it, in the URDF that the plan file holds."""
+    corners = "0 0 0  0.1 0 0  0 0.1 0  0 0 -0.3"
+    write_mesh(tmp_path / "shin.obj", corners)
+    mesh = '<asset><mesh name="shin" file="shin.obj"/></asset><worldbody>'
+    text = KANGAROO.read_text().replace("<worldbody>", mesh, 1)
+    geom = '<geom type="mesh" mesh="shin" contype="0" conaffinity="0"/>'
+    file = tmp_path / "meshed.xml"
+    file.write_text(re.sub(r'<geom name="shank"[^>]*>', geom, text))
+    plan = fp.plan(replace(flight(fp.Robot.from_mjcf(file)), obstacles=()), prove=True)
+    assert plan.certificate.proved
 
 
 def write_mesh(file: Path, corners: str) -> None:

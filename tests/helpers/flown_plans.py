@@ -9,7 +9,7 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.motion.flight import momentum_set
+from floatplan.motion.flight import flight_of
 from floatplan.planning.transcription.variables import boundary, sine_polynomials
 
 
@@ -18,9 +18,9 @@ def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Pl
     rest = {"velocities": 0.0, "accelerations": 0.0, "settled": None}
     still = {end: replace(getattr(problem, end), **rest) for end in ("start", "goal")}
     problem = replace(problem, **still)
-    momentum = momentum_set(problem).centre
+    momentum = flight_of(problem).momentum_set.centre
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    conditions = boundary(problem, branches, momentum_set(problem))
+    conditions = boundary(problem, branches, flight_of(problem).momentum_set)
     polynomials = sine_polynomials(conditions, problem.degrees, momentum)
     z = size * np.random.default_rng(seed).standard_normal(polynomials.no_free_part.shape)
     z.ravel()[np.setdiff1d(np.arange(z.size), polynomials.free_indices)] = 0.0

@@ -1,16 +1,15 @@
 """Plan records made without the planner: a motion is drawn, and its boundary states and ends become the problem."""
 
-import hashlib
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import proof_reference as reference
 
 from floatplan.arrays import read_only
-from floatplan.plans.record import PlanRecord, RobotRecord
+from floatplan.plans.reading import robot_record
+from floatplan.plans.record import PlanRecord
 from floatplan.robot.robot import Robot
 
 URDF = Path(__file__).parents[2] / "urdf"
@@ -89,23 +88,12 @@ def make_plan(
     takeoff, landing = frames or (robot.tree.names[0], robot.tree.names[0])
     centre = np.zeros(n) if centre is None else np.asarray(centre)
     amplitude = np.full(n, np.pi) if amplitude is None else np.asarray(amplitude)
-    file: dict[str, Any] = {robot.kind: str(robot.path)}
     blank = PlanRecord(
         status="feasible",
         ok=True,
         explanation="",
         problem={"flight": {"duration": duration}},
-        robot=RobotRecord(
-            **file,
-            sha256=hashlib.sha256(robot.path.read_bytes()).hexdigest(),
-            joints=robot.joints,
-            plane=robot.plane.name,
-            coupled={name: asdict(coupling) for name, coupling in robot.coupled.items()},
-            locked=dict(robot.locked),
-            meshes=dict(robot.meshes),
-            armature=dict(robot.armature),
-            damping=dict(robot.damping),
-        ),
+        robot=replace(robot_record(robot), resting=()),
         angular_momentum=angular_momentum,
         angular_momentum_bounds=(angular_momentum - 1.0, angular_momentum + 1.0),
         centre=read_only(centre),

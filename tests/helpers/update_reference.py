@@ -15,9 +15,10 @@ from floatplan.compiled.constraints import DistanceRows
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.update import RemainingMotion
+from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
-from floatplan.motion.planar.closed_form import Ballistics, Dynamics
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.sine_polynomial import joint_motion
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
@@ -136,7 +137,7 @@ class Reference:
         goal = views.flight.final_orientation
         self._flight = replace(
             views.flight,
-            equations=present.dynamics,
+            other_equations=present.dynamics,
             ballistics=present.com,
             initial_orientation=present.orientation,
             duration=motion.remaining,

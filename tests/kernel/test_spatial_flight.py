@@ -15,8 +15,8 @@ import floatplan as fp
 from floatplan import tables
 from floatplan.kernel import library
 from floatplan.motion.sine_polynomial import basis
-from floatplan.motion.spatial.attitude import cells
-from floatplan.motion.spatial.flight import LEVELS, spatial_flight
+from floatplan.motion.spatial.attitude import LEVELS, cells
+from floatplan.motion.spatial.flight import spatial_flight
 from floatplan.motion.spatial.rotations import exponential, logarithm
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.lifting import LiftedFlight, close, starts

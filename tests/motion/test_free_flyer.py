@@ -15,7 +15,7 @@ from straight_axes import axes_turned_in_file
 
 import floatplan as fp
 from floatplan.arrays import read_only
-from floatplan.motion.planar.closed_form import Ballistics
+from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 

@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.motion.flight import whole_motion
+from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, cells, moved, turn
-from floatplan.motion.spatial.flight import spatial_dynamics
+from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.momentum import _PlainMotion, suggested_momentum
 from floatplan.motion.spatial.rotations import (
     cross_matrix,
@@ -163,9 +163,9 @@ def test_a_planar_plan_flown_in_space_is_the_planar_plan():
         limits=fp.Limits(position=planar.problem.position_limits),
     )
     written = WrittenMotion.from_powers(planar.centre, planar.amplitude, planar.coefficients, planar.duration)
-    from floatplan.motion.flight import ballistics
 
-    spatial = whole_motion(problem, written, planar.angular_momentum * normal, ballistics(problem))
+    flight = flight_of(problem)
+    spatial = flight.whole_motion(written, planar.angular_momentum * normal, flight.ballistics)
     times = np.linspace(0, planar.duration, 9)
     expected, state = planar.at(times), spatial.state(times)
     turned = Rotation.from_rotvec(expected.orientation[:, None] * normal)

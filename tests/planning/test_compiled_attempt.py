@@ -10,7 +10,7 @@ from sampled_flight import nodes_of, trajectory, values_of
 
 import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.motion.flight import impossibilities
+from floatplan.motion.flight import flight_of
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription import compiled_attempt
@@ -153,6 +153,6 @@ def test_what_is_told_before_a_search_is_so(root):
         outcome = ready.attempts(blocked.degrees, (), range(1), lambda: False, asks=True)
         told.append((ready._ends_hold, ready._path_is_clear, outcome.starts))
         assert ready._ends_hold == (not [*ready._impossible_ends()])
-        assert not (ready._path_is_clear and impossibilities(blocked))
-        assert ready.impossible == [*ready._impossible_ends(), *impossibilities(blocked)]
+        assert not (ready._path_is_clear and flight_of(blocked).impossibilities())
+        assert ready.impossible == [*ready._impossible_ends(), *flight_of(blocked).impossibilities()]
     assert len(set(told)) == 5

@@ -22,7 +22,8 @@ from scipy.integrate import simpson
 import floatplan as fp
 from floatplan import tables
 from floatplan.arrays import read_only
-from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.flight import flight_of
+from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form
 from floatplan.planning.transcription import constraints as constraints_module
@@ -103,7 +104,7 @@ def problem():
 def flight(problem):
     """What evaluates a motion x in NumPy: (model, variables, sampling)."""
     branches = np.array([[0, 0, 0], [0, 1, -1]])
-    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
     assert variables.momentum.free == 1
     sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.form), INSTANTS)
@@ -194,7 +195,7 @@ class TestRatesThatFollow:
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         branches = np.array([[0, 0, 0], [0, 1, -1]])
-        variables = decision_variables(asked, asked.degrees, branches, momentum_set(asked))
+        variables = decision_variables(asked, asked.degrees, branches, flight_of(asked).momentum_set)
         assert variables.following
         return KernelProgram(asked, NODE_COUNTS.index(24), tuple(INSTANTS), variables)
 
@@ -358,7 +359,7 @@ class TestObjectives:
         asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
         model = flight_model(asked)
         branches = np.zeros((2, 3), dtype=np.int64)
-        variables = decision_variables(asked, (7,) * 3, branches, momentum_set(asked))
+        variables = decision_variables(asked, (7,) * 3, branches, flight_of(asked).momentum_set)
         sampling = sample_nodes(gauss_grid(32), Form(2))
         made = objective(asked, model, variables, sampling)
         assert type(made) is type(OBJECTIVES[name])

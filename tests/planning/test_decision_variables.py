@@ -9,15 +9,15 @@ import pytest
 from sampled_flight import gradient
 
 import floatplan as fp
+from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.flight import momentum_set
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 
 
 def variables_of(problem: fp.Problem, degree: int | tuple[int, ...] = 7) -> DecisionVariables:
     problem = replace(problem, motion=fp.Motion(degree=degree))
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    momentum = momentum_set(problem)
+    momentum = flight_of(problem).momentum_set
     return decision_variables(problem, problem.degrees, branches, momentum)
 
 

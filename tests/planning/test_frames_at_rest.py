@@ -10,9 +10,9 @@ import pytest
 
 import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.contact_rates import contact_rates
 from floatplan.motion.planar.end_rates import end_rates
-from floatplan.motion.planar.flight import momentum_set
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 
 
@@ -121,7 +121,7 @@ class TestFreeAccelerations:
 class TestRates:
     def test_follow_h_in_pieces_with_the_frame_at_rest_everywhere(self, jumper):
         problem = problem_of(jumper, "free")
-        momentum = momentum_set(problem)
+        momentum = flight_of(problem).momentum_set
         rates = end_rates(problem, momentum)
         reach = 3 * float(momentum.axes[0, 0])
         for h in momentum.centre[0] + np.linspace(-reach, reach, 41):
@@ -135,7 +135,7 @@ class TestRates:
 
     def test_of_a_given_h_are_the_best(self, jumper):
         problem = problem_of(jumper)
-        found = end_rates(problem, momentum_set(problem))(np.array([-4.0]))
+        found = end_rates(problem, flight_of(problem).momentum_set)(np.array([-4.0]))
         assert found[0] == pytest.approx(contact_rates(problem, "takeoff", -4.0).rates, rel=1e-12)
 
 

@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.motion.flight import momentum_set
+from floatplan.motion.flight import flight_of
 from floatplan.motion.spatial.rotations import logarithm
 from floatplan.planning.in_space import degrees_tried
 from floatplan.planning.lifting import LiftedFlight, close, starts
@@ -208,7 +208,7 @@ def test_twists_and_few_joints_need_a_higher_degree():
 def test_a_closed_motion_has_no_gaps_between_its_cells():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     model, branches = flight_model(problem), np.zeros((2, 7), int)
-    variables = decision_variables(problem, (9,) * 7, branches, momentum_set(problem))
+    variables = decision_variables(problem, (9,) * 7, branches, flight_of(problem).momentum_set)
     lifted = LiftedFlight(model, model.flight, variables)
     drawn = starts(lifted, 4)
     motions = [close(next(drawn)) for _ in range(3)]

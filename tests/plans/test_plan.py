@@ -18,7 +18,7 @@ from scipy.integrate import simpson
 import floatplan as fp
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import read_only
-from floatplan.motion.planar.closed_form import Ballistics
+from floatplan.motion.dynamics import Ballistics
 from floatplan.plans.plan import Plan, rebuild
 
 DURATION = 1.3

@@ -33,6 +33,7 @@ CONSTRAINTS: dict[str, tuple[Kind, Subject]] = {
     "ground": ("ground", ()),
     "hash of mesh meshes/a b.stl": ("mesh", ("meshes/a b.stl",)),
     'robot: body "foot": inertia from a mesh is not read': ("robot", ('body "foot": inertia from a mesh is not read',)),
+    "robot.resolved: the proof is of this URDF, not of the MJCF that it was made from": ("resolved", ()),
     "recorded torque_peak": ("recorded", ("torque_peak",)),
     "recorded orientation.end": ("recorded", ("orientation.end",)),
     "orientation.start": ("stated", ("orientation", "start")),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from pathlib import Path
 
@@ -19,7 +18,6 @@ AXES = "is not three of the letters x, y, z with neighbours that differ"
 EITHER = "give either quaternion_xyzw, or angles and axes"
 NEITHER = "is neither an angle nor an Attitude"
 MOMENTUM = "must be 0, three numbers, 'suggested' or 'free'"
-NAN, INF = math.nan, math.inf
 
 
 def q(*numbers):
@@ -39,8 +37,6 @@ GOAL, H, SPEED, LEAVES, LANDS = (
 )
 BAD = [  # what is written under a key, the key that is named, and what is said of it
     (GOAL, 30, GOAL, "must be an Attitude"),
-    (GOAL, "up", GOAL, "'up' is not a number"),
-    (GOAL, True, GOAL, "True is not a number"),
     (GOAL, [0, 0, 0, 1], GOAL, NEITHER),
     (GOAL, {}, f"{GOAL}.quaternion_xyzw", EITHER),
     (GOAL, {"quaternion": [0, 0, 0, 1]}, f"{GOAL}.quaternion", "did you mean 'quaternion_xyzw'"),
@@ -48,10 +44,7 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
     (GOAL, q(1e-8, 0, 0, 0), f"{GOAL}.quaternion_xyzw", "length zero"),
     (GOAL, q(0, 0, 1), f"{GOAL}.quaternion_xyzw", "is not four numbers"),
     (GOAL, q(0, 0, 0, 0, 1), f"{GOAL}.quaternion_xyzw", "is not four numbers"),
-    (GOAL, q(0, 0, 0, NAN), f"{GOAL}.quaternion_xyzw[3]", "nan is not a finite number"),
-    (GOAL, q(INF, 0, 0, 1), f"{GOAL}.quaternion_xyzw[0]", "inf is not a finite number"),
     (GOAL, q(0, 0, 1e300, 1e300), f"{GOAL}.quaternion_xyzw[2]", "1e+300 is outside -1e+06 to 1e+06\n"),
-    (GOAL, q("a", 0, 0, 1), f"{GOAL}.quaternion_xyzw[0]", "'a' is not a number"),
     (GOAL, {**q(0, 0, 0, 1), "axes": "xyz"}, f"{GOAL}.axes", "a quaternion has no axes"),
     (GOAL, {**q(0, 0, 0, 1), **angles(0, 0, 0)}, f"{GOAL}.quaternion_xyzw", EITHER),
     (GOAL, q(1, 0, 0, 0), GOAL, HALF_A_TURN),
@@ -64,36 +57,25 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
     (GOAL, {"angles": [0, 0, 0]}, f"{GOAL}.axes", "is missing"),
     (GOAL, {"axes": "xyz"}, f"{GOAL}.quaternion_xyzw", EITHER),
     (GOAL, angles(0, 0), f"{GOAL}.angles", "is not three numbers"),
-    (GOAL, angles(0, NAN, 0), f"{GOAL}.angles[1]", "nan is not a finite number"),
     (GOAL, angles(1e300, 0, 0), f"{GOAL}.angles[0]", "is outside -10000 to 10000 rad"),
     (GOAL, angles(0, 71, 0), GOAL, "its second angle about 'yxz' is 71 degrees; it must be within -70 to 70"),
     (GOAL, angles(0, -110, 0), GOAL, "its second angle about 'yxz' is -110 degrees"),
     (GOAL, angles(0, 90, 0, axes="zxz"), "start.orientation", "must be within 20 to 160"),
-    (GOAL, None, GOAL, "is missing"),
     (H, 3.0, H, MOMENTUM),
     (H, "fast", H, "'suggested', not 'fast'"),
-    (H, True, H, "True is not a number"),
     (H, [], H, "[] is not three numbers"),
     (H, [1, 2], H, "[1, 2] is not three numbers"),
     (H, [1, 2, 3, 4], H, "[1, 2, 3, 4] is not three numbers"),
     (H, [[1, 2, 3]], H, "is not three numbers"),
     (H, {"x": 1}, H, "is not three numbers"),
-    (H, [1, 2, NAN], f"{H}[2]", "nan is not a finite number"),
-    (H, [0, -INF, 0], f"{H}[1]", "-inf is not a finite number"),
     (H, [1e30, 0, 0], f"{H}[0]", "is outside -1e+09 to 1e+09 kg m^2/s"),
     (SPEED, 2.0, SPEED, "must be two numbers, along x and y"),
     (SPEED, [1, 2, 3], SPEED, "is not two numbers"),
-    (SPEED, [0, NAN], f"{SPEED}[1]", "nan is not a finite number"),
     (SPEED, [1e9, 0], f"{SPEED}[0]", "is outside -10000 to 10000 m/s"),
     (LEAVES, {"frame": "nose"}, f"{LEAVES}.frame", "the robot has no frame 'nose'"),
-    (LEAVES, {"position": [0, 0, 0]}, f"{LEAVES}.frame", "is missing"),
     (LEAVES, {"frame": "base", "position": [1, 2]}, f"{LEAVES}.position", "must be three numbers"),
     (LEAVES, {"frame": "base", "position": [1, 2, 3, 4]}, f"{LEAVES}.position", "is not two numbers, nor three"),
-    (LEAVES, {"frame": "base", "position": [0, 0, INF]}, f"{LEAVES}.position[2]", "inf is not a finite number"),
     (LANDS, {"frame": "nose"}, f"{LANDS}.frame", "the robot has no frame 'nose'"),
-    (LANDS, {"frame": "base", "height": NAN}, f"{LANDS}.height", "nan is not a finite number"),
-    (LANDS, {"frame": "base", "height": [0, 0, 1]}, f"{LANDS}.height", "is not a number"),
-    ("flight.gravity", [0, 0, -9.81], "flight.gravity", "is not a number"),
     ("start.velocities", "takeoff", "start.velocities", NOT_YET),
     ("goal.velocities", "landing", "goal.velocities", NOT_YET),
     ("ground", True, "ground", NOT_YET),
@@ -103,9 +85,7 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
     ("obstacles", [{"kind": "capsule", "start": [0, 0, 0], "end": [0, 0, 1], "radius": 1}], "obstacles", NOT_YET),
     ("obstacles", [{"kind": "half-space", "normal": [0, 0, 1]}], "obstacles", NOT_YET),
     ("self_clearance", [{"links": ["base", "forearm"]}], "self_clearance", NOT_YET),
-    ("limits.orientation_rate", [1, 1, 1], "limits.orientation_rate", "is not a number"),
     ("robot.base", "free", "robot.base", "must be 'planar' or 'free-flyer', not 'free'"),
-    ("robot.base", 6, "robot.base", "must be 'planar' or 'free-flyer', not 6"),
     ("robot.base", "planar", "start.orientation", "must be an angle, where the robot flies in a plane"),
     ("robot.plane", "xz", "robot.plane", "a flight in space has none"),
     ("robot.coupled", "mirror", 'robot.coupled "mirror"', "name the pairs"),

@@ -65,7 +65,8 @@ def shape_weights(robot: PlanarRobot, given: tuple[LinkShape, ...] | None) -> Sh
             for link, start, end, radius in given
         ]
     count = len(robot.weights)
-    rows, lengths = [], []
+    rows = []
+    lengths = []
     with flint.ctx.workprec(PRECISION):
         for end in ("start", "end"):
             rows += [entry for shape in shapes for entry in robot.weights_of(getattr(shape, end))]
@@ -159,7 +160,8 @@ class PointSegments:
     def items(self, cells: IntArray) -> Items:
         """Bernstein forms of x, y and the squared distances from both ends, where the smallest distance may be."""
         cell, pair = self._possible(cells)
-        place, length = self.place(cell, pair), self.length[pair]
+        place = self.place(cell, pair)
+        length = self.length[pair]
         near = place.x * place.x + place.y * place.y
         square = length.mid * length.mid
         squared = Balls(square, up(2.0 * ROUND * square + (2.0 * length.mid + length.rad) * length.rad))
@@ -201,7 +203,10 @@ class PointSegments:
 
     def at_point(self, values: Balls, pair: IntArray) -> Array:
         """Upper bound on the distance between the surfaces where x and y have these values."""
-        x, y, length, radius = values[0], values[1], self.length[pair], self.radius[pair]
+        x = values[0]
+        y = values[1]
+        length = self.length[pair]
+        radius = self.radius[pair]
         beyond = np.maximum(0.0, np.maximum(-x.mid, x.mid - length.mid))
         distance = np.hypot(beyond, y.mid)
         known = x.rad + y.rad + length.rad + radius.rad
@@ -216,7 +221,8 @@ class PointSegments:
         where each is across the other's line, and neither apart.
         """
         pair = self.couples.ravel()
-        place, length = self.place(np.full(len(pair), cell), pair), self.length[pair]
+        place = self.place(np.full(len(pair), cell), pair)
+        length = self.length[pair]
         x, y = place.x.at_end(-1.0), place.y.at_end(-1.0)
         beyond = x.mid - x.rad > (length.mid + length.rad) * (1.0 + 2.0 * ROUND)
         left, right, before, after = (
@@ -249,7 +255,8 @@ class PlanePoints:
     def items(self, cells: IntArray) -> Items:
         """Bernstein forms of the heights, where the smallest may be."""
         cell, index = self._possible(cells)
-        point, normal = self.point.on(cell, index), self.normal.on(cell, index)
+        point = self.point.on(cell, index)
+        normal = self.normal.on(cell, index)
         offset = self.offset[cell, 0] - Taylor.constant(self.radius[index], ORDER)
         return Items.on_cells([bernstein(normal.x * point.x + normal.y * point.y + offset)], cell, index)
 

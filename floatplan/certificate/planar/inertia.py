@@ -13,6 +13,7 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,8 +26,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.mjcf import read_mjcf, whole_mjcf
-from floatplan.certificate.planar.taken import as_recorded
+from floatplan.certificate.planar.taken import NotReadError, as_recorded
 from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
 from floatplan.errors import InputError
 from floatplan.files import check_hash, plain
@@ -43,7 +43,8 @@ _kept: dict[str, PlanarRobot] = {}
 def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
     """Return the robot of a record; what follows from its file's content and the record's roles is kept.
 
-    The content's hash is compared with the record's every time, and so are those of the files that an MJCF includes.
+    The content's hash is compared with the record's every time. Of an MJCF so is that of the URDF that
+    the record holds, and the robot is that of this URDF.
     For one thread at a time, as proofs are.
 
     Parameters
@@ -53,24 +54,38 @@ def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
     Raises
     ------
     InputError
-        The content has another SHA-256; or as :func:`planar_robot` and the readers,
-        :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`~floatplan.certificate.planar.mjcf.read_mjcf`.
+        The content has another SHA-256; or as :func:`planar_robot` and
+        :func:`~floatplan.certificate.planar.urdf.read_urdf`.
     NotReadError
-        The readers lack what the file has.
+        The record holds no URDF of an MJCF; or as :func:`~floatplan.certificate.planar.taken.as_recorded`.
     """
     check_hash(content, record.sha256, path)
-    included = whole_mjcf(content, path, record.meshes) if record.kind == "mjcf" else None
+    digest = record.sha256
+    if record.kind == "mjcf":
+        path = Path("robot.resolved.urdf")
+        content, digest = _resolved(record)
     roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
     taken = [record.balance_inertias, record.payload]
-    key = json.dumps(plain([record.sha256, {} if included is None else record.meshes, *roles, *taken]))
+    key = json.dumps(plain([record.kind, digest, *roles, *taken]))
     if key not in _kept:
-        balance = bool(record.balance_inertias)
-        tree = read_urdf(content, path) if included is None else read_mjcf(included, path, balance)
-        robot = planar_robot(tree, record)
+        robot = planar_robot(read_urdf(content, path), record)
         if len(_kept) >= MOST:
             del _kept[next(iter(_kept))]
         _kept[key] = robot
     return _kept[key]
+
+
+def _resolved(record: RobotRecord) -> tuple[bytes, str]:
+    """The URDF that a record holds of an MJCF, and its SHA-256."""
+    if record.resolved is None:
+        raise NotReadError("the MJCF", ": the plan file does not hold the URDF that it was resolved to; plan again")
+    content = record.resolved["urdf"].encode(errors="surrogatepass")
+    digest = record.resolved["sha256"]
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise InputError(
+            "its SHA-256 differs from robot.resolved.sha256", element="robot.resolved.urdf", advice="plan again"
+        )
+    return content, digest
 
 
 @dataclass(frozen=True)
@@ -190,14 +205,16 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             parent = body_of[joint.child] = body_of[joint.parent]
             if joint.name in signs:
                 body_of[joint.child] = len(bodies)
-                above, sign = bodies[parent], signs[joint.name] * normal
+                above = bodies[parent]
+                sign = signs[joint.name] * normal
                 turns, motor_turns = (
                     [turn + sign * ratio for turn, ratio in zip(so_far, of_joint, strict=True)]
                     for so_far, of_joint in zip((above.turns, above.motor_turns), ratios[joint.name], strict=True)
                 )
                 bodies.append(_Body(parent, turns, motor_turns, in_plane(placed[joint.child].translation)))
         for name, link in urdf.links.items():
-            body, center = bodies[body_of[name]], placed[name] * link.center
+            body = bodies[body_of[name]]
+            center = placed[name] * link.center
             normals = flint.arb_mat([[center.rotation[normal_axis, k] for k in range(3)]])
             about = (normals * link.inertia * normals.transpose())[0, 0]
             body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
@@ -229,7 +246,8 @@ def _rotors(bodies: Sequence[_Body], carriers: Mapping[int, Joint], record: Robo
     """Moments (m, n) that turn rotors: of each joint on the body that it carries, and against the one before."""
     rotors = [[flint.arb(0)] * len(record.joints) for _ in bodies]
     for index, joint in carriers.items():
-        body, armature = bodies[index], flint.arb(record.armature.get(joint.name, joint.armature))
+        body = bodies[index]
+        armature = flint.arb(record.armature.get(joint.name, joint.armature))
         for k, (turn, above) in enumerate(zip(body.turns, bodies[body.parent].turns, strict=True)):
             rotors[index][k] += armature * (turn - above)
             rotors[body.parent][k] -= armature * (turn - above)
@@ -263,7 +281,8 @@ def _ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[
     ratios = {}
     for name in (*record.joints, *record.coupled):
         coupling = record.coupled.get(name, {"leader": name})
-        leader, ratio = coupling["leader"], float(coupling.get("ratio", 1.0))
+        leader = coupling["leader"]
+        ratio = float(coupling.get("ratio", 1.0))
         motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
         by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
         ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]

@@ -95,7 +95,9 @@ def flight_findings(
 
     ``states`` are those of :func:`at_ends`.
     """
-    asked, com, instants = record.problem["flight"], record.com, (0.0, record.duration)
+    asked = record.problem["flight"]
+    com = record.com
+    instants = (0.0, record.duration)
     kinds: tuple[Kind, Kind] = ("takeoff", "landing")
     frames = [asked[kind]["frame"] for kind in kinds]
     (left, left_at), (landed, landed_at) = (
@@ -133,10 +135,12 @@ def _frame_motion(
     """
     if frame not in robot.frames:
         raise ValueError(f'the robot has no frame "{frame}"')
-    at, u = flint.arb((0.0, record.duration)[end]), (-1.0, 1.0)[end]
+    at = flint.arb((0.0, record.duration)[end])
+    u = (-1.0, 1.0)[end]
     with flint.ctx.workprec(PRECISION):
         sine, cosine = _at_end(flight.orientation[-end], u).sin_cos()
-        turn, rate = flint.acb(cosine, sine), _at_end(flight.joints.rate[-end], u)
+        turn = flint.acb(cosine, sine)
+        rate = _at_end(flight.joints.rate[-end], u)
         swung = moved = flint.acb(0)
         for weight, turned_by in zip(robot.weights_of(robot.frames[frame]), robot.turned_by, strict=True):
             angle, speed = (
@@ -162,7 +166,8 @@ def _at_end(model: Taylor, u: float) -> Any:
 
 def _same(kind: Kind, subject: Subject, number: float, other: float, instant: float | None) -> Finding:
     """Two numbers of the file that should be one."""
-    scale, deviation = max(1.0, abs(number), abs(other)), abs(number - other)
+    scale = max(1.0, abs(number), abs(other))
+    deviation = abs(number - other)
     radius = 2.0**-51 * (abs(number) + deviation)
     return at_most(kind, subject, deviation + radius, max(0.0, deviation - radius), 0.0, SAME * scale, instant)
 
@@ -213,10 +218,12 @@ def limit_findings(
 
 def _range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
     """Joint ranges that hold because ``|sin| <= 1``; and the joints for which that does not say so."""
-    findings, left = [], []
+    findings = []
+    left = []
     with flint.ctx.workprec(PRECISION):
         for index, (low, high) in enumerate(record.problem["limits"]["position"]):
-            centre, amplitude = flint.arb(float(record.centre[index])), abs(float(record.amplitude[index]))
+            centre = flint.arb(float(record.centre[index]))
+            amplitude = abs(float(record.amplitude[index]))
             beyond = flint.arb.max(centre + amplitude - high, low - (centre - amplitude))
             bound = float(beyond.upper()) + 2.0**-60
             if bound <= RANGE:
@@ -230,7 +237,9 @@ def _limited(
     robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure
 ) -> tuple[list[LimitedQuantity], dict[str, list[int]]]:
     """All limited quantities but ranges, and those whose peaks the record claims: which of them these are."""
-    joints, limits, names = flight.joints, record.problem["limits"], record.robot.joints
+    joints = flight.joints
+    limits = record.problem["limits"]
+    names = record.robot.joints
     limited: list[LimitedQuantity] = []
     claimed: dict[str, list[int]] = {"velocity_peak": [], "torque_peak": [], "motor_torque_peak": []}
     for row in JOINT_LIMITS:
@@ -266,7 +275,8 @@ def _limited(
 
 def _motor_curve(robot: PlanarRobot, flight: FlightEnclosure, name: str, motor: Mapping[str, Any]) -> LimitedQuantity:
     """``|torque| + slope |velocity|`` of a motor, as the larger of two magnitudes."""
-    joints, i = flight.joints, _motor(robot, name, "motor")
+    joints = flight.joints
+    i = _motor(robot, name, "motor")
     leader = int(np.argmax(np.abs(robot.motor_ratios[i])))
     slope = flint.arb(float(motor["slope"])) * float(robot.motor_ratios[i, leader])
     drop = joints.velocities[:, leader : leader + 1].times(Balls.from_arb([slope], (1,)))

@@ -31,7 +31,8 @@ class Surroundings:
 
     def __init__(self, robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, weights: ShapeWeights) -> None:
         self.record = record
-        self.flight, self.cells = flight, np.arange(len(flight.cells))
+        self.flight = flight
+        self.cells = np.arange(len(flight.cells))
         self.sigma = robot.sigma
         self.links = [shape.link for shape in weights.shapes]
         self.shapes = place_shapes(flight, weights)
@@ -94,9 +95,11 @@ def ground_finding(surroundings: Surroundings, robot: PlanarRobot, standing: Sha
 
     ``standing`` are the shapes by which links are as high as they are; None stands for those of the surroundings.
     """
-    hulls, links = surroundings.shapes, surroundings.links
+    hulls = surroundings.shapes
+    links = surroundings.links
     if standing is not None:
-        hulls, links = place_shapes(surroundings.flight, standing), [shape.link for shape in standing.shapes]
+        hulls = place_shapes(surroundings.flight, standing)
+        links = [shape.link for shape in standing.shapes]
     takeoff = surroundings.record.problem["flight"]["takeoff"]
     level = takeoff["position"][1]
     with flint.ctx.workprec(PRECISION):

@@ -12,10 +12,9 @@ from typing import Any
 
 import flint
 
-from floatplan.certificate.planar.mjcf import NotReadError
-from floatplan.certificate.planar.solids import cross, diagonal, dot, principal
+from floatplan.certificate.planar.columns import cross, diagonal, dot, principal
 from floatplan.certificate.planar.urdf import Joint, Link, Placement, Urdf, number
-from floatplan.errors import InputError
+from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import RobotRecord
 
 FREE_KINDS = ("floating", "planar")  # of joints with more than one degree of freedom
@@ -25,8 +24,17 @@ DEFINITE_SLACK = 1e-9  # [-] of the largest moment: by how much the least may be
 NEGLIGIBLE = 1e-12  # [kg m^2] both are at least
 
 
+class NotReadError(FloatplanError):
+    """Something of a robot that the certificate has no way of its own to read, so that it decides nothing."""
+
+    def __init__(self, element: str, what: str = "") -> None:
+        super().__init__(f"{element} is not read{what}")
+
+
 def as_recorded(urdf: Urdf, record: RobotRecord) -> Urdf:
     """Return the robot of a record from what its file holds. To be called with Arb's precision set.
+
+    The URDF that a plan file holds of an MJCF has balanced inertias and the payload in it already.
 
     Raises
     ------
@@ -37,8 +45,10 @@ def as_recorded(urdf: Urdf, record: RobotRecord) -> Urdf:
         Whether an inertia was balanced cannot be decided.
     """
     urdf = _with_free_base(urdf, {*record.joints, *record.coupled, *record.locked})
+    if record.kind == "mjcf":
+        return urdf
     links = dict(urdf.links)
-    if record.balance_inertias and record.kind == "urdf":  # of an MJCF its reader has done it
+    if record.balance_inertias:
         links = {name: _balanced(link) for name, link in links.items()}
     for point in record.payload or ():
         name = point["link"]
@@ -60,7 +70,8 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
         return urdf
     if locked:
         raise InputError("is one of those by which the base floats", element=f'joint "{locked[0]}"')
-    frames, carriers = set[str](), {joint.child: joint for joint in urdf.joints}
+    frames = set[str]()
+    carriers = {joint.child: joint for joint in urdf.joints}
     link = base[-1].child
     while link in carriers:
         link = carriers[link].parent
@@ -75,7 +86,8 @@ def _free_base(urdf: Urdf) -> list[Joint]:
     below: dict[str, list[Joint]] = {}
     for joint in urdf.joints:
         below.setdefault(joint.parent, []).append(joint)
-    link, rotation = urdf.root, Placement().rotation
+    link = urdf.root
+    rotation = Placement().rotation
     chain: list[tuple[Joint, Any]] = []
     base: list[Joint] = []
     while _is_massless(urdf.links[link]) and len(below.get(link, ())) == 1:
@@ -119,24 +131,17 @@ def _length(column: Any) -> Any:
 def _balanced(link: Link) -> Link:
     """Equal moments where no body has those that are written."""
     _, moments = principal(link.inertia)
-    least, largest = (pick(moments[0], pick(moments[1], moments[2])) for pick in (_min, _max))
+    least = moments[0].min(moments[1]).min(moments[2])
+    largest = moments[0].max(moments[1]).max(moments[2])
     between = sum(moments) - least - largest
     negligible = flint.arb(NEGLIGIBLE)
-    negative = _surely(least, -_max(abs(largest) * DEFINITE_SLACK, negligible), link.name)
-    if not negative and not _surely(least + between + _max(largest * TRIANGLE_SLACK, negligible), largest, link.name):
+    negative = _surely(least, -(abs(largest) * DEFINITE_SLACK).max(negligible), link.name)
+    if not negative and not _surely(least + between + (largest * TRIANGLE_SLACK).max(negligible), largest, link.name):
         return link
     mean = sum((link.inertia[k, k] for k in range(3)), start=flint.arb(0)) / 3
     if not mean > 0:
         raise InputError("the mean of its moments of inertia is not positive", element=f'link "{link.name}"')
     return replace(link, inertia=diagonal([mean] * 3))
-
-
-def _min(one: Any, other: Any) -> Any:
-    return one.min(other)
-
-
-def _max(one: Any, other: Any) -> Any:
-    return one.max(other)
 
 
 def _surely(small: Any, large: Any, link: str) -> bool:

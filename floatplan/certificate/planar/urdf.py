@@ -44,7 +44,8 @@ class Placement:
 class Link:
     """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2).
 
-    ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
+    ``frame``: it only stands between joints, of an MJCF's body (``type="frame"``) or of a base that floats, and has no
+    shape at all.
     """
 
     name: str
@@ -151,9 +152,11 @@ def _link(element: Element) -> Link:
     name = _text(element, "name")
     inertial = element.find("inertial")
     collides = element.find("collision") is not None
+    frame = element.get("type") == "frame"
     if inertial is None:
-        return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides)
-    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides, frame)
+    mass = inertial.find("mass")
+    inertia = inertial.find("inertia")
     if mass is None:
         raise InputError("its <inertial> has no <mass>", element=f'link "{name}"')
     written = dict.fromkeys(MOMENTS, "0") if inertia is None else inertia.attrib
@@ -165,20 +168,25 @@ def _link(element: Element) -> Link:
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
     moments = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Link(name, value, _origin(inertial), moments, True, collides)
+    return Link(name, value, _origin(inertial), moments, True, collides, frame)
 
 
 def _joint(element: Element) -> Joint:
-    name, kind = _text(element, "name"), _text(element, "type")
+    name = _text(element, "name")
+    kind = _text(element, "type")
     if kind not in KINDS:
         raise InputError(f'its type "{kind}" is none that floatplan plans with', element=f'joint "{name}"')
-    parent, child, axis = element.find("parent"), element.find("child"), element.find("axis")
+    parent = element.find("parent")
+    child = element.find("child")
+    axis = element.find("axis")
     if parent is None or child is None:
         raise InputError("lacks a parent or a child", element=f'joint "{name}"')
     if axis is not None and axis.get("xyz") is None and kind not in ("fixed", "floating"):
         raise InputError("its <axis> has no xyz", element=f'joint "{name}"')
     direction = _vector(None if axis is None else axis.get("xyz"), "1 0 0")
-    ends, mimic, follower = (_text(parent, "link"), _text(child, "link")), element.find("mimic"), None
+    ends = (_text(parent, "link"), _text(child, "link"))
+    mimic = element.find("mimic")
+    follower = None
     if mimic is not None:
         multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
         follower = (_text(mimic, "joint"), multiplier, offset)
@@ -260,7 +268,10 @@ def check_roles(urdf: Urdf, record: RobotRecord) -> None:
 
 def is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
     """Whether the file's ``<mimic>``, followed to the joint that leads, says what the record's coupling says."""
-    ratio, offset, leader, settled = 1.0, 0.0, name, {*record.joints, *record.locked}
+    ratio = 1.0
+    offset = 0.0
+    leader = name
+    settled = {*record.joints, *record.locked}
     for _ in joints:
         mimic = joints[leader].mimic
         if mimic is None or leader in settled:

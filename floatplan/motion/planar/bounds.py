@@ -10,8 +10,8 @@ checked before the search, which is cut short where one is violated.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -46,18 +46,21 @@ class TrigonometricPolynomial:
     frequency: Array
     phase: Array
 
-    def negated(self) -> TrigonometricPolynomial:
-        """Minus the polynomial."""
-        return TrigonometricPolynomial(-self.constant, self.amplitude, self.frequency, self.phase + np.pi)
+    def minimum(self, ranges: Array) -> float:
+        """Return a lower bound of the minimum over the box ``ranges`` (n, 2), by branch and bound in the kernel.
 
-    @cached_property
-    def _compiled(self) -> tuple[Struct, Array, Array, Array]:
-        """As the kernel takes it, eight terms at once, those beyond the last one zeros; boxes, their parts, values."""
+        A box is a row: centres and half-widths, rad, and the best lower bound known of it. The kernel halves boxes
+        across the joint that moves the polynomial most, and bounds both halves by the better one of the sum of the
+        cosines' own bounds and the second-order Taylor bound about the centre, where it also gives the value. Tight to
+        ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
+        """
         terms, n = self.frequency.shape
-        padded = np.zeros((n + 3, -(-terms // 8) * 8))
-        padded[:2, :terms], padded[2:-1, :terms] = (self.amplitude, self.phase), self.frequency.T
-        boxes, parts = np.empty((BOXES_AT_ONCE, 2 * n + 1)), np.empty((2 * BOXES_AT_ONCE, 2 * n + 1))
-        value = np.empty(len(parts))
+        padded = np.zeros((n + 3, -(-terms // 8) * 8))  # eight terms at once, those beyond the last one zeros
+        padded[:2, :terms] = (self.amplitude, self.phase)
+        padded[2:-1, :terms] = self.frequency.T
+        boxes = np.empty((BOXES_AT_ONCE, 2 * n + 1))
+        halves = np.empty((2 * BOXES_AT_ONCE, 2 * n + 1))
+        values = np.empty(len(halves))
         cosines = Struct(
             "Cosines",
             joints=n,
@@ -68,74 +71,49 @@ class TrigonometricPolynomial:
             frequency=padded[2:-1],
             influence=doubles(self.amplitude @ np.abs(self.frequency)),
             boxes=boxes,
-            parts=parts,
-            value=value,
+            parts=halves,
+            value=values,
             pulls=padded[-1],
         )
-        return cosines, boxes, parts, value
-
-    def bounded(self, boxes: Array, cuts: bool = False) -> tuple[Array, Array]:
-        """Boxes with lower bounds, and values (N,) at their centres; or of both halves of each, the lower ones first.
-
-        The bound is the better one of the sum of the cosines' own and the second-order Taylor bound about the centre,
-        or the one that is known. Halves are cut across the joint that moves the polynomial most. The next call writes
-        over what is returned.
-
-        Parameters
-        ----------
-        boxes : (N, 2 n + 1) centres and half-widths, rad, and a lower bound that is known, or -inf
-            At most ``BOXES_AT_ONCE``.
-        """
-        cosines, room, parts, value = self._compiled
-        count = len(boxes)
-        room[:count] = boxes
-        cosines.pointer.count = count
-        cosines.pointer.cuts = cuts
         compiled = kernel()
-        compiled.bound(cosines.pointer, compiled.instructions)
-        return parts[: count << cuts], value[: count << cuts]
 
-    def minimum(self, ranges: Array) -> float:
-        """Return a lower bound of the minimum over the box ``ranges`` (n, 2).
-
-        Tight to ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
-        """
         gap = RELATIVE_GAP * float(self.amplitude.sum())
-        root = np.concatenate((ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2, [-np.inf]))[None, :]
-        (untried, value), tried, best, work = self.bounded(root), root[:0], np.inf, 0
+        centres, widths = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
+        next_boxes = np.concatenate((centres, widths, [-np.inf]))[None, :]
+        other_boxes = next_boxes[:0]
+        is_cut = False  # at first the whole box is bounded as it is
+        lowest_value = np.inf
+        work = 0
         while True:
-            best = min(best, float(value.min()))
-            boxes = np.concatenate((tried, untried))
-            least = float(boxes[:, -1].min())
-            work += len(untried) * self.amplitude.size
-            if work >= MOST_WORK or least >= best - gap:
-                return min(least, best)
-            boxes = boxes[boxes[:, -1] < best - gap]
-            if len(boxes) > BOXES_AT_ONCE:
-                boxes = boxes[np.argpartition(boxes[:, -1], BOXES_AT_ONCE)]
-            (untried, value), tried = self.bounded(boxes[:BOXES_AT_ONCE], cuts=True), boxes[BOXES_AT_ONCE:]
+            boxes[: len(next_boxes)] = next_boxes
+            cosines.pointer.count = len(next_boxes)
+            cosines.pointer.cuts = is_cut
+            compiled.bound(cosines.pointer, compiled.instructions)
+            count = 2 * len(next_boxes) if is_cut else len(next_boxes)
+            lowest_value = min(lowest_value, float(values[:count].min()))
+            open_boxes = np.concatenate((other_boxes, halves[:count]))
+            lowest_bound = float(open_boxes[:, -1].min())
+            work += count * self.amplitude.size
+            if work >= MOST_WORK or lowest_bound >= lowest_value - gap:
+                return min(lowest_bound, lowest_value)
+            open_boxes = open_boxes[open_boxes[:, -1] < lowest_value - gap]
+            if len(open_boxes) > BOXES_AT_ONCE:
+                open_boxes = open_boxes[np.argpartition(open_boxes[:, -1], BOXES_AT_ONCE)]
+            next_boxes, other_boxes = open_boxes[:BOXES_AT_ONCE], open_boxes[BOXES_AT_ONCE:]
+            is_cut = True
 
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
     """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
     bodies = TurningBodies.of(robot.tree)
     i, j = np.triu_indices(len(bodies.turns), 1)
-    rates, pairs = bodies.rates, bodies.coupling[i, j]
-    constants = bodies.coupling.diagonal().real @ rates
-    phasors = np.abs(pairs)[:, None] * (rates[i] + rates[j]) * np.exp(1j * bodies.turn * np.angle(pairs))[:, None]
-    frequencies, phasors = _merged(bodies.turns[j] - bodies.turns[i], phasors)
-    is_constant = ~frequencies.any(axis=1)
-    return tuple(
-        _polynomial(constant + column[is_constant].real.sum(), frequencies, np.where(is_constant, 0, column))
-        for constant, column in zip(constants, phasors.T, strict=True)
-    )
+    pairs = bodies.coupling[i, j]
+    constants = bodies.coupling.diagonal().real @ bodies.rates
+    turned = np.exp(1j * bodies.turn * np.angle(pairs))
+    phasors = np.abs(pairs)[:, None] * (bodies.rates[i] + bodies.rates[j]) * turned[:, None]
+    frequencies = bodies.turns[j] - bodies.turns[i]
 
-
-def _merged(frequencies: Array, phasors: ComplexArray) -> tuple[Array, ComplexArray]:
-    """Frequencies (L, n) that differ in more than their sign, in the order in which they appear, and sums of phasors.
-
-    The phasors (K, c) of frequencies (K, n) are those of c polynomials ``Re(sum_k phasor_k exp(i frequency_k . q))``.
-    """
+    # Pairs of bodies whose frequencies differ in no more than their sign are one term, in the order of appearance.
     leading = np.take_along_axis(frequencies, (frequencies != 0).argmax(axis=1)[:, None], axis=1)
     is_turned = leading < 0
     upright = np.where(is_turned, -frequencies, frequencies) + 0.0  # no -0
@@ -143,16 +121,21 @@ def _merged(frequencies: Array, phasors: ComplexArray) -> tuple[Array, ComplexAr
     order = np.argsort(first)
     sums = np.zeros((len(distinct), phasors.shape[1]), dtype=np.complex128)
     np.add.at(sums, number.ravel(), np.where(is_turned, phasors.conj(), phasors))
-    return distinct[order], sums[order]
+    frequencies, sums = distinct[order], sums[order]
+    is_constant = ~frequencies.any(axis=1)
 
-
-def _polynomial(constant: float, frequencies: Array, phasors: ComplexArray) -> TrigonometricPolynomial:
-    """``constant + Re(sum_l phasor_l exp(i frequency_l . q))``, with the terms alone that there are."""
-    there = np.flatnonzero(phasors)
-    values = phasors[there]
-    return TrigonometricPolynomial(
-        constant, read_only(np.abs(values)), read_only(frequencies[there]), read_only(np.angle(values))
-    )
+    polynomials = []
+    for constant, column in zip(constants, sums.T, strict=True):
+        terms = np.flatnonzero(~is_constant & (column != 0))
+        polynomials.append(
+            TrigonometricPolynomial(
+                constant=constant + column[is_constant].real.sum(),
+                amplitude=read_only(np.abs(column[terms])),
+                frequency=read_only(frequencies[terms]),
+                phase=read_only(np.angle(column[terms])),
+            )
+        )
+    return tuple(polynomials)
 
 
 def inertia_extremes(robot: Robot, position_limits: Array) -> tuple[Array, Array]:
@@ -170,11 +153,13 @@ def inertia_extremes(robot: Robot, position_limits: Array) -> tuple[Array, Array
 @lru_cache(maxsize=64)
 def _inertia_extremes(robot: Robot, position_limits: tuple[tuple[float, float], ...]) -> tuple[Array, Array]:
     ranges = np.array(position_limits)
-    polynomials = momentum_polynomials(robot)
-    low = np.array([polynomial.minimum(ranges) for polynomial in polynomials])
+    low, high = [], []
+    for polynomial in momentum_polynomials(robot):
+        negated = replace(polynomial, constant=-polynomial.constant, phase=polynomial.phase + np.pi)
+        low.append(polynomial.minimum(ranges))
+        high.append(-negated.minimum(ranges))
     low[0] = max(low[0], robot.tree.inertia.sum())  # D_0 is that and a sum of mass times squared distance
-    high = read_only([-polynomial.negated().minimum(ranges) for polynomial in polynomials])
-    return read_only(low), high
+    return read_only(low), read_only(high)
 
 
 @lru_cache(maxsize=8)
@@ -186,7 +171,8 @@ def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
     """
     turn = problem.final.orientation - problem.initial.orientation
     changes = np.array([turn, *(problem.final.positions - problem.initial.positions)])
-    return momentum_interval(problem, changes, problem.flight.duration)
+    low, high = momentum_intervals(problem, changes, np.array(problem.flight.duration))
+    return float(low), float(high)
 
 
 def momentum_asked(problem: Problem, asked: float | str) -> float:
@@ -194,14 +180,8 @@ def momentum_asked(problem: Problem, asked: float | str) -> float:
     return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
 
 
-def momentum_interval(problem: Problem, changes: Array, duration: float) -> tuple[float, float]:
-    """(9) for other ``changes`` (n+1,) of orientation and joints, rad, or another duration, s."""
-    low, high = momentum_intervals(problem, changes, np.array(duration))
-    return float(low), float(high)
-
-
 def momentum_intervals(problem: Problem, changes: Array, durations: Array) -> tuple[Array, Array]:
-    """(9) for ``changes`` (.., n+1) of orientation and joints, rad, and durations (..), s."""
+    """(9) for other ``changes`` (.., n+1) of orientation and joints, rad, and durations (..), s: low, high (..)."""
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     ends = changes * low, changes * high  # (7), (8)
     return np.minimum(*ends).sum(axis=-1) / durations, np.maximum(*ends).sum(axis=-1) / durations

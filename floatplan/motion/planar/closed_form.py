@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.motion.dynamics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
@@ -32,12 +33,14 @@ class TurningBodies:
     Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right, are one here.
 
     ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
-    the moments of inertia on its diagonal; ``turn`` the tree's.
+    the moments of inertia on its diagonal; ``turn`` the tree's; ``rates`` (g, n+1) derivatives of the absolute angles
+    by orientation and planned positions.
     """
 
     turns: Array
     coupling: ComplexArray
     turn: float
+    rates: Array
 
     @classmethod
     def of(cls, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> TurningBodies:
@@ -45,12 +48,8 @@ class TurningBodies:
         turns, group = tree.distinct_turns
         rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
         each = (tree.coupling if coupling is None else coupling) + np.diag(tree.inertia if inertia is None else inertia)
-        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn)
-
-    @property
-    def rates(self) -> Array:
-        """Derivatives (g, n+1) of the absolute angles by (orientation, planned positions)."""
-        return np.concatenate((np.ones((len(self.turns), 1)), self.turns), axis=1)
+        rates = np.concatenate((np.ones((len(turns), 1)), turns), axis=1)
+        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn, rates)
 
 
 class Dynamics:
@@ -108,30 +107,6 @@ def tree_dynamics(tree: PlanarTree) -> Dynamics:
     return Dynamics(tree)
 
 
-@dataclass(frozen=True, eq=False)
-class Ballistics:
-    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
-
-    In space x, y and z, the last of which is the vertical.
-    """
-
-    position0: Array
-    velocity0: Array
-    gravity: float
-
-    def positions(self, times: Array) -> Array:
-        """Places (N, 2) or (N, 3), m, at times (N,), s."""
-        path = self.position0 + times[:, None] * self.velocity0
-        path[:, -1] -= self.gravity * times**2 / 2
-        return np.asarray(path)
-
-    def velocities(self, times: Array) -> Array:
-        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
-        velocities = np.tile(self.velocity0, (len(times), 1))
-        velocities[:, -1] -= self.gravity * times
-        return velocities
-
-
 @lru_cache(maxsize=64)
 def frame_weights(robot: Robot, frame: Frame) -> ComplexArray:
     """Weights (m,) of a frame's place relative to the centre of mass; see ``PlanarTree.point_weights``."""
@@ -142,15 +117,15 @@ def frame_weights(robot: Robot, frame: Frame) -> ComplexArray:
 
 def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
     """Place of a frame relative to the centre of mass, (6), m, as a complex number."""
-    return complex(frames_from_com(robot, frame, np.array(state.orientation), state.positions))
+    weights = frame_weights(robot, frame)
+    return complex(places_from_com(robot.tree, weights, np.array(state.orientation), state.positions))
 
 
-def frames_from_com(robot: Robot, frame: Frame, orientation: Array, positions: Array) -> ComplexArray:
-    """Places (..) of a frame so, for orientations (..) and positions (.., n), rad: each as if it were alone."""
-    return _places(robot.tree, frame_weights(robot, frame), orientation, positions)
+def places_from_com(tree: PlanarTree, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
+    """Places (..) of points by their weights (m,) or (.., m), for orientations (..) and positions (.., n), rad.
 
-
-def _places(tree: PlanarTree, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
+    Each is computed as if it were alone: to the same bits.
+    """
     angles = orientation[..., None] + (positions[..., None, :] * tree.turns).sum(axis=-1) + tree.offsets
     return np.asarray((tree.rotations(angles) * weights).sum(axis=-1))
 
@@ -167,15 +142,18 @@ def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any)
 @lru_cache(maxsize=8)
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
-    flight, tree, ends = problem.flight, problem.robot.tree, (problem.initial, problem.final)
-    frames = problem.takeoff_frame, problem.landing_frame
-    weights = np.array([frame_weights(problem.robot, frame) for frame in frames])
-    orientations, positions = np.array([end.orientation for end in ends]), np.array([end.positions for end in ends])
-    foot, landing = _places(tree, weights, orientations, positions).tolist()
-    takeoff = complex(*problem.takeoff.place_in_plane) - foot
+    robot, flight = problem.robot, problem.flight
+    ends = (problem.initial, problem.final)
+    frames = (robot.frames[problem.takeoff.frame], robot.frames[problem.landing.frame])
+    weights = np.array([frame_weights(robot, frame) for frame in frames])
+    orientations = np.array([state.orientation for state in ends])
+    positions = np.array([state.positions for state in ends])
+    foot, landing = places_from_com(robot.tree, weights, orientations, positions).tolist()
+    horizontal, vertical = problem.takeoff.position[:2]
+    takeoff = complex(horizontal, vertical) - foot
     vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),
-        velocity0=read_only([flight.speed_in_plane, vertical_velocity]),
+        velocity0=read_only(np.array([flight.horizontal_velocity, vertical_velocity])),
         gravity=float(flight.gravity),
     )

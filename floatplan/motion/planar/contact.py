@@ -16,7 +16,7 @@ from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain
-from floatplan.motion.planar.bounds import momentum_asked, momentum_interval
+from floatplan.motion.planar.bounds import momentum_asked, momentum_intervals
 from floatplan.motion.planar.closed_form import ballistics, frame_weights
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
@@ -383,7 +383,8 @@ class _Trials:
         start, goal = problem.initial, problem.final
         ends = (trial.positions, goal.positions) if self._end == "takeoff" else (start.positions, trial.positions)
         changes = np.array([goal.orientation - start.orientation, *(ends[1] - ends[0])])
-        return sum(momentum_interval(problem, changes, trial.duration)) / 2
+        low, high = momentum_intervals(problem, changes, np.array(trial.duration))
+        return float(low + high) / 2
 
     def _com_velocity(self, trial: _Trial) -> Array:
         """As of the problem, for another duration, or another height of the centre of mass over the frame."""

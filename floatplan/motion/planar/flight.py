@@ -5,19 +5,22 @@ The orientation is a quadrature, (14) and (18), of the rate theta0' of (4), whic
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.planar import clearance
-from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes, momentum_asked
+from floatplan.errors import InputError
+from floatplan.motion.dynamics import Ballistics, MomentumSet
+from floatplan.motion.planar import bounds, clearance
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.closed_form import Ballistics, Dynamics, ballistics, tree_dynamics
+from floatplan.motion.planar.closed_form import Dynamics, ballistics, tree_dynamics
+from floatplan.motion.planar.end_rates import EndRates, end_rates, motion_into_ground
+from floatplan.motion.planar.whole import PlanarMotion
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
+from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
@@ -58,33 +61,59 @@ def gauss_grid(count: int) -> GaussGrid:
     return GaussGrid(quadrature, quadrature.nodes, quadrature.integrals(quadrature.nodes))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one for every plan
 class PlanarFlight:
     """What a problem fixes of every motion in its plane; orientations and their change in rad, the duration in s.
 
-    Shapes are made when they are asked for: a mesh that cannot be read stops nothing that needs none.
+    What each member is, :class:`~floatplan.motion.dynamics.FlightDynamics` says. Where ``other_shapes`` or
+    ``other_equations`` are not None, they take the place of the robot's.
     """
 
+    problem: Problem
     tree: PlanarTree
-    equations: Dynamics
-    make_link_shapes: Callable[[], LinkShapes]
     ballistics: Ballistics
     initial_orientation: float
     final_orientation: float
     duration: float
     change: float
+    bodies: int
     tangent: int = 1
     node_counts: tuple[int, ...] = NODE_COUNTS
+    other_shapes: LinkShapes | None = None
+    other_equations: Dynamics | None = None
+
+    @cached_property
+    def momentum_interval(self) -> tuple[float, float]:
+        """(9)."""
+        return bounds.angular_momentum_interval(self.problem)
+
+    @cached_property
+    def momentum_set(self) -> MomentumSet:
+        """The h that is given, or (10), the middle of (9), or a free one in (9).
+
+        A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
+        """
+        requested = self.problem.flight.angular_momentum
+        if not isinstance(requested, str):
+            return MomentumSet(read_only(np.array([requested])), read_only(np.empty((1, 0))))
+        low, high = self.momentum_interval
+        middle = read_only([(low + high) / 2])
+        if requested != "free":
+            return MomentumSet(middle, read_only(np.empty((1, 0))))
+        _, largest = bounds.inertia_extremes(self.problem.robot, self.problem.position_limits)
+        return MomentumSet(middle, read_only([[max((high - low) / 2, largest[0] / self.duration)]]))
+
+    @property
+    def equations(self) -> Dynamics:
+        """Momentum and torques in closed form."""
+        return self.other_equations or tree_dynamics(self.tree)
 
     @cached_property
     def link_shapes(self) -> LinkShapes:
-        """The links' capsules."""
-        return self.make_link_shapes()
-
-    @cached_property
-    def bodies(self) -> int:
-        """Number of bodies."""
-        return len(self.tree.mass)
+        """The links' capsules, made when first asked for: a mesh that cannot be read stops nothing that needs none."""
+        return self.other_shapes or _link_shapes(
+            self.problem.robot, self.problem.ground_shapes if self.problem.ground else ()
+        )
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -96,36 +125,43 @@ class PlanarFlight:
         links = self.link_shapes.hull_links if isinstance(obstacle, Ground) else self.links
         return links * clearance.distance_rows(obstacle)
 
+    def end_rates(self, momentum: MomentumSet) -> EndRates:
+        """The joints' rates at both ends."""
+        return end_rates(self.problem, momentum)
+
+    def motion_into_ground(self, angular_momentum: Array) -> list[InputError]:
+        """What on the ground moves down at takeoff, or up at landing, for h (1,)."""
+        return motion_into_ground(self.problem, angular_momentum)
+
+    def difficulties(self) -> list[str]:
+        """Whether h lies outside (9)."""
+        return bounds.difficulties(self.problem)
+
+    def impossibilities(self, path_is_clear: bool = False) -> list[str]:
+        """Necessary conditions that the problem violates."""
+        return bounds.impossibilities(self.problem, path_is_clear)
+
+    def whole_motion(self, joints: WrittenMotion, angular_momentum: Any, path: Ballistics) -> PlanarMotion:
+        """The whole robot's motion, by Pinocchio."""
+        return PlanarMotion(self.problem, joints, float(angular_momentum), path)
+
 
 @lru_cache(maxsize=64)
 def _link_shapes(robot: Robot, hulls: tuple[LinkCapsule, ...]) -> LinkShapes:
     return LinkShapes(robot.tree, robot.shapes, hulls)
 
 
+@lru_cache(maxsize=8)
 def planar_flight(problem: Problem) -> PlanarFlight:
     """Prepare a problem's flight once for all motions."""
+    initial, final = problem.initial.orientation, problem.final.orientation
     return PlanarFlight(
-        problem.robot.tree,
-        tree_dynamics(problem.robot.tree),
-        partial(_link_shapes, problem.robot, problem.ground_shapes if problem.ground else ()),
-        ballistics(problem),
-        problem.initial.orientation,
-        problem.final.orientation,
-        problem.flight.duration,
-        problem.final.orientation - problem.initial.orientation,
+        problem=problem,
+        tree=problem.robot.tree,
+        ballistics=ballistics(problem),
+        initial_orientation=initial,
+        final_orientation=final,
+        duration=problem.flight.duration,
+        change=final - initial,
+        bodies=len(problem.robot.tree.mass),
     )
-
-
-@lru_cache(maxsize=8)
-def momentum_set(problem: Problem) -> MomentumSet:
-    """The h of a problem, kg m^2/s: given, or (10), the middle of (9), or free in (9).
-
-    A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
-    """
-    asked = problem.flight.momentum_in_plane
-    centre = momentum_asked(problem, asked)
-    if asked != "free":
-        return MomentumSet(read_only([centre]), read_only(np.empty((1, 0))))
-    low, high = angular_momentum_interval(problem)
-    _, most = inertia_extremes(problem.robot, problem.position_limits)
-    return MomentumSet(read_only([centre]), read_only([[max((high - low) / 2, most[0] / problem.flight.duration)]]))

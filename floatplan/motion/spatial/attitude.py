@@ -30,6 +30,7 @@ from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import exponential, of_quaternions
 
+LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages of the search, by levels
 TOLERANCES: dict[str, float] = {
     "sweeps": 12,  # of Newton's method; more than it takes where it comes to an end
     "settled": 1e-13,  # [-] of |h|: a step of mu below which Newton's method has ended
@@ -45,25 +46,25 @@ class IntegrationError(FloatplanError, ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """C cells of equal length, each with the same S Gauss stages."""
+    """C cells of equal length, each with the same S Gauss stages.
+
+    Attributes
+    ----------
+    count : int
+    stages : int
+    gauss : GaussLegendre
+        Of one cell.
+    s : (C S,)
+        All stages, fractions of the flight.
+    integrals : (S, S)
+        Butcher's matrix: integrals from a cell's beginning to its stages.
+    """
 
     count: int
+    stages: int
     gauss: GaussLegendre
-
-    @cached_property
-    def stages(self) -> int:
-        """Number S."""
-        return len(self.gauss.nodes)
-
-    @cached_property
-    def s(self) -> Array:
-        """All C S stages, fractions of the flight."""
-        return read_only((np.arange(self.count)[:, None] + self.gauss.nodes).ravel() / self.count)
-
-    @cached_property
-    def integrals(self) -> Array:
-        """Butcher's matrix (S, S): integrals from a cell's beginning to its stages."""
-        return read_only(self.gauss.integrals(self.gauss.nodes))
+    s: Array
+    integrals: Array
 
     def place(self, instants: Array) -> tuple[IntArray, Array]:
         """The cell of each instant (K,) of [0, 1], and the integrals (K, S) from its beginning to the instant."""
@@ -74,7 +75,9 @@ class Cells:
 @lru_cache(maxsize=16)
 def cells(count: int, stages: int) -> Cells:
     """Return so many cells with so many stages each."""
-    return Cells(count, gauss_legendre(stages))
+    gauss = gauss_legendre(stages)
+    s = (np.arange(count)[:, None] + gauss.nodes).ravel() / count
+    return Cells(count, stages, gauss, read_only(s), read_only(gauss.integrals(gauss.nodes)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +121,6 @@ class Turning:
         """M (K, 3, 3), 1/(kg m^2)."""
         return np.asarray(self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2))
 
-    @property
-    def step(self) -> float:
-        """Length of a cell, s."""
-        return self.duration / self.cells.count
-
     @cached_property
     def carried(self) -> tuple[Array, Array]:
         """How small turns go on in each cell: transitions (C, 3, 3), and weights (C, S, 3, 3) of g at the stages.
@@ -130,16 +128,17 @@ class Turning:
         A turn zeta at a cell's beginning becomes ``transition zeta + sum_j weight_j g_j`` at its end.
         """
         transitions, weights = np.empty_like(self.borders), np.empty_like(self.attitudes)
-        self._asked("transitions", transitions=transitions, turn_weights=weights)
+        _ask(
+            "transitions",
+            self.cells,
+            self.duration,
+            momentum=doubles(self.angular_momentum),
+            inverse=self.inverse_inertia,
+            attitudes=self.attitudes,
+            transitions=transitions,
+            turn_weights=weights,
+        )
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
-
-    def _asked(self, what: str, **given: Any) -> None:
-        known = {
-            "momentum": doubles(self.angular_momentum),
-            "inverse": self.inverse_inertia,
-            "attitudes": self.attitudes,
-        }
-        _ask(what, self.cells, self.duration, **known, **given)
 
 
 def attitudes_at(cells: Cells, duration: float, borders: Array, spun: Iterable[Array], instants: Array) -> Array:

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics
+from floatplan.motion.spatial.dynamics import spatial_dynamics
+from floatplan.motion.spatial.goal import attitude_of
 from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid, frame_place

@@ -7,7 +7,7 @@ rest for an instant, and velocities and accelerations are in its own axes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, integers, pointers
 from floatplan.motion.planar.full_model import Workspace
+from floatplan.robot.robot import Robot
 
 BASE = 6  # velocities of the free flyer; its configuration has one number more
 ANGULAR = slice(3, 6)  # velocities of the free flyer that turn
@@ -119,6 +120,12 @@ class SpatialDynamics:
     def base_accelerations(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
         """Spatial accelerations (K, 6) of the base in free flight but for gravity: those of no wrench on it."""
         return self._free(positions, velocities, accelerations, rates)["base_acceleration"]
+
+
+@lru_cache(maxsize=16)
+def spatial_dynamics(robot: Robot) -> SpatialDynamics:
+    """Return a robot's dynamics, prepared once."""
+    return SpatialDynamics(robot.model, robot.reference[BASE + 1 :], robot.selection[BASE:])
 
 
 def _second_moment(body: Any) -> Array:

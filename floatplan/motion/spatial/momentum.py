@@ -14,8 +14,9 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments
-from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
-from floatplan.motion.spatial.flight import LEVELS, attitude_of, spatial_flight
+from floatplan.motion.spatial.attitude import LEVELS, IntegrationError, Turning, cells, turn
+from floatplan.motion.spatial.dynamics import spatial_dynamics
+from floatplan.motion.spatial.goal import angle_changes, attitude_of
 from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
 from floatplan.problem.problem import Problem
 
@@ -39,7 +40,7 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
         return MomentumSet(read_only(suggested), read_only(np.empty((3, 0))))
     size = float(np.linalg.norm(suggested))
     if size == 0.0:
-        reach = ALONG * np.trace(_PlainMotion(problem).inertia) / 3 / problem.flight.duration
+        reach = ALONG * np.trace(_PlainMotion(problem).mean_inertia_B) / 3 / problem.flight.duration
         return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
     beside = np.linalg.svd(along[None])[2][1:]
@@ -53,11 +54,12 @@ def suggested_momentum(problem: Problem) -> Array:
     Where the goal's angles have turns about the third axis too, those are left to the joints; where they have them
     alone, h is along that.
     """
-    plain, goal = _PlainMotion(problem), attitude_of(problem.final)
-    start, change = attitude_of(problem.initial), plain.flight.change
+    plain = _PlainMotion(problem)
+    start, goal = attitude_of(problem.initial), attitude_of(problem.final)
+    change = angle_changes(start, goal)
     if np.abs(change).max() < SHORT:
         turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
-        return plain.reaching(plain.mean_inertia(start.matrix) @ turn / problem.flight.duration)
+        return plain.reaching(plain.mean_inertia_W @ turn / problem.flight.duration)
     assert goal.axes is not None
     along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
     if np.abs(change[:2]).max() < SHORT:
@@ -71,10 +73,16 @@ def suggested_momentum(problem: Problem) -> Array:
 
 
 class _PlainMotion:
-    """The motion with no free part, as it turns the base for any h."""
+    """The motion with no free part, as it turns the base for any h.
+
+    ``mean_inertia_B`` (3, 3) is the mean over the flight in the base's axes, kg m^2; ``mean_inertia_W`` the same in the
+    world's axes, at takeoff.
+    """
 
     def __init__(self, problem: Problem) -> None:
-        self.flight = spatial_flight(problem)
+        self.duration = problem.flight.duration
+        self.initial_attitude = attitude_of(problem.initial).matrix
+        self.final_attitude = attitude_of(problem.final).matrix
         self.cells = cells(*LEVELS[LEVEL])
         low, high = problem.position_limits.T
         centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration
@@ -91,32 +99,25 @@ class _PlainMotion:
         polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
         values = basis(polynomials.form).values(self.cells.s)
         joints = polynomials.motion(polynomials.no_free_part, values)
-        self._inertia, joint_map = self.flight.dynamics.momentum_maps(joints.positions)
+        inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(joints.positions)
+        self._inertia = inertia
         self._relative = np.einsum("kan,kn->ka", joint_map, joints.velocities)
-
-    @property
-    def inertia(self) -> Array:
-        """Inertia (3, 3) in the base's axes, the mean over the flight, kg m^2."""
-        return np.asarray(np.linalg.inv(np.linalg.inv(self._inertia).mean(axis=0)))
-
-    def mean_inertia(self, attitude: Array) -> Array:
-        """The same in the world's axes."""
-        return np.asarray(attitude @ self.inertia @ attitude.T)
+        self.mean_inertia_B = np.asarray(np.linalg.inv(np.linalg.inv(inertia).mean(axis=0)))
+        self.mean_inertia_W = np.asarray(self.initial_attitude @ self.mean_inertia_B @ self.initial_attitude.T)
 
     def turned(self, h: Array) -> Turning:
         """Turn the base; errors as of :func:`turn`."""
-        flight = self.flight
-        return turn(self.cells, flight.duration, self._inertia, self._relative, h, flight.initial_attitude)
+        return turn(self.cells, self.duration, self._inertia, self._relative, h, self.initial_attitude)
 
     def residual(self, turning: Turning) -> Array:
         """Vector of rotation (3,), rad, from the attitude asked for at landing to that at landing."""
-        return np.asarray(logarithm((self.flight.final_attitude.T @ turning.ends[-1])[None])[0])
+        return np.asarray(logarithm((self.final_attitude.T @ turning.ends[-1])[None])[0])
 
     def residual_slope(self, turning: Turning) -> Array:
         """Derivative (3, 3) of the residual by h, backwards through the cells."""
         transitions, weights = turning.carried
         mobility = turning.mobility.reshape(weights.shape)
-        onward = left_jacobian_inverse(self.residual(turning)) @ self.flight.final_attitude.T
+        onward = left_jacobian_inverse(self.residual(turning)) @ self.final_attitude.T
         slope = np.zeros((3, 3))
         for cell in range(len(weights) - 1, -1, -1):
             slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)
@@ -136,7 +137,7 @@ class _PlainMotion:
                 if missed < ENOUGH:
                     break
                 step = -np.linalg.lstsq(self.residual_slope(turning), residual, rcond=1e-9)[0]
-                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.inertia)) / self.flight.duration)
+                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:
             pass
@@ -146,7 +147,7 @@ class _PlainMotion:
         """The h along an axis (3,) of the world with which one of the angles about axes changes as asked (3,), rad."""
         low, of_low = 0.0, 0.0
         angle = float(change[which])
-        high = angle / self.flight.duration * float(axis @ self.mean_inertia(self.flight.initial_attitude) @ axis)
+        high = angle / self.duration * float(axis @ self.mean_inertia_W @ axis)
         try:
             for _ in range(STEPS):
                 angles = unwrapped_angles(axes, self.turned(high * axis).way)

@@ -38,6 +38,11 @@ def of_quaternions(quaternions: Array) -> Array:
     return np.asarray(_rotation().from_quat(quaternions).as_matrix())
 
 
+def quaternions_of(rotations: Array) -> Array:
+    """Quaternions (K, 4) of rotations (K, 3, 3), x, y, z, w, with w not negative."""
+    return np.asarray(_rotation().from_matrix(rotations).as_quat(canonical=True))
+
+
 def logarithm(rotations: Array) -> Array:
     """The shortest vectors of rotation (K, 3), rad, of rotations (K, 3, 3)."""
     return np.asarray(_rotation().from_matrix(rotations).as_rotvec())

@@ -12,18 +12,16 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import FlightState
-from floatplan.motion.planar.closed_form import Ballistics
+from floatplan.motion.dynamics import Ballistics, FlightState
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.bodies import BodyPoses
-from floatplan.motion.spatial.dynamics import BASE
-from floatplan.motion.spatial.flight import attitude_of, spatial_dynamics, spatial_flight
-from floatplan.motion.spatial.rotations import logarithm, unwrapped_angles
+from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
+from floatplan.motion.spatial.goal import attitude_of, wrong_way
+from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
@@ -86,14 +84,14 @@ class SpatialMotion:
     def _quaternions(self) -> Array:
         """Quaternions (C + 1, 4) x, y, z, w at the borders of the cells, of signs that go on in time."""
         borders = np.concatenate((self.turning.borders, self.turning.ends[-1:]))
-        found: Array = Rotation.from_matrix(borders).as_quat(canonical=True)
+        found = quaternions_of(borders)
         turned = np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1.0, 1.0))
         found[1:] *= turned[:, None]
         return found
 
     def quaternions(self, attitudes: Array, instants: Array) -> Array:
         """Quaternions (N, 4) x, y, z, w of attitudes at times (N,) s, continuous in time."""
-        found: Array = Rotation.from_matrix(attitudes).as_quat(canonical=True)
+        found = quaternions_of(attitudes)
         nearest = np.rint(instants / self.problem.flight.duration * self.turning.cells.count).astype(np.int64)
         same = (found * self._quaternions[nearest]).sum(axis=1) < 0
         return np.where(same[:, None], -found, found)
@@ -172,16 +170,16 @@ class SpatialMotion:
     def orientation_at_ends(self) -> Mapping[str, Any]:
         """Quaternions x, y, z, w at the start, at the end and of the goal, with w not negative."""
         start, goal = (attitude_of(state).quaternion for state in (self.problem.initial, self.problem.final))
-        end = Rotation.from_matrix(self.turning.ends[-1]).as_quat(canonical=True)
+        end = quaternions_of(self.turning.ends[-1:])[0]
         named = (("start", start), ("end", read_only(end)), ("goal", goal))
         return {name: {"quaternion_xyzw": quaternion} for name, quaternion in named}
 
     @property
     def missed(self) -> float:
         """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
-        flight = spatial_flight(self.problem)
-        missed = float(np.linalg.norm(logarithm(flight.final_attitude.T[None] @ self.turning.ends[-1:])))
-        return math.inf if flight.wrong(self.turning.way) else missed
+        start, goal = attitude_of(self.problem.initial), attitude_of(self.problem.final)
+        missed = float(np.linalg.norm(logarithm(goal.matrix.T[None] @ self.turning.ends[-1:])))
+        return math.inf if wrong_way(start, goal, self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
         """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
@@ -246,7 +244,7 @@ class SpatialFullMotion(FullMotion):
 
     @cached_property
     def _attitudes(self) -> Array:
-        return np.asarray(Rotation.from_quat(self.state.orientation).as_matrix())
+        return of_quaternions(self.state.orientation)
 
     @cached_property
     def base_velocity(self) -> Array:

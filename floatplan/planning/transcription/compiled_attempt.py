@@ -237,7 +237,7 @@ class CompiledProblem:
         branch = np.zeros(len(variables.polynomials.free), np.int64)
         attempt = self.attempt_struct(variables, best, at_once)
         inputs, motions = self.inputs(variables)
-        powers = powers_of_basis(variables.polynomials.form.bubbles)
+        powers = powers_of_basis(basis(variables.polynomials.form).bubbles)
         draws = self.draws_struct(variables, branch)
         coefficients = None
         if not variables.polynomials.free_ends:
@@ -355,7 +355,7 @@ def motions_struct(flight: FlightDynamics, variables: DecisionVariables, of_coef
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form = polynomials.form
     series = basis(form).series
-    given = form.given
+    given = basis(form).given
     columns = [given.index(condition) if condition in given else -1 for condition in range(CONDITIONS)]
     coefficient_map = None
     if of_coefficients and following is not None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from floatplan.arrays import Array, BoolArray, IntArray, identity
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import end_rates
+from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, boundary_arguments, whitening
 from floatplan.problem.problem import Problem
 
@@ -59,7 +59,7 @@ def boundary(problem: Problem, branches: IntArray, momentum: MomentumSet) -> Bou
         positions=np.array([state.positions for state in states]),
         accelerations=np.where(free, 0.0, accelerations) if free.any() else accelerations,
         free=free,
-        rates=end_rates(problem, momentum),
+        rates=flight_of(problem).end_rates(momentum),
         centre=(low + high) / 2,
         amplitude=(high - low) / 2,
         duration=problem.flight.duration,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.dynamics import FlightDynamics
-from floatplan.motion.flight import flight_dynamics
+from floatplan.motion.flight import flight_of
 from floatplan.problem.problem import Problem
 
 
@@ -32,4 +32,4 @@ class FlightModel:
 
 def flight_model(problem: Problem) -> FlightModel:
     """Prepare a problem's model once for all motions."""
-    return FlightModel(flight_dynamics(problem))
+    return FlightModel(flight_of(problem))

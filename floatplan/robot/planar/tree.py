@@ -9,19 +9,16 @@ are complex numbers, horizontal + i vertical; sigma is the plane's ``turn``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from floatplan.arrays import Array, ComplexArray, IntArray, read_only
 from floatplan.robot.planar.choice import Choice, Plane
 from floatplan.robot.urdf.tree import UrdfTree
 
-_Number = TypeVar("_Number", bound=np.generic)
 DRAWN = 3  # [-] postures, in which bodies that are in one place always are
 SAME = 1e-9  # [m] points that are nowhere farther apart are one
 
@@ -53,6 +50,16 @@ class PlanarTree:
         Absolute angle of each body at orientation 0 and planned positions 0.
     turn : float
         +1 where a positive angle about the normal turns the horizontal axis towards the vertical one, else -1.
+    origins : (m, m) complex, m
+        Weights of rotations that give the bodies' origins, from the base's origin.
+    com : (m,) complex, m
+        Weights that give the centre of mass, from the base's origin.
+    coupling : (m, m) complex, kg m^2
+        The matrix C, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' mass centres.
+    rotors : (m, n) kg m^2, or None where there are none
+        Moments that turn the bodies' rotors, by the planned accelerations. Momentum does not count rotors.
+    distinct_turns : (g, n), and (m,) int
+        Rows of the turns that differ, in the order of their first appearance, and which of them each body has.
     """
 
     names: tuple[str, ...]
@@ -66,6 +73,43 @@ class PlanarTree:
     motor_turns: Array
     offsets: Array
     turn: float
+    origins: ComplexArray = field(init=False)
+    com: ComplexArray = field(init=False)
+    coupling: ComplexArray = field(init=False)
+    rotors: Array | None = field(init=False)
+    distinct_turns: tuple[Array, IntArray] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compute what follows from the bodies: where they are, the matrix C, what turns rotors, who turns alike."""
+        count = len(self.mass)
+        origins = np.zeros((count, count), dtype=np.complex128)
+        for body, parent in enumerate(self.parent.tolist()[1:], 1):
+            origins[body] = origins[parent]
+            origins[body, parent] += self.anchor[body]
+        centers = origins + np.diag(self.center)
+        com = np.asarray(self.mass @ centers / self.mass.sum())
+        from_com = centers - com
+        coupling = np.asarray(from_com.conj().T @ (self.mass[:, None] * from_com))
+
+        # A joint's torque turns its rotor too: a moment of the joint's body, against its parent, so that it is in no
+        # other joint's torque.
+        rotors = None
+        if self.armature.any():
+            own = self.armature[1:, None] * (self.turns[1:] - self.turns[self.parent[1:]])
+            moments = np.zeros_like(self.turns)
+            moments[1:] = own
+            np.subtract.at(moments, self.parent[1:], own)
+            rotors = read_only(moments)
+
+        number_of: dict[tuple[float, ...], int] = {}
+        group = [number_of.setdefault(row, len(number_of)) for row in map(tuple, (self.turns + 0.0).tolist())]
+        distinct = np.array(list(number_of)).reshape(len(number_of), -1)
+
+        for array in (origins, com, coupling):
+            array.setflags(write=False)
+        vars(self).update(
+            origins=origins, com=com, coupling=coupling, rotors=rotors, distinct_turns=(distinct, np.array(group))
+        )
 
     def absolute_angles(self, orientation: Array, positions: Array) -> Array:
         """Angles phi (..., m) of the bodies, from orientation (...) and positions (..., n), rad."""
@@ -88,41 +132,9 @@ class PlanarTree:
         local : (points,) complex
             Its place in that body's frame, m.
         """
-        return np.asarray(self._weights_from_base(body, local) - self._com, dtype=np.complex128)
-
-    @cached_property
-    def _com(self) -> ComplexArray:
-        """Weights (m,) that give the centre of mass from the base's origin."""
-        centers = self._weights_from_base(np.arange(len(self.mass)), self.center)
-        return np.asarray(self.mass @ centers / self.mass.sum())
-
-    @cached_property
-    def coupling(self) -> ComplexArray:
-        """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' mass centres."""
-        weights = self.point_weights(np.arange(len(self.mass)), self.center)
-        return _sealed(np.asarray(weights.conj().T @ (self.mass[:, None] * weights)))
-
-    @cached_property
-    def rotors(self) -> Array | None:
-        """Moments (m, n) that turn the bodies' rotors, by the planned accelerations, kg m^2; None where there are none.
-
-        A joint's torque turns its rotor too, by ``armature`` times the joint's acceleration: a moment of the joint's
-        body, against its parent, so that it is in no other joint's torque. Momentum does not count rotors.
-        """
-        if not self.armature.any():
-            return None
-        own = self.armature[1:, None] * (self.turns[1:] - self.turns[self.parent[1:]])
-        moments = np.zeros_like(self.turns)
-        moments[1:] = own
-        np.subtract.at(moments, self.parent[1:], own)
-        return read_only(moments)
-
-    @cached_property
-    def distinct_turns(self) -> tuple[Array, IntArray]:
-        """Rows (g, n) of the turns that differ, in the order of their first appearance, and which (m,) each is."""
-        known: dict[tuple[float, ...], int] = {}
-        group = [known.setdefault(row, len(known)) for row in map(tuple, (self.turns + 0.0).tolist())]
-        return np.array(list(known)).reshape(len(known), -1), np.array(group)
+        weights: ComplexArray = self.origins[body]
+        weights[np.arange(len(body)), body] += local
+        return np.asarray(weights - self.com, dtype=np.complex128)
 
     @cached_property
     def coincident(self) -> IntArray:
@@ -134,20 +146,6 @@ class PlanarTree:
         where = (rotations @ weights.T).reshape(DRAWN, count, 2)
         apart = abs(where[:, :, None] - where[:, None, :]).max(axis=(0, 3))
         return np.asarray(np.argmax(apart <= SAME, axis=1))
-
-    @cached_property
-    def _origins(self) -> ComplexArray:
-        """Weights (m, m) that give the bodies' origins from the base's."""
-        origins = np.zeros((len(self.mass), len(self.mass)), dtype=np.complex128)
-        for b, parent in enumerate(self.parent.tolist()[1:], 1):
-            origins[b] = origins[parent]
-            origins[b, parent] += self.anchor[b]
-        return origins
-
-    def _weights_from_base(self, body: IntArray, local: ComplexArray) -> ComplexArray:
-        weights: ComplexArray = self._origins[body]
-        weights[np.arange(len(body)), body] += local
-        return weights
 
 
 @dataclass(frozen=True)
@@ -181,7 +179,8 @@ class _Body:
 class TreeLayout:
     """The bodies, which body each link belongs to, and where the links are when the planned positions are zero.
 
-    ``placements`` are ``pinocchio.SE3`` in the root link.
+    ``placements`` are ``pinocchio.SE3`` in the root link; ``frames`` the origins of every link and joint by name, the
+    link's where both have one name.
     """
 
     tree: UrdfTree
@@ -189,6 +188,18 @@ class TreeLayout:
     bodies: tuple[_Body, ...]
     body_of: Mapping[str, int]
     placements: Mapping[str, Any]
+    planar_tree: PlanarTree = field(init=False)
+    frames: Mapping[str, Frame] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Make what every problem of the robot needs."""
+        links = {
+            link: Frame(body, self.local(body, self.placements[link].translation), link)
+            for link, body in self.body_of.items()
+        }
+        joints = {joint.name: links[joint.child] for joint in self.tree.joints}
+        frames = joints | {link: links[link] for link in self.tree.links}
+        vars(self).update(planar_tree=self._planar_tree(), frames=frames)
 
     @classmethod
     def of(cls, tree: UrdfTree, choice: Choice) -> TreeLayout:
@@ -217,15 +228,7 @@ class TreeLayout:
         """Place in a body's frame of a ``point`` (3,) of the root link, at planned positions zero."""
         return (self.plane.project(point) - self.bodies[body].origin) * self.back(body)
 
-    def frames(self) -> Mapping[str, Frame]:
-        """The origin of every link and joint; where both have one name, the link's."""
-        links = {}
-        for link, body in self.body_of.items():
-            links[link] = Frame(body, self.local(body, self.placements[link].translation), link)
-        joints = {joint.name: links[joint.child] for joint in self.tree.joints}
-        return MappingProxyType(joints | {link: links[link] for link in self.tree.links})
-
-    def planar_tree(self) -> PlanarTree:
+    def _planar_tree(self) -> PlanarTree:
         """The bodies with their masses, centres of mass and inertias about the plane's normal."""
         count = len(self.bodies)
         mass, inertia = np.zeros(count), np.zeros(count)
@@ -246,21 +249,20 @@ class TreeLayout:
         for body, part_mass, place in parts:
             inertia[body] += part_mass * abs(place - center[body]) ** 2
         anchors = [self.local(body.parent, self.placements[body.name].translation) for body in self.bodies[1:]]
+        parent = np.array([body.parent for body in self.bodies], dtype=np.int64)
+        anchor = np.array([0j, *anchors])
+        for array in (parent, anchor, center):
+            array.setflags(write=False)
         return PlanarTree(
             names=tuple(body.name for body in self.bodies),
-            parent=_sealed(np.array([body.parent for body in self.bodies], dtype=np.int64)),
-            anchor=_sealed(np.array([0j, *anchors])),
-            mass=_sealed(mass),
-            center=_sealed(center),
-            inertia=_sealed(inertia),
+            parent=parent,
+            anchor=anchor,
+            mass=read_only(mass),
+            center=center,
+            inertia=read_only(inertia),
             armature=read_only([0.0, *(self.tree.carrier[body.name].armature or 0.0 for body in self.bodies[1:])]),
             turns=read_only([body.turns for body in self.bodies]),
             motor_turns=read_only([body.motor_turns for body in self.bodies]),
             offsets=read_only([body.offset for body in self.bodies]),
             turn=self.plane.turn,
         )
-
-
-def _sealed(array: npt.NDArray[_Number]) -> npt.NDArray[_Number]:
-    array.setflags(write=False)
-    return array

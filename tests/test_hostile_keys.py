@@ -1,0 +1,187 @@
+"""Whatever is wrong under any key of any file is refused in words that name its place: one table for all files."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+from hostile_keys import damaged
+from proof_plans import example_b
+
+from floatplan.errors import InputError
+from floatplan.keys import Keyed, in_files, read_tables
+from floatplan.plans.reading import record_from_dict
+from floatplan.plans.record import PlanRecord
+from floatplan.problem.file import ProblemFile, RobotRequest
+from floatplan.problem.jump import JumpRequest
+from floatplan.problem.parts import Flight, Limits, Motion, Posture
+from floatplan.studies.schema import PlanTable, StudyTables, with_sampling
+
+PROBLEM = """
+name = "everything"
+angles = "deg"
+ground = false
+[robot]
+urdf = "chain10.urdf"
+plane = "xz"
+joints = ["q2", "q1"]
+coupled = { q3 = { leader = "q1", ratio = -0.7, offset = 9 } }
+locked = { q4 = 5 }
+reference = "standing"
+armature = { q1 = 0.1 }
+damping = 0.1
+balance_inertias = true
+payload = { link = "body1", mass = 1, at = [0, 0, 0.1] }
+base = "planar"
+[start]
+orientation = 90
+positions = [30, -60]
+velocities = 18
+accelerations = { q1 = 36 }
+[goal]
+orientation = 450
+positions = { q1 = 45, q2 = 0 }
+velocities = "landing"
+accelerations = "free"
+[flight]
+duration = 1.25
+angular_momentum = "free"
+takeoff = { frame = "foot", position = [0.25, 0.5] }
+landing = { frame = "hand", height = -0.125 }
+horizontal_velocity = -2
+gravity = 1.62
+[motion]
+degree = [8, 9]
+objective = "torque"
+[limits]
+position = { q1 = [-90, 90] }
+velocity = 720
+acceleration = [3600, "none"]
+torque = { q2 = 12 }
+motor = { q1 = { stall = 8, slope = 0.4 } }
+orientation_rate = 900
+[[obstacles]]
+kind = "circle"
+center = [1.5, 3]
+radius = 0.2
+margin = 0.02
+velocity = [0.5, 0]
+window = [0.1, 0.9]
+[[obstacles]]
+kind = "half-plane"
+point = [0, 0]
+normal = [0, 1]
+[[obstacles]]
+kind = "capsule"
+start = [0, 0]
+end = [1, 1]
+radius = 0
+[[self_clearance]]
+links = ["body0", "body2"]
+margin = 0.01
+[jump]
+friction = 0.5
+margin = { torque = 0.7 }
+fixed = ["duration"]
+feet = "auto"
+objective = "torque"
+clearance = 0.04
+pitch_error = 4
+[jump.takeoff]
+from = { q1 = 90 }
+contacts = [["hand"]]
+durations = [[0.1, 0.4]]
+[jump.landing]
+to = "standing"
+contacts = [["hand"]]
+"""
+IN_SPACE = """
+[robot]
+mjcf = "arm.xml"
+base = "free-flyer"
+[start]
+orientation = { quaternion_xyzw = [0, 0, 0, 1] }
+positions = 0
+[goal]
+orientation = { angles = [0, 0, 1], axes = "xyz" }
+positions = 1
+[flight]
+duration = 2
+angular_momentum = [0, 0, 1]
+horizontal_velocity = [0, 1]
+takeoff = { frame = "base", position = [0, 0, 1] }
+"""
+STUDY = """
+problem = "somersault.toml"
+sampling = "grid"
+samples = 5
+seed = 1
+[vary]
+"flight.gravity" = [1.0, 2.0]
+"flight.duration" = { from = 0.9, to = 1.4, count = 3 }
+[plan]
+starts = 2
+prove = true
+attempts = 3
+search = true
+jump = false
+[result]
+folder = "results"
+map = ["flight.gravity", "flight.duration", "torque_peak"]
+"""
+
+
+def read_problem(content: Mapping[str, Any]) -> Keyed:
+    return read_tables(ProblemFile, content)
+
+
+def read_study(content: Mapping[str, Any]) -> Keyed:
+    return read_tables(StudyTables, with_sampling(content))
+
+
+FILES: dict[str, tuple[type[Keyed], Callable[[], dict[str, Any]], Callable[[Any], object], int]] = {
+    "problem": (ProblemFile, lambda: tomllib.loads(PROBLEM), read_problem, 1000),
+    "problem in space": (ProblemFile, lambda: tomllib.loads(IN_SPACE), read_problem, 300),
+    "study": (StudyTables, lambda: tomllib.loads(STUDY), read_study, 150),
+    "plan": (PlanRecord, lambda: example_b().to_dict(), record_from_dict, 300),
+}
+
+
+def refusal(read: Callable[[Any], object], content: dict[str, Any]) -> str:
+    """What is said where content is refused; nothing where it is taken."""
+    try:
+        read(content)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_wrong_under_any_key_is_refused_with_its_place(name: str) -> None:
+    part, content, read, least = FILES[name]
+    sound = content()
+    read(sound)
+    tried = 0
+    for place, wrong in damaged(part, sound):
+        told = refusal(read, wrong)
+        assert any(line.startswith((f"{place}:", f"{place}[", f"{place}.")) for line in told.splitlines()), (
+            place,
+            told,
+        )
+        assert all(line.isprintable() for line in told.splitlines())
+        assert len(told) < 2000
+        tried += 1
+    assert tried >= least
+
+
+def test_the_files_above_have_every_key() -> None:
+    problem, study = tomllib.loads(PROBLEM), tomllib.loads(STUDY)
+    assert ProblemFile.keys.keys() == problem.keys()
+    assert StudyTables.keys.keys() == study.keys()
+    assert RobotRequest.keys.keys() - problem["robot"].keys() == {"mjcf"}
+    for name, part in (("start", Posture), ("flight", Flight), ("motion", Motion), ("limits", Limits)):
+        assert problem[name].keys() == {in_files(key) for key in part.keys}
+    assert problem["jump"].keys() == JumpRequest.keys.keys()
+    assert study["plan"].keys() == PlanTable.keys.keys()
