@@ -22,9 +22,11 @@ FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
 BODY_CLEARANCE = 0.10  # [m] the same of all other bodies, whose shapes are coarser
 SHORTEST = 0.1  # [s] of a flight
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
+SPEED_SPAN = 0.04  # [s] over which speeds are taken: over less, noise of a millimetre looks like motion
 GROUND_WINDOW = 1.5  # [s] to either side, in which the ground is taken to be level
 LOW_SHARE = 0.7  # [-] of the heights of feet that stand: a foot that is held still in the air is higher
-FOOT_REACH = 0.15  # [-] of the robot's height: a limb that usually ends so near to its lowest point is a foot
+FOOT_REACH = 0.2  # [-] of the robot's height: a limb that often ends so near to its lowest point is a foot
+OFTEN = 20.0  # [%] of the time
 FRAMES_FOR_FEET = 100  # [-] instants at which limbs are compared
 CHUNK = 4096  # [-] instants that are evaluated at once
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -84,8 +86,8 @@ class Scene:
         A link of each.
     foot_heights : (K, F) m
         Of each foot's lowest point, in the world.
-    foot_speeds : (K, F) m/s
-        Of the point that is lowest.
+    foot_velocities : (K, F, 3) m/s
+        Of the point that is lowest, in the world.
     other_heights : (K,) m
         Of the lowest point of all other bodies.
     ground : Ground
@@ -97,7 +99,7 @@ class Scene:
     foot_bodies: tuple[int, ...]
     foot_names: tuple[str, ...]
     foot_heights: Array
-    foot_speeds: Array
+    foot_velocities: Array
     other_heights: Array
     ground: Ground
 
@@ -132,7 +134,7 @@ class Scene:
         columns = [bodies.index(body) for body in found]
         others = [column for column in range(len(bodies)) if column not in columns]
         foot_heights = lowest[:, columns, 2]
-        foot_speeds = _speeds(curve, times, found, lowest[:, columns])
+        foot_velocities = _velocities(curve, times, found, lowest[:, columns])
         return cls(
             curve=curve,
             contacts=contacts,
@@ -140,9 +142,9 @@ class Scene:
             foot_bodies=tuple(found),
             foot_names=tuple(by_body[body][0].link for body in found),
             foot_heights=foot_heights,
-            foot_speeds=foot_speeds,
+            foot_velocities=foot_velocities,
             other_heights=lowest[:, others, 2].min(axis=1, initial=np.inf),
-            ground=_ground(times, foot_heights, foot_speeds, ground_height),
+            ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
 
     def in_the_air(self) -> BoolArray:
@@ -222,20 +224,21 @@ def _lowest_of_solid(poses: BodyPoses, solid: LinkSolid) -> Array:
     return np.asarray(poses.places[:, solid.body] + np.einsum("kab,kb->ka", rotations, local))
 
 
-def _speeds(curve: ClipCurve, times: Array, feet: Sequence[int], lowest: Array) -> Array:
-    """Speeds (K, F), m/s, of the material points of F feet that are lowest (K, F, 3) at each instant."""
-    step = 0.5 / LOOK
-    found = np.empty(lowest.shape[:2])
+def _velocities(curve: ClipCurve, times: Array, feet: Sequence[int], lowest: Array) -> Array:
+    """Velocities (K, F, 3), m/s, of the material points of F feet that are lowest (K, F, 3) at each instant."""
+    found = np.empty_like(lowest)
     for begin in range(0, len(times), CHUNK):
         chunk = slice(begin, begin + CHUNK)
-        before = curve.poses(times[chunk] - step)
+        first = np.maximum(times[chunk] - 0.5 * SPEED_SPAN, 0.0)
+        last = np.minimum(times[chunk] + 0.5 * SPEED_SPAN, curve.duration)
+        before = curve.poses(first)
         now = curve.poses(times[chunk])
-        after = curve.poses(times[chunk] + step)
+        after = curve.poses(last)
         for column, body in enumerate(feet):
             offset = lowest[chunk, column] - now.places[:, body]
             local = np.einsum("kba,kb->ka", now.rotations[:, body], offset)
             moved = _carried(after, body, local) - _carried(before, body, local)
-            found[chunk, column] = np.linalg.norm(moved, axis=1) / (2 * step)
+            found[chunk, column] = moved / (last - first)[:, None]
     return found
 
 
@@ -255,7 +258,7 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 
 
 def _found_feet(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> list[int]:
-    """Bodies that end a limb and are usually near the robot's lowest point as it stands upright.
+    """Bodies that end a limb and are often near the robot's lowest point as it stands upright.
 
     Upright is the base at the identity: in the air a robot may be upside down for most of a clip.
 
@@ -273,7 +276,7 @@ def _found_feet(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> list[i
     carries = {int(robot.model.parents[body]) for body in bodies}
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     extent = float(np.median(over_lowest.max(axis=1)))
-    usual = np.median(over_lowest, axis=0)
+    usual = np.percentile(over_lowest, OFTEN, axis=0)
     feet = [body for column, body in enumerate(bodies) if body not in carries and usual[column] <= FOOT_REACH * extent]
     if not feet:
         raise InputError(

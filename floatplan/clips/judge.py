@@ -17,7 +17,7 @@ from scipy.stats import t as student
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
 from floatplan.clips.curve import body_poses, centre_of_mass
-from floatplan.clips.flights import ClipFlight
+from floatplan.clips.flights import FOOT_CLEARANCE, STILL, ClipFlight
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_quaternions
@@ -36,6 +36,9 @@ TURN_TOLERANCE = np.deg2rad(0.5)  # [rad] root mean square, by which attitudes m
 NOISE_FACTOR = 2.5  # [-] of the attitudes' own noise, by which they may be
 COUNTED_NOISE = np.deg2rad(0.5)  # [rad] of noise that counts so at most
 ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
+
+BESIDE = 0.3  # [s] before and after a flight, in which its feet are looked at
+HIGHEST_STANCE = 0.05  # [m] over the ground: a foot that is still and higher is held up
 
 DEGREES = range(2, 10)  # [-] of the polynomials of joints
 HIGHER_DEGREES = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
@@ -446,23 +449,24 @@ def _wrench(
     return force, float(np.sqrt((moments**2).sum(axis=1).mean()))
 
 
-BESIDE = 0.3  # [s] before and after a flight, in which its feet are looked at
-
-
 def _feet_beside(clip: Clip, flight: ClipFlight) -> tuple[float, float, float]:
-    """How far feet that stand beside a flight float over the ground, sink into it, and slide on it, m."""
+    """How far feet that stand beside a flight float over the ground, sink into it, and slide along it, m.
+
+    A foot that stands is still; one that leaves or arrives is not, and does not float.
+    """
     scene = clip.scene
+    step = float(scene.times[1] - scene.times[0])
     floating = sinking = sliding = 0.0
     for begin, end in ((flight.begin - BESIDE, flight.begin), (flight.end, flight.end + BESIDE)):
-        beside = np.flatnonzero((scene.times >= begin - 1e-9) & (scene.times <= end + 1e-9))
+        beside = np.flatnonzero((scene.times >= begin) & (scene.times <= end))
         if not len(beside):
             continue
         heights = scene.foot_heights[beside] - scene.ground.heights[beside, None]
-        stands = heights < 0.02
-        if stands.any():
-            floating = max(floating, float(heights[stands].max()))
-            sinking = max(sinking, float(-heights[stands].min()))
-        step = scene.times[1] - scene.times[0]
-        slid = (np.where(stands, scene.foot_speeds[beside], 0.0) * step).sum(axis=0)
+        velocities = scene.foot_velocities[beside]
+        stands = (np.linalg.norm(velocities, axis=2) < STILL) & (heights < HIGHEST_STANCE)
+        along_ground = np.linalg.norm(velocities[..., :2], axis=2)
+        slid = np.where(heights < FOOT_CLEARANCE, along_ground, 0.0).sum(axis=0) * step
+        floating = max(floating, float(heights[stands].max(initial=0.0)))
+        sinking = max(sinking, float(-heights.min()))
         sliding = max(sliding, float(slid.max()))
-    return floating, max(sinking, 0.0), sliding
+    return floating, sinking, sliding
