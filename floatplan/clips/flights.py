@@ -88,8 +88,10 @@ class Scene:
         Of each foot's lowest point, in the world.
     foot_velocities : (K, F, 3) m/s
         Of the point that is lowest, in the world.
-    other_heights : (K,) m
-        Of the lowest point of all other bodies.
+    other_heights : (K, O) m
+        Of the lowest point of each other body.
+    other_clearances : (O,) m
+        Over the ground, above which each of them is in the air.
     ground : Ground
     """
 
@@ -101,6 +103,7 @@ class Scene:
     foot_heights: Array
     foot_velocities: Array
     other_heights: Array
+    other_clearances: Array
     ground: Ground
 
     @classmethod
@@ -133,6 +136,7 @@ class Scene:
         found = _named_feet(feet, by_body) if feet else _found_feet(curve, by_body)
         columns = [bodies.index(body) for body in found]
         others = [column for column in range(len(bodies)) if column not in columns]
+        ankles = {int(curve.robot.model.parents[body]) for body in found}  # they are always near the ground
         foot_heights = lowest[:, columns, 2]
         foot_velocities = _velocities(curve, times, found, lowest[:, columns])
         return cls(
@@ -143,7 +147,8 @@ class Scene:
             foot_names=tuple(by_body[body][0].link for body in found),
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
-            other_heights=lowest[:, others, 2].min(axis=1, initial=np.inf),
+            other_heights=lowest[:, others, 2],
+            other_clearances=np.array([FOOT_CLEARANCE if bodies[other] in ankles else BODY_CLEARANCE for other in others]),
             ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
 
@@ -152,9 +157,9 @@ class Scene:
         if self.contacts is not None:
             frame = np.rint(self.times * self.curve.fps).astype(np.int64)
             return ~self.contacts.any(axis=1)[np.minimum(frame, self.curve.frames - 1)]
-        over_ground = self.foot_heights.min(axis=1) - self.ground.heights
-        others = self.other_heights - self.ground.heights
-        return (over_ground > FOOT_CLEARANCE) & (others > BODY_CLEARANCE)
+        feet = self.foot_heights - FOOT_CLEARANCE
+        others = self.other_heights - self.other_clearances
+        return np.asarray(np.concatenate((feet, others), axis=1).min(axis=1) > self.ground.heights)
 
     def flights(self) -> tuple[ClipFlight, ...]:
         """The flights, in their order."""

@@ -30,10 +30,11 @@ CONFIDENCE = 0.9995  # [-] of Student's t, one-sided: one false alarm in a thous
 LEAST_NOISE = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
 FALL_TOLERANCE = 0.5  # [m/s^2] by which the fall may be off, whatever the noise
 WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one nothing is decided
+PATH_TOLERANCE = 3e-3  # [m] root mean square, by which the centre of mass may be off any parabola
 NO_FALL = 1.5  # [m/s^2] a slower fall is none: something carries the robot
 
 TURN_TOLERANCE = np.deg2rad(0.5)  # [rad] root mean square, by which attitudes may be off a flight's
-NOISE_FACTOR = 2.5  # [-] of the attitudes' own noise, by which they may be
+NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which places and attitudes may be off
 COUNTED_NOISE = np.deg2rad(0.5)  # [rad] of noise that counts so at most
 ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
 
@@ -60,7 +61,8 @@ class Fall:
     fall : m/s^2, downwards
     interval : m/s^2, half of the confidence interval; infinite where there are too few frames
     sideways : m/s^2, the acceleration across
-    noise : m, root mean square of what is left
+    rms : m, root mean square of what is left, of one coordinate
+    noise : m, the same of the part that changes from frame to frame
     coefficients : (3, 3)
         Place, velocity and half the acceleration (by row), at the middle of the flight.
     """
@@ -68,6 +70,7 @@ class Fall:
     fall: float
     interval: float
     sideways: float
+    rms: float
     noise: float
     coefficients: Array
 
@@ -75,6 +78,11 @@ class Fall:
     def tolerance(self) -> float:
         """By how much it may be off, m/s^2."""
         return max(FALL_TOLERANCE, self.interval)
+
+    @property
+    def on_parabola(self) -> bool:
+        """Whether the centre of mass is as near to it as its noise allows."""
+        return not self.rms > max(PATH_TOLERANCE, NOISE_FACTOR * self.noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,17 +161,18 @@ def fit_fall(times: Array, places: Array) -> Fall:
     left = places - terms @ coefficients
     acceleration = 2.0 * coefficients[2]
     freedom = count - 3
-    noise = float(np.sqrt((left**2).sum() / (3 * freedom))) if freedom > 0 else np.inf
+    rms = float(np.sqrt((left**2).sum() / (3 * freedom))) if freedom > 0 else np.nan
     interval = np.inf
     if freedom > 0:
         covariance = np.linalg.inv(terms.T @ terms)
-        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(noise, LEAST_NOISE)
+        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, LEAST_NOISE)
         interval = float(student.ppf(CONFIDENCE, 3 * freedom) * deviation)
     return Fall(
         fall=float(-acceleration[2]),
         interval=interval,
         sideways=float(np.hypot(acceleration[0], acceleration[1])),
-        noise=noise,
+        rms=rms,
+        noise=frame_noise(left) / np.sqrt(3.0),
         coefficients=coefficients,
     )
 
@@ -262,7 +271,7 @@ def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attit
     return TurnFit(
         angular_momentum=momentum,
         rms=rms,
-        noise=attitude_noise(residuals),
+        noise=frame_noise(residuals),
         residuals=residuals,
         turning=turning,
     )
@@ -279,8 +288,8 @@ def _mean_momentum(inertia: Array, relative: Array, times: Array, attitudes: Arr
     return np.asarray(np.einsum("kab,kb->ka", attitudes[:-1], own).mean(axis=0))
 
 
-def attitude_noise(residuals: Array) -> float:
-    """Root mean square, rad, of the part of residuals (K, 3) that changes from frame to frame.
+def frame_noise(residuals: Array) -> float:
+    """Root mean square of the part of residuals (K, 3) that changes from frame to frame, in their unit.
 
     Second differences of what is smooth are small; of independent noise they have six times its variance.
     """
@@ -359,7 +368,9 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
 
 
 def _no_fall() -> Fall:
-    return Fall(fall=np.nan, interval=np.inf, sideways=np.nan, noise=np.inf, coefficients=np.full((3, 3), np.nan))
+    return Fall(
+        fall=np.nan, interval=np.inf, sideways=np.nan, rms=np.nan, noise=0.0, coefficients=np.full((3, 3), np.nan)
+    )
 
 
 def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravity: float) -> tuple[str, ...]:
@@ -370,6 +381,8 @@ def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravit
             faults.append(f"the centre of mass falls at {fall.fall:.2f} m/s^2, not {gravity:g}")
         if fall.sideways > fall.tolerance:
             faults.append(f"the centre of mass accelerates sideways at {fall.sideways:.2f} m/s^2")
+    if not fall.on_parabola:
+        faults.append(f"the centre of mass is {1e3 * fall.rms:.0f} mm rms from any parabola")
     if joints is None:
         return tuple(faults)
     if turning is None:
@@ -384,7 +397,7 @@ def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravit
 
 
 def _verdict(fall: Fall, faults: tuple[str, ...]) -> str:
-    if fall.interval <= WIDEST_INTERVAL and fall.fall < NO_FALL:
+    if fall.interval <= WIDEST_INTERVAL and fall.fall < NO_FALL and fall.on_parabola:
         return AFLOAT
     if faults:
         return UNPHYSICAL
