@@ -9,7 +9,7 @@ the turning that follows from the joints' motion with one constant angular momen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
@@ -31,7 +31,7 @@ LEAST_NOISE = 5e-5  # [m] of the centre of mass in a frame: digits of files, and
 FALL_TOLERANCE = 0.5  # [m/s^2] by which the fall may be off, whatever the noise
 WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one nothing is decided
 PATH_TOLERANCE = 3e-3  # [m] root mean square, by which the centre of mass may be off any parabola
-NO_FALL = 1.5  # [m/s^2] a slower fall is none: something carries the robot
+NO_FALL = 1.5  # [m/s^2] a smaller acceleration of the centre of mass is no fall: something carries the robot
 
 TURN_TOLERANCE = np.deg2rad(0.5)  # [rad] root mean square, by which attitudes may be off a flight's
 NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which places and attitudes may be off
@@ -41,6 +41,7 @@ ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
 BESIDE = 0.3  # [s] before and after a flight, in which its feet are looked at
 HIGHEST_STANCE = 0.05  # [m] over the ground: a foot that is still and higher is held up
 
+LEAST_FRAMES = 4  # [-] of a flight whose turning is fitted
 DEGREES = range(2, 10)  # [-] of the polynomials of joints
 HIGHER_DEGREES = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
 FRAMES_PER_COEFFICIENT = 2.0  # [-] at least, of the higher degrees
@@ -65,6 +66,8 @@ class Fall:
     noise : m, the same of the part that changes from frame to frame
     coefficients : (3, 3)
         Place, velocity and half the acceleration (by row), at the middle of the flight.
+    times : (K,) s, of the frames
+    places : (K, 3) m, of the centre of mass in the frames, in the world
     """
 
     fall: float
@@ -73,6 +76,13 @@ class Fall:
     rms: float
     noise: float
     coefficients: Array
+    times: Array
+    places: Array
+
+    def at(self, times: Array) -> Array:
+        """Places (K, 3) of the parabola at times (K,), s."""
+        middle = 0.5 * (self.times[0] + self.times[-1])
+        return np.vander(times - middle, 3, increasing=True) @ self.coefficients
 
     @property
     def tolerance(self) -> float:
@@ -152,9 +162,12 @@ def free_dynamics(robot: Robot) -> SpatialDynamics:
 def fit_fall(times: Array, places: Array) -> Fall:
     """Fit a parabola to places (K, 3), m, of the centre of mass at times (K,), s.
 
-    With fewer than four frames there is no interval: nothing tells acceleration from noise.
+    With three frames there is no interval, as nothing tells acceleration from noise; with fewer there is no parabola.
     """
     count = len(times)
+    if count < 3:
+        nothing = np.full((3, 3), np.nan)
+        return Fall(np.nan, np.inf, np.nan, rms=np.nan, noise=0.0, coefficients=nothing, times=times, places=places)
     middle = 0.5 * (times[0] + times[-1])
     terms = np.vander(times - middle, 3, increasing=True)
     coefficients, *_ = np.linalg.lstsq(terms, places, rcond=None)
@@ -174,6 +187,8 @@ def fit_fall(times: Array, places: Array) -> Fall:
         rms=rms,
         noise=frame_noise(left) / np.sqrt(3.0),
         coefficients=coefficients,
+        times=times,
+        places=places,
     )
 
 
@@ -327,10 +342,9 @@ class FlightJudgement:
     rate_share: tuple[float, str] | None
     torque_share: tuple[float, str] | None
     wrench: tuple[float, float]
-    floating: float = 0.0
-    sinking: float = 0.0
-    sliding: float = 0.0
-    remarks: tuple[str, ...] = field(default=())
+    floating: float
+    sinking: float
+    sliding: float
 
 
 def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> FlightJudgement:
@@ -340,17 +354,15 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
     attitudes = of_quaternions(clip.base_quaternion[frames])
     poses = body_poses(clip.robot.model, clip.base_position[frames], attitudes, clip.positions[frames])
     places = centre_of_mass(clip.robot.model, poses)
-    enough = len(times) > 3
-    fall = fit_fall(times, places) if len(times) > 2 else _no_fall()
+    fall = fit_fall(times, places)
     dynamics = free_dynamics(clip.robot)
-    joints = turning = None
-    if enough:
+    joints = turning = rate_share = torque_share = None
+    if len(times) >= LEAST_FRAMES:
         joints, turning = nearest_turning(dynamics, times, np.asarray(clip.positions[frames]), attitudes)
-    faults = _faults(fall, turning, joints, gravity)
-    feet = _feet_beside(clip, flight)
-    rate_share = torque_share = None
     if joints is not None and turning is not None:
         rate_share, torque_share = _shares(clip.robot, dynamics, joints, turning)
+    faults = _faults(fall, turning, joints, gravity)
+    floating, sinking, sliding = _feet_beside(clip, flight)
     return FlightJudgement(
         flight=flight,
         verdict=_verdict(fall, faults),
@@ -361,15 +373,9 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
         rate_share=rate_share,
         torque_share=torque_share,
         wrench=_wrench(clip.robot, fall, joints, turning, dynamics, times, gravity),
-        floating=feet[0],
-        sinking=feet[1],
-        sliding=feet[2],
-    )
-
-
-def _no_fall() -> Fall:
-    return Fall(
-        fall=np.nan, interval=np.inf, sideways=np.nan, rms=np.nan, noise=0.0, coefficients=np.full((3, 3), np.nan)
+        floating=floating,
+        sinking=sinking,
+        sliding=sliding,
     )
 
 
@@ -397,7 +403,8 @@ def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravit
 
 
 def _verdict(fall: Fall, faults: tuple[str, ...]) -> str:
-    if fall.interval <= WIDEST_INTERVAL and fall.fall < NO_FALL and fall.on_parabola:
+    slow = float(np.hypot(fall.fall, fall.sideways)) < NO_FALL
+    if fall.interval <= WIDEST_INTERVAL and slow and fall.on_parabola:
         return AFLOAT
     if faults:
         return UNPHYSICAL
