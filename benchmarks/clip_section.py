@@ -71,8 +71,12 @@ def clips(counts: Counts) -> None:
         rows.append([version, *(str(verdicts[version, verdict]) for verdict in VERDICTS)])
     table(["clip", *VERDICTS], rows)
     alarms = sum(verdicts[version, "unphysical"] + verdicts[version, "afloat"] for version in TRUE)
-    print(f"false alarms: {alarms} in {3 * counts.clips} clips of {counts.clips} true hops, seeds 0 to {counts.clips - 1};")
-    print('an "undecided" flight has too few frames for its fall to be known to 1.5 m/s^2: neither found nor a false alarm')
+    print(
+        f"false alarms: {alarms} in {3 * counts.clips} clips of {counts.clips} true hops, seeds 0 to {counts.clips - 1};"
+    )
+    print(
+        'an "undecided" flight has too few frames for its fall to be known to 1.5 m/s^2: neither found nor a false alarm'
+    )
     print(f"processor time {1e3 * seconds / judged:.0f} ms a clip, with drawing")
     for line in wrong:
         print(line)

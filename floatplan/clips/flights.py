@@ -148,7 +148,9 @@ class Scene:
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
             other_heights=lowest[:, others, 2],
-            other_clearances=np.array([FOOT_CLEARANCE if bodies[other] in ankles else BODY_CLEARANCE for other in others]),
+            other_clearances=np.array(
+                [FOOT_CLEARANCE if bodies[other] in ankles else BODY_CLEARANCE for other in others]
+            ),
             ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
 
