@@ -66,17 +66,12 @@ def clips(counts: Counts) -> None:
             if verdict not in (expected, "undecided"):
                 wrong.append(f"{name}, seed {seed}, {fps:g} Hz, {version}: {verdict}")
     seconds = time.process_time() - begin
-    rows = []
-    for version in dict.fromkeys(version for version, _ in verdicts):
-        rows.append([version, *(str(verdicts[version, verdict]) for verdict in VERDICTS)])
-    table(["clip", *VERDICTS], rows)
+    names = dict.fromkeys(version for version, _ in verdicts)
+    table(["clip", *VERDICTS], [[name, *(str(verdicts[name, verdict]) for verdict in VERDICTS)] for name in names])
     alarms = sum(verdicts[version, "unphysical"] + verdicts[version, "afloat"] for version in TRUE)
-    print(
-        f"false alarms: {alarms} in {3 * counts.clips} clips of {counts.clips} true hops, seeds 0 to {counts.clips - 1};"
-    )
-    print(
-        'an "undecided" flight has too few frames for its fall to be known to 1.5 m/s^2: neither found nor a false alarm'
-    )
+    print(f"false alarms: {alarms} in {3 * counts.clips} clips of true hops, seeds 0 to {counts.clips - 1}")
+    print("undecided, of too few frames for the fall to be known to 1.5 m/s^2, is neither found nor a false alarm")
+    print("other flights: a shift downwards brings feet to the ground before their time")
     print(f"processor time {1e3 * seconds / judged:.0f} ms a clip, with drawing")
     for line in wrong:
         print(line)

@@ -1,8 +1,8 @@
-"""True motions of robots that hop, drawn by seed: a stance, a flight that conserves momentum, a stance; and spoiled ones.
+"""True motions of robots that hop, drawn by seed: a stance, a flight with constant momentum, a stance; and spoiled ones.
 
-At every instant the feet's velocities, that of the centre of mass and the angular momentum about it are given numbers,
-and the velocities of base and legs follow from them: as many equations as unknowns. Their integral is the motion. In the
-air the centre of mass falls at g and the momentum is constant; feet are at rest where they stand, and as they leave and
+At every instant the feet's velocities, that of the centre of mass and the angular momentum about it are prescribed, and
+the velocities of base and legs follow from them: as many equations as unknowns. Their integral is the motion. In the air
+the centre of mass falls at g and the momentum is constant; feet are at rest where they stand, and as they leave and
 arrive.
 """
 
@@ -315,7 +315,7 @@ def _frame_times(duration: float, fps: float) -> Array:
 
 def several(hops: Sequence[Hop], fps: float) -> Clip:
     """Return hops one after the other, each from where the one before ended."""
-    rows = []
+    rows: list[Array] = []
     for hop in hops:
         q = hop.configurations(_frame_times(hop.duration, fps))
         if rows:

@@ -1,8 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump hops launch contact space clips guard; all of them
-where none is named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump hops launch contact space clips guard; all of
+them where none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 import floatplan as fp
 from floatplan.cli import common
-from floatplan.cli.common import option
+from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
+from floatplan.cli.results import REPORT, check_folder
+from floatplan.clips.page import write_page
 from floatplan.errors import InputError
 
 ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
@@ -23,6 +25,7 @@ Format = Annotated[str | None, option("NAME", "Of the file; found by its name an
 Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; found by the feet if left out.")]
 Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
 Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; found by their shapes if left out.")]
+Report = Annotated[bool, flag("Write report.html too: what flies, what should, and the faults, flight by flight.")]
 Ground = Annotated[float | None, option("Z", "Height of a level ground, m; found from the feet if left out.")]
 
 
@@ -34,6 +37,8 @@ def clip_check(
     fps: Fps = None,
     feet: Feet = None,
     ground: Ground = None,
+    report: Report = False,
+    output: common.Output = None,
     json_output: common.Json = False,
 ) -> None:
     """Judge the flights of recorded motions: does the centre of mass fall at g, does one momentum turn the base?
@@ -43,17 +48,22 @@ def clip_check(
     """
     robot = fp.Robot.from_file(model, base="free-flyer")
     paths = _clip_files(files)
-    options = {"format": format, "quaternion": quaternion, "fps": fps, "feet": _names(feet), "ground": ground}
-    checks: list[Any] = []
+    page = _page(paths, output) if report else None
+    checks: list[fp.ClipCheck] = []
     with progress("checking") as bar:
         for number, path in enumerate(paths):
             if len(paths) > 1:
                 bar.say(f"{path.name}, {number + 1} of {len(paths)}")
-            checks.append(fp.check_clip(fp.load_clip(path, model=robot, **options)))
+            clip = fp.load_clip(
+                path, model=robot, format=format, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
+            )
+            checks.append(fp.check_clip(clip))
+    checks.sort(key=lambda each: -each.unphysical_share)
+    if page is not None:
+        write_page(checks, page)
     ok = all(each.ok for each in checks)
     if len(checks) == 1:
         common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0]), ok)
-    checks.sort(key=lambda each: -each.unphysical_share)
     facts = {"model": model, "clips": [each.to_dict() for each in checks]}
     common.finish(facts, json_output, lambda summary: summary.clips_summary(checks), ok)
 
@@ -72,6 +82,13 @@ def _clip_files(files: Sequence[Path]) -> list[Path]:
     if len(found) > MOST_CLIPS:
         raise InputError(f"are {len(found)} files, more than {MOST_CLIPS}", element="files", advice="give fewer")
     return found
+
+
+def _page(paths: Sequence[Path], output: Path | None) -> Path:
+    """Where the page goes; its folder is made."""
+    folder = output or Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
+    check_folder(folder)
+    return folder / REPORT
 
 
 def _names(words: str | None) -> tuple[str, ...] | None:

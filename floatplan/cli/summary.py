@@ -30,7 +30,6 @@ REACHED = {
     "horizontal_velocity": "horizontal, m/s",
     "vertical_velocity": "vertical, m/s",
 }
-GRAVITY = 9.81  # [m/s^2] with which falls of recorded motions are compared
 COLOURS: Mapping[Tone, str] = {"good": "green", "open": "yellow", "bad": "red"}
 
 
@@ -277,7 +276,7 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     )
 
 
-CLIP_COLUMNS = ("flight", "verdict", "fall, m/s^2", "off a flight, deg", "torque", "rate", "slides, mm")
+CLIP_COLUMNS = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "rate", "slide, mm")
 CLIP_COLOURS = {"physical": "green", "unphysical": "red", "undecided": "yellow", "afloat": "yellow"}
 
 
@@ -288,7 +287,7 @@ def clip_summary(check: fp.ClipCheck) -> RenderableType:
     faults: list[Text] = []
     for judged in check.flights:
         flight = judged.flight
-        when = f"{flight.begin:.2f} to {flight.end:.2f} s"
+        when = f"{flight.begin:.2f}..{flight.end:.2f} s"
         turn = "too few frames" if judged.turn is None else f"{math.degrees(judged.turn.rms):.2f}"
         shares = [_clip_share(each) for each in (judged.torque_share, judged.rate_share)]
         fall = (
@@ -308,7 +307,7 @@ def clip_summary(check: fp.ClipCheck) -> RenderableType:
 
 
 def _clip_share(found: tuple[float, str] | None) -> str:
-    return "no limit" if found is None else f"{100 * found[0]:.0f} % {found[1]}"
+    return "" if found is None else f"{100 * found[0]:.0f} %"
 
 
 def clips_summary(checks: Sequence[fp.ClipCheck]) -> RenderableType:
@@ -319,7 +318,7 @@ def clips_summary(checks: Sequence[fp.ClipCheck]) -> RenderableType:
         falls = [each.fall.fall for each in check.flights if math.isfinite(each.fall.interval)]
         turns = [math.degrees(each.turn.rms) for each in check.flights if each.turn is not None]
         unphysical = sum(each.verdict == "unphysical" for each in check.flights)
-        worst = f"{max(falls, key=lambda fall: abs(fall - GRAVITY)):.2f}" if falls else ""
+        worst = f"{max(falls, key=lambda fall: abs(fall - check.gravity)):.2f}" if falls else ""
         name = Text(escaped(check.clip.path.name), COLOURS["good" if check.ok else "bad"])
         most = f"{max(turns):.2f}" if turns else ""
         rows.append((name, str(len(check.flights)), str(check.physical), str(unphysical), worst, most))

@@ -23,10 +23,12 @@ class ClipCheck:
     clip : Clip
     flights : tuple of FlightJudgement
         In the order of time.
+    gravity : m/s^2
     """
 
     clip: Clip
     flights: tuple[FlightJudgement, ...]
+    gravity: float = GRAVITY
 
     @property
     def ok(self) -> bool:
@@ -82,7 +84,7 @@ def check_clip(clip: Clip, gravity: float = GRAVITY) -> ClipCheck:
     InputError
         No foot can be told, or the robot has no shapes.
     """
-    return ClipCheck(clip, tuple(judge_flight(clip, flight, gravity) for flight in clip.flights))
+    return ClipCheck(clip, tuple(judge_flight(clip, flight, gravity) for flight in clip.flights), gravity)
 
 
 def _row(judged: FlightJudgement) -> dict[str, Any]:

@@ -69,7 +69,8 @@ def fit_fall(times: Array, places: Array) -> Fall:
         return Fall(np.nan, np.inf, np.nan, rms=np.nan, noise=0.0, coefficients=nothing, times=times, places=places)
     middle = 0.5 * (times[0] + times[-1])
     terms = np.vander(times - middle, 3, increasing=True)
-    coefficients, *_ = np.linalg.lstsq(terms, places, rcond=None)
+    solution, *_ = np.linalg.lstsq(terms, places, rcond=None)
+    coefficients = np.asarray(solution, np.float64)
     left = places - terms @ coefficients
     acceleration = 2.0 * coefficients[2]
     freedom = count - 3

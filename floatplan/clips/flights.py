@@ -19,7 +19,7 @@ from floatplan.robot.shapes.solids import LinkSolid
 
 LOOK = 200.0  # [Hz] at which a clip is looked at
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
-BODY_CLEARANCE = 0.10  # [m] the same of all other bodies, whose shapes are coarser
+BODY_CLEARANCE = 0.10  # [m] the same of other bodies, whose shapes are coarser, at most: ankles are always lower
 SHORTEST = 0.1  # [s] of a flight
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
 SPEED_SPAN = 0.04  # [s] over which speeds are taken: over less, noise of a millimetre looks like motion
@@ -133,10 +133,10 @@ class Scene:
         by_body = _solids_by_body(curve.robot)
         lowest = _lowest_points(curve, times, by_body)
         bodies = list(by_body)
-        found = _named_feet(feet, by_body) if feet else _found_feet(curve, by_body)
+        usual, extent = _usual_heights(curve, by_body)
+        found = _named_feet(feet, by_body) if feet else _found_feet(curve.robot, by_body, usual, extent)
         columns = [bodies.index(body) for body in found]
         others = [column for column in range(len(bodies)) if column not in columns]
-        ankles = {int(curve.robot.model.parents[body]) for body in found}  # they are always near the ground
         foot_heights = lowest[:, columns, 2]
         foot_velocities = _velocities(curve, times, found, lowest[:, columns])
         return cls(
@@ -148,9 +148,7 @@ class Scene:
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
             other_heights=lowest[:, others, 2],
-            other_clearances=np.array(
-                [FOOT_CLEARANCE if bodies[other] in ankles else BODY_CLEARANCE for other in others]
-            ),
+            other_clearances=np.clip(usual[others], FOOT_CLEARANCE, BODY_CLEARANCE),
             ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
 
@@ -158,7 +156,8 @@ class Scene:
         """Whether nothing touches the ground, (K,); the file's own labels decide where it has any."""
         if self.contacts is not None:
             frame = np.rint(self.times * self.curve.fps).astype(np.int64)
-            return ~self.contacts.any(axis=1)[np.minimum(frame, self.curve.frames - 1)]
+            stands = np.asarray(self.contacts.any(axis=1))
+            return ~stands[np.minimum(frame, self.curve.frames - 1)]
         feet = self.foot_heights - FOOT_CLEARANCE
         others = self.other_heights - self.other_clearances
         return np.asarray(np.concatenate((feet, others), axis=1).min(axis=1) > self.ground.heights)
@@ -264,27 +263,30 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
     return list(dict.fromkeys(links[name] for name in names))
 
 
-def _found_feet(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> list[int]:
-    """Bodies that end a limb and are often near the robot's lowest point as it stands upright.
+def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
+    """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    Upright is the base at the identity: in the air a robot may be upside down for most of a clip.
+    The robot is held upright for it, its base at the identity: in the air it may be upside down for most of a clip.
+    """
+    times = np.linspace(0.0, curve.duration, FRAMES_FOR_FEET)
+    level = np.broadcast_to(np.eye(3), (len(times), 3, 3))
+    poses = body_poses(curve.robot.model, np.zeros((len(times), 3)), level, curve.positions(times))
+    heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
+    over_lowest = heights - heights.min(axis=1, keepdims=True)
+    return np.percentile(over_lowest, OFTEN, axis=0), float(np.median(over_lowest.max(axis=1)))
+
+
+def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array, extent: float) -> list[int]:
+    """Bodies that end a limb and are often near the robot's lowest point as it stands upright.
 
     Raises
     ------
     InputError
         There is none.
     """
-    robot = curve.robot
-    times = np.linspace(0.0, curve.duration, FRAMES_FOR_FEET)
-    level = np.broadcast_to(np.eye(3), (len(times), 3, 3))
-    poses = body_poses(robot.model, np.zeros((len(times), 3)), level, curve.positions(times))
-    bodies = list(by_body)
-    heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
-    carries = {int(robot.model.parents[body]) for body in bodies}
-    over_lowest = heights - heights.min(axis=1, keepdims=True)
-    extent = float(np.median(over_lowest.max(axis=1)))
-    usual = np.percentile(over_lowest, OFTEN, axis=0)
-    feet = [body for column, body in enumerate(bodies) if body not in carries and usual[column] <= FOOT_REACH * extent]
+    carries = {int(robot.model.parents[body]) for body in by_body}
+    low = usual <= FOOT_REACH * extent
+    feet = [body for body, is_low in zip(by_body, low, strict=True) if is_low and body not in carries]
     if not feet:
         raise InputError(
             "no foot can be told by its shape", source=robot.source, advice="name the feet's links: --feet"

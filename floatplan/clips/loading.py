@@ -11,15 +11,18 @@ import numpy as np
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.clips.clip import Clip, FileLayout
+from floatplan.clips.curve import body_poses
 from floatplan.clips.formats import Recording, check_rate, continuous_signs, read_recording
 from floatplan.errors import InputError, naming
 from floatplan.export.model_names import own_names
+from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.robot.robot import Robot
 
 USUAL_FPS = 30.0  # [Hz] of files that do not say it
 BEYOND = 50.0  # [rad] outside of a joint's range, as degrees taken for radians are
 TOO_FAR = 0.02  # [m] that a body may be from where the file has it, when joints are told by that
+FRAMES_FOR_ORDER = 9  # [-] in which bodies are compared
 ON_ONE_LEVEL = 0.05  # [m] between the quartiles of the lowest foot's height: that of a robot that walks or hops
 XYZW, WXYZ = "xyzw", "wxyz"
 
@@ -145,11 +148,10 @@ def _positions_by_bodies(
         "the order of the model's file": own,
         "the order by levels of the tree, as PhysX has it": _by_levels(robot),
     }
-    frame = len(recording.joints) // 2
     misfits = {}
     for words, names in orders.items():
         positions = _in_order(names, recording.joints, robot.model_joints)
-        misfits[words] = _misfit(robot, recording, positions, frame)
+        misfits[words] = _misfit(robot, recording, positions)
     best = min(misfits, key=lambda words: misfits[words])
     names = orders[best]
     remark = f"the file names no joints: taken in {best}"
@@ -158,18 +160,15 @@ def _positions_by_bodies(
     return _in_order(names, recording.joints, robot.model_joints), names, remark
 
 
-def _misfit(robot: Robot, recording: Recording, positions: Array, frame: int) -> float:
-    """How far the file's bodies are from those of the robot in a frame, m: the median of the nearest ones' distances."""
-    from floatplan.clips.curve import body_poses  # here: of files without names alone
-    from floatplan.motion.spatial.rotations import of_quaternions
-
+def _misfit(robot: Robot, recording: Recording, positions: Array) -> float:
+    """How far the robot's joints are from the nearest of the file's bodies, m: rms over some frames."""
     bodies = recording.body_places
     assert bodies is not None, "the file has bodies"
-    attitude = of_quaternions(_xyzw(recording.quaternion[frame : frame + 1], recording.quaternion_order))
-    poses = body_poses(robot.model, recording.place[frame : frame + 1], attitude, positions[frame : frame + 1])
-    own = poses.places[0, 1:]
-    apart = np.linalg.norm(bodies[frame][:, None] - own[None], axis=2).min(axis=0)
-    return float(np.median(apart))
+    frames = np.unique(np.linspace(0, len(positions) - 1, FRAMES_FOR_ORDER).astype(np.int64))
+    attitudes = of_quaternions(_xyzw(recording.quaternion[frames], recording.quaternion_order))
+    poses = body_poses(robot.model, recording.place[frames], attitudes, positions[frames])
+    apart = np.linalg.norm(bodies[frames][:, :, None] - poses.places[:, None, 1:], axis=3)
+    return float(np.sqrt((apart.min(axis=1) ** 2).mean()))
 
 
 def _by_levels(robot: Robot) -> tuple[str, ...]:

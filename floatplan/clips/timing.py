@@ -47,7 +47,7 @@ class Clock:
     @classmethod
     def of(cls, duration: float, flights: Sequence[ClipFlight], factors: Sequence[float]) -> Clock:
         """Return the clock of a clip of so many seconds whose flights take ``factors`` times as long."""
-        times = np.linspace(0.0, duration, max(int(math.ceil(duration / GRID)), 2) + 1)
+        times = np.linspace(0.0, duration, max(math.ceil(duration / GRID), 2) + 1)
         pace = np.ones(len(times))
         for number, (flight, factor) in enumerate(zip(flights, factors, strict=True)):
             before = flights[number - 1].end if number else 0.0

@@ -60,11 +60,10 @@ class JointFit:
         chebyshev = np.polynomial.chebyshev
         first = chebyshev.chebder(self.coefficients)
         second = chebyshev.chebder(self.coefficients, 2)
-        return (
-            chebyshev.chebval(x, self.coefficients).T,
-            rate * chebyshev.chebval(x, first).T,
-            rate**2 * chebyshev.chebval(x, second).T,
-        )
+        positions = chebyshev.chebval(x, self.coefficients).T
+        velocities = rate * chebyshev.chebval(x, first).T
+        accelerations = rate**2 * chebyshev.chebval(x, second).T
+        return np.asarray(positions, float), np.asarray(velocities, float), np.asarray(accelerations, float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +88,7 @@ class TurnFit:
     @property
     def tolerance(self) -> float:
         """By how much they may be off, rad."""
-        return max(TURN_TOLERANCE, NOISE_FACTOR * min(self.noise, COUNTED_NOISE))
+        return max(float(TURN_TOLERANCE), NOISE_FACTOR * min(self.noise, float(COUNTED_NOISE)))
 
 
 def fit_joints(times: Array, positions: Array, degree: int | None = None) -> JointFit:
@@ -101,15 +100,17 @@ def fit_joints(times: Array, positions: Array, degree: int | None = None) -> Joi
     begin = float(times[0])
     duration = float(times[-1] - times[0])
     x = 2.0 * (times - begin) / duration - 1.0
-    best = (np.inf, np.zeros((1, positions.shape[1])))
+    best_score = np.inf
+    best = np.zeros((1, positions.shape[1]))
     for tried in possible_degrees(count) if degree is None else (degree,):
         terms = np.polynomial.chebyshev.chebvander(x, tried)
         coefficients, *_ = np.linalg.lstsq(terms, positions, rcond=None)
         squares = float(((positions - terms @ coefficients) ** 2).sum())
         score = squares / (count - tried - 1) ** 2
-        if score < best[0]:
-            best = (score, coefficients)
-    return JointFit(begin=begin, duration=duration, coefficients=best[1])
+        if score < best_score:
+            best_score = score
+            best = np.asarray(coefficients, np.float64)
+    return JointFit(begin=begin, duration=duration, coefficients=best)
 
 
 def possible_degrees(frames: int) -> tuple[int, ...]:
