@@ -54,6 +54,7 @@ class Counts:
     landings: int = 20
     in_space: int = 100
     peers_in_space: int = 1
+    clips: int = 300
     guarded: int = 10**9  # of each set: all of them
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
@@ -80,6 +81,7 @@ QUICK = Counts(
     landings=5,
     in_space=6,
     peers_in_space=0,
+    clips=18,
     guarded=60,
 )
 

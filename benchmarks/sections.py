@@ -1,8 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump hops launch contact space guard; all of them
-where none is named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump hops launch contact space clips guard; all of
+them where none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from clip_section import clips
 from constraint_sections import forward, obstacle, witness
 from guard import guard
 from inflight_sections import inflight
@@ -48,6 +49,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "launch": launch_section,
     "contact": contact,
     "space": space,
+    "clips": clips,
     "guard": guard,
 }
 

@@ -1,6 +1,11 @@
 # The public names, and where each one is defined: read by type checkers, and by __init__.py when it runs.
 from floatplan import method as method
 from floatplan.certificate.certificate import certify as certify
+from floatplan.clips.check import ClipCheck as ClipCheck
+from floatplan.clips.check import check_clip as check_clip
+from floatplan.clips.clip import Clip as Clip
+from floatplan.clips.flights import ClipFlight as ClipFlight
+from floatplan.clips.loading import load_clip as load_clip
 from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
 from floatplan.inflight.authority import Authority as Authority

@@ -56,6 +56,7 @@ EXPECTED = {
     "launch": "yes that fails",
     "contact": "on feet alone",
     "space": "drawn motions",
+    "clips": "false alarms: 0 in 9",
     "guard": "most worse",
 }
 LONG = {
@@ -102,6 +103,7 @@ def test_section_runs(
         landings=1,
         in_space=1,
         peers_in_space=0,
+        clips=3,
         guarded=1,
         chains=(3,),
         long_chains=(3, 4),

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import typer
 
 import floatplan as fp
-from floatplan.cli import common, motions, robots
+from floatplan.cli import clips, common, motions, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import merge, studio, study
@@ -246,9 +246,9 @@ def needs_casadi(option: str) -> None:
 
 COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
-    *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
+    *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init, clips.clip_check),
 )
-TWO_WORDS: Mapping[object, str] = {merge: "study merge"}
+TWO_WORDS: Mapping[object, str] = {merge: "study merge", clips.clip_check: "clip check"}
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:
     typed = common.reporting_errors(common.with_options(command))

@@ -276,6 +276,55 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     )
 
 
+CLIP_COLUMNS = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "rate", "slide, mm")
+CLIP_COLOURS = {"physical": "green", "unphysical": "red", "undecided": "yellow", "afloat": "yellow"}
+
+
+def clip_summary(check: fp.ClipCheck) -> RenderableType:
+    """Return what ``floatplan clip check`` found of one clip, for reading: a line for each flight."""
+    clip = check.clip
+    rows: list[Sequence[str | Text]] = []
+    faults: list[Text] = []
+    for judged in check.flights:
+        flight = judged.flight
+        when = f"{flight.begin:.2f}..{flight.end:.2f} s"
+        turn = "too few frames" if judged.turn is None else f"{math.degrees(judged.turn.rms):.2f}"
+        shares = [_clip_share(each) for each in (judged.torque_share, judged.rate_share)]
+        fall = (
+            f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
+        )
+        verdict = Text(judged.verdict, CLIP_COLOURS[judged.verdict])
+        rows.append((when, verdict, fall, turn, *shares, f"{1e3 * judged.sliding:.0f}"))
+        faults += [Text(f"{when}: {fault}", "red") for fault in judged.faults[:MOST_WARNINGS_SHOWN]]
+    words = f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {_counted(len(check.flights), 'flight')}"
+    return Group(
+        Text(escaped(words), f"bold {COLOURS['good' if check.ok else 'bad']}"),
+        *(Text(remark, "dim") for remark in clip.remarks),
+        *([_table(CLIP_COLUMNS, rows)] if rows else []),
+        *faults[:MOST_FINDINGS_SHOWN],
+        *_more(len(faults) - MOST_FINDINGS_SHOWN, " faults"),
+    )
+
+
+def _clip_share(found: tuple[float, str] | None) -> str:
+    return "" if found is None else f"{100 * found[0]:.0f} %"
+
+
+def clips_summary(checks: Sequence[fp.ClipCheck]) -> RenderableType:
+    """Return a table of several clips, the worst first."""
+    titles = ("clip", "flights", "physical", "unphysical", "worst fall, m/s^2", "most off a flight, deg")
+    rows = []
+    for check in checks:
+        falls = [each.fall.fall for each in check.flights if math.isfinite(each.fall.interval)]
+        turns = [math.degrees(each.turn.rms) for each in check.flights if each.turn is not None]
+        unphysical = sum(each.verdict == "unphysical" for each in check.flights)
+        worst = f"{max(falls, key=lambda fall: abs(fall - check.gravity)):.2f}" if falls else ""
+        name = Text(escaped(check.clip.path.name), COLOURS["good" if check.ok else "bad"])
+        most = f"{max(turns):.2f}" if turns else ""
+        rows.append((name, str(len(check.flights)), str(check.physical), str(unphysical), worst, most))
+    return _table(titles, rows, whole=True)
+
+
 def launch_summary(launch: fp.Launch) -> RenderableType:
     """Return the result of ``floatplan launch``, for reading."""
     verdict, *rest = launch.sentences

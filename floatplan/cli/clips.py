@@ -1,0 +1,95 @@
+"""The commands that take recorded motions: ``clip check`` judges their flights, ``clip repair`` makes them fly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import floatplan as fp
+from floatplan.cli import common
+from floatplan.cli.common import flag, option
+from floatplan.cli.progress import progress
+from floatplan.cli.results import REPORT, check_folder
+from floatplan.clips.page import write_page
+from floatplan.errors import InputError
+
+ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
+MOST_CLIPS = 10_000  # [-] of one command
+
+Files = Annotated[list[Path], typer.Argument(metavar="CLIP|DIR..", help="Recorded motions, or folders of them.")]
+Model = Annotated[str, option("FILE", "URDF or MJCF of the robot that moves.")]
+Format = Annotated[str | None, option("NAME", "Of the file; found by its name and its keys if left out.")]
+Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; found by the feet if left out.")]
+Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
+Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; found by their shapes if left out.")]
+Report = Annotated[bool, flag("Write report.html too: what flies, what should, and the faults, flight by flight.")]
+Ground = Annotated[float | None, option("Z", "Height of a level ground, m; found from the feet if left out.")]
+
+
+def clip_check(
+    files: Files,
+    model: Model,
+    format: Format = None,
+    quaternion: Quaternion = None,
+    fps: Fps = None,
+    feet: Feet = None,
+    ground: Ground = None,
+    report: Report = False,
+    output: common.Output = None,
+    json_output: common.Json = False,
+) -> None:
+    """Judge the flights of recorded motions: does the centre of mass fall at g, does one momentum turn the base?
+
+    Each flight is physical, unphysical, undecided (too few frames), or afloat (something carries the robot). Of several
+    files, or a folder, one table, the worst first. Exit code 1 where a flight is unphysical.
+    """
+    robot = fp.Robot.from_file(model, base="free-flyer")
+    paths = _clip_files(files)
+    page = _page(paths, output) if report else None
+    checks: list[fp.ClipCheck] = []
+    with progress("checking") as bar:
+        for number, path in enumerate(paths):
+            if len(paths) > 1:
+                bar.say(f"{path.name}, {number + 1} of {len(paths)}")
+            clip = fp.load_clip(
+                path, model=robot, format=format, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
+            )
+            checks.append(fp.check_clip(clip))
+    checks.sort(key=lambda each: -each.unphysical_share)
+    if page is not None:
+        write_page(checks, page)
+    ok = all(each.ok for each in checks)
+    if len(checks) == 1:
+        common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0]), ok)
+    facts = {"model": model, "clips": [each.to_dict() for each in checks]}
+    common.finish(facts, json_output, lambda summary: summary.clips_summary(checks), ok)
+
+
+def _clip_files(files: Sequence[Path]) -> list[Path]:
+    """The files themselves, and those in folders, in the order of their names."""
+    found: list[Path] = []
+    for path in files:
+        if path.is_dir():
+            inside = sorted(each for each in path.iterdir() if each.suffix.lower() in ENDINGS)
+            if not inside:
+                raise InputError("holds no recorded motion", source=path, advice=f"these end in {', '.join(ENDINGS)}")
+            found += inside
+        else:
+            found.append(path)
+    if len(found) > MOST_CLIPS:
+        raise InputError(f"are {len(found)} files, more than {MOST_CLIPS}", element="files", advice="give fewer")
+    return found
+
+
+def _page(paths: Sequence[Path], output: Path | None) -> Path:
+    """Where the page goes; its folder is made."""
+    folder = output or Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
+    check_folder(folder)
+    return folder / REPORT
+
+
+def _names(words: str | None) -> tuple[str, ...] | None:
+    return None if words is None else tuple(word.strip() for word in words.split(",") if word.strip())

@@ -1,0 +1,17 @@
+"""Recorded motions of robots: read, judged whether their flights can fly, repaired so that they do, and written back.
+
+Motions that learners are fed with are often recorded of people and carried over to a robot. In the air such a motion
+obeys two laws or none: the centre of mass falls on a parabola, and the angular momentum about it is constant.
+
+Symbols and frames
+------------------
+world     z up; gravity points along -z
+base      the robot's root link; its frame turns with it
+N, J      frames of the clip; joints of the robot that move, in the order of ``robot.model_joints``
+c         centre of mass (3,), m, in the world; its acceleration in a flight is (0, 0, -g)
+R         attitude (3, 3) of the base: it takes vectors of the base to the world
+q         positions (J,) of the joints, rad (m where they slide)
+h         angular momentum (3,) about the centre of mass, in the world, kg m^2/s
+[I | A]   inertia (3, 3) and joint map (3, J), kg m^2, in the base's axes: ``R^T h = I omega + A q'``
+g         9.81 m/s^2 unless said otherwise
+"""

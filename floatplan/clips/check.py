@@ -1,0 +1,117 @@
+"""What is said of a clip: a verdict on each of its flights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from floatplan.clips.clip import Clip
+from floatplan.clips.judge import GRAVITY, PHYSICAL, UNPHYSICAL, FlightJudgement, judge_flight
+from floatplan.pool import one_thread
+
+
+@dataclass(frozen=True, eq=False)
+class ClipCheck:
+    """What was found of a clip.
+
+    Attributes
+    ----------
+    clip : Clip
+    flights : tuple of FlightJudgement
+        In the order of time.
+    gravity : m/s^2
+    """
+
+    clip: Clip
+    flights: tuple[FlightJudgement, ...]
+    gravity: float = GRAVITY
+
+    @property
+    def ok(self) -> bool:
+        """Whether no flight is unphysical."""
+        return all(each.verdict != UNPHYSICAL for each in self.flights)
+
+    @cached_property
+    def physical(self) -> int:
+        """How many flights are physical."""
+        return sum(each.verdict == PHYSICAL for each in self.flights)
+
+    @property
+    def unphysical_share(self) -> float:
+        """Share of the flights that are unphysical; 0 of none."""
+        return sum(each.verdict == UNPHYSICAL for each in self.flights) / max(len(self.flights), 1)
+
+    def table(self) -> list[dict[str, Any]]:
+        """One row a flight, with the keys of the command line's ``--json``."""
+        return [_row(each) for each in self.flights]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as the command line's ``--json`` has it."""
+        return {
+            "file": str(self.clip.path),
+            "model": self.clip.robot.source,
+            "fps": self.clip.fps,
+            "frames": self.clip.frames,
+            "feet": list(self.clip.scene.foot_names),
+            "remarks": list(self.clip.remarks),
+            "flights": self.table(),
+        }
+
+    def __repr__(self) -> str:
+        return f"ClipCheck({self.clip.path.name!r}, {self.physical} of {len(self.flights)} flights physical)"
+
+
+@one_thread
+def check_clip(clip: Clip, gravity: float = GRAVITY) -> ClipCheck:
+    """Judge the flights of a clip.
+
+    Parameters
+    ----------
+    clip : Clip
+    gravity : m/s^2
+
+    Returns
+    -------
+    ClipCheck
+        Its ``ok`` says that no flight is unphysical; "undecided" is one of too few frames for the fall to be told.
+
+    Raises
+    ------
+    InputError
+        No foot can be told, or the robot has no shapes.
+    """
+    return ClipCheck(clip, tuple(judge_flight(clip, flight, gravity) for flight in clip.flights), gravity)
+
+
+def _row(judged: FlightJudgement) -> dict[str, Any]:
+    flight = judged.flight
+    turn = judged.turn
+    return {
+        "begin": flight.begin,
+        "end": flight.end,
+        "frames": flight.frames,
+        "verdict": judged.verdict,
+        "fall": _or_none(judged.fall.fall),
+        "fall_interval": _or_none(judged.fall.interval),
+        "sideways": _or_none(judged.fall.sideways),
+        "angular_momentum": None if turn is None else np.asarray(turn.angular_momentum).tolist(),
+        "turn_rms": None if turn is None else turn.rms,
+        "turn_noise": None if turn is None else turn.noise,
+        "rate_share": _share(judged.rate_share),
+        "torque_share": _share(judged.torque_share),
+        "wrench": {"force": _or_none(judged.wrench[0]), "moment": _or_none(judged.wrench[1])},
+        "feet": {"floating": judged.floating, "sinking": judged.sinking, "sliding": judged.sliding},
+        "faults": list(judged.faults),
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _share(found: tuple[float, str] | None) -> dict[str, Any] | None:
+    return None if found is None else {"share": found[0], "joint": found[1]}

@@ -1,0 +1,103 @@
+"""The fall of a flight's centre of mass: the parabola nearest to it, and how well its frames tell the acceleration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from floatplan.arrays import Array
+
+CONFIDENCE = 0.9995  # [-] of Student's t, one-sided: one false alarm in a thousand flights whose noise is as assumed
+LEAST_NOISE = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
+FALL_TOLERANCE = 0.5  # [m/s^2] by which the fall may be off, whatever the noise
+PATH_TOLERANCE = 3e-3  # [m] root mean square, by which the centre of mass may be off any parabola
+NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which it may be
+
+
+@dataclass(frozen=True, eq=False)
+class Fall:
+    """The parabola nearest to the centre of mass.
+
+    Attributes
+    ----------
+    fall : m/s^2, downwards
+    interval : m/s^2, half of the confidence interval; infinite where there are too few frames
+    sideways : m/s^2, the acceleration across
+    rms : m, root mean square of what is left, of one coordinate
+    noise : m, the same of the part that changes from frame to frame
+    coefficients : (3, 3)
+        Place, velocity and half the acceleration (by row), at the middle of the flight.
+    times : (K,) s, of the frames
+    places : (K, 3) m, of the centre of mass in the frames, in the world
+    """
+
+    fall: float
+    interval: float
+    sideways: float
+    rms: float
+    noise: float
+    coefficients: Array
+    times: Array
+    places: Array
+
+    def at(self, times: Array) -> Array:
+        """Places (K, 3) of the parabola at times (K,), s."""
+        middle = 0.5 * (self.times[0] + self.times[-1])
+        return np.vander(times - middle, 3, increasing=True) @ self.coefficients
+
+    @property
+    def tolerance(self) -> float:
+        """By how much it may be off, m/s^2."""
+        return max(FALL_TOLERANCE, self.interval)
+
+    @property
+    def on_parabola(self) -> bool:
+        """Whether the centre of mass is as near to it as its noise allows."""
+        return not self.rms > max(PATH_TOLERANCE, NOISE_FACTOR * self.noise)
+
+
+def fit_fall(times: Array, places: Array) -> Fall:
+    """Fit a parabola to places (K, 3), m, of the centre of mass at times (K,), s.
+
+    With three frames there is no interval, as nothing tells acceleration from noise; with fewer there is no parabola.
+    """
+    count = len(times)
+    if count < 3:
+        nothing = np.full((3, 3), np.nan)
+        return Fall(np.nan, np.inf, np.nan, rms=np.nan, noise=0.0, coefficients=nothing, times=times, places=places)
+    middle = 0.5 * (times[0] + times[-1])
+    terms = np.vander(times - middle, 3, increasing=True)
+    solution, *_ = np.linalg.lstsq(terms, places, rcond=None)
+    coefficients = np.asarray(solution, np.float64)
+    left = places - terms @ coefficients
+    acceleration = 2.0 * coefficients[2]
+    freedom = count - 3
+    rms = float(np.sqrt((left**2).sum() / (3 * freedom))) if freedom > 0 else np.nan
+    interval = np.inf
+    if freedom > 0:
+        covariance = np.linalg.inv(terms.T @ terms)
+        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, LEAST_NOISE)
+        interval = float(student.ppf(CONFIDENCE, 3 * freedom) * deviation)
+    return Fall(
+        fall=float(-acceleration[2]),
+        interval=interval,
+        sideways=float(np.hypot(acceleration[0], acceleration[1])),
+        rms=rms,
+        noise=frame_noise(left) / np.sqrt(3.0),
+        coefficients=coefficients,
+        times=times,
+        places=places,
+    )
+
+
+def frame_noise(residuals: Array) -> float:
+    """Root mean square of the part of residuals (K, 3) that changes from frame to frame, in their unit.
+
+    Second differences of what is smooth are small; of independent noise they have six times its variance.
+    """
+    if len(residuals) < 4:
+        return 0.0
+    seconds = np.diff(residuals, 2, axis=0)
+    return float(np.sqrt((seconds**2).sum(axis=1).mean() / 6.0))

@@ -1,0 +1,350 @@
+"""Files of recorded motions, as their readers have them: what is in each, and the same written back.
+
+Every reader returns the :class:`Recording` of a file; whatever is missing, of the wrong shape or no number is refused
+with its key. Joints are found by name where a file has names, else they are in the order of the robot's own file, or
+in the other order that fits the file's own bodies.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from floatplan.arrays import Array, BoolArray
+from floatplan.clips.pickles import read_pickle
+from floatplan.errors import InputError
+from floatplan.files import read_regular
+
+LARGEST_CLIP = 500_000_000  # [bytes] of a file, and of what it holds when it is unpacked
+MOST_FRAMES = 200_000  # [-] an hour at 50 Hz
+LEAST_FRAMES = 4  # [-] fewer have no acceleration that could be told from noise
+FPS_RANGE = (1.0, 1e5)  # [Hz]
+LARGEST_PLACE = 1e4  # [m]
+LARGEST_POSITION = 1e3  # [rad]
+UNIT_LENGTH = 0.1  # [-] by which the length of a quaternion may be off 1: stored digits, not another number
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The numbers of a file.
+
+    Attributes
+    ----------
+    fps : Hz, or None where the file does not say it
+    place : (N, 3) m
+    quaternion : (N, 4)
+        In the order of ``quaternion_order``.
+    joints : (N, J) rad
+    quaternion_order : "xyzw", "wxyz"; or "" where that is to be found out
+    joint_names : (J,), or None where the file has none
+    body_places : (N, B, 3) m, or None
+        Of the robot's links in an order that tells that of the joints.
+    contact_names, contacts : (C,), (N, C) whether each stands; none where the file does not say it
+    others : what else is kept for writing, by its key
+    """
+
+    place: Array
+    quaternion: Array
+    joints: Array
+    fps: float | None
+    quaternion_order: str
+    joint_names: tuple[str, ...] | None = None
+    body_places: Array | None = None
+    contact_names: tuple[str, ...] = ()
+    contacts: BoolArray | None = None
+    others: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_recording(path: Path, format: str | None) -> tuple[str, Recording]:
+    """Read a file of a format, or of the one that its name and its keys are those of.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is of no known format, or has what is wrong for it.
+    """
+    kind = path.suffix.lower()
+    if format is not None and format not in READERS:
+        known = ", ".join(READERS)
+        raise InputError(f'no format "{format}" is known', element="format", advice=f"formats: {known}")
+    content = read_regular(path, LARGEST_CLIP, "a recorded motion")
+    if kind == ".csv":
+        return _read(path, format or "unitree-csv", _csv_table(content))
+    if kind == ".npz":
+        arrays = _archive(content)
+        return _read(path, format or _by_keys(arrays), arrays)
+    if kind in (".pkl", ".pickle"):
+        data = read_pickle(content)
+        if not isinstance(data, dict):
+            raise InputError("holds no dictionary", advice="give the file of one motion")
+        return _read(path, format or _by_keys(data), data)
+    raise InputError(f'a recorded motion has no name that ends in "{kind}"', advice="give .csv, .npz or .pkl")
+
+
+def _read(path: Path, format: str, data: Any) -> tuple[str, Recording]:
+    is_table = isinstance(data, np.ndarray)
+    if is_table != (format == "unitree-csv"):
+        raise InputError(f'a file "*{path.suffix}" is not of the format {format}', element="format")
+    recording = READERS[format](data)
+    _check(recording)
+    return format, recording
+
+
+def _by_keys(data: Mapping[str, Any]) -> str:
+    """The format that has such keys."""
+    for name, keys in KEYS.items():
+        if keys <= set(data):
+            return name
+    known = "; ".join(f"{name}: {', '.join(sorted(keys))}" for name, keys in KEYS.items())
+    listed = ", ".join(sorted(map(str, data))[:20])
+    raise InputError(f"its keys ({listed}) are of no known format", advice=f"formats: {known}")
+
+
+def _csv_table(content: bytes) -> Array:
+    """Rows of numbers, with or without one line of names."""
+    try:
+        lines = content.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise InputError("is not a text file in UTF-8") from None
+    lines = [line for line in lines if line.strip()]
+    if len(lines) > MOST_FRAMES + 1:
+        raise InputError(f"has more than {MOST_FRAMES} frames", advice="cut it into clips")
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines):
+        try:
+            rows.append([float(cell) for cell in line.split(",")])
+        except ValueError:
+            if number == 0:  # a line of names
+                continue
+            raise InputError(f"row {number + 1} is not numbers with commas between them") from None
+    if not rows:
+        raise InputError("has no frame")
+    widths = {len(row) for row in rows}
+    if len(widths) > 1:
+        raise InputError(f"has rows of {min(widths)} and of {max(widths)} numbers")
+    return np.array(rows)
+
+
+def _archive(content: bytes) -> dict[str, Array]:
+    """The arrays of a NumPy archive; nothing in it is run, and its size is known before it is unpacked."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        if size > LARGEST_CLIP:
+            raise InputError(f"holds more than {LARGEST_CLIP // 1_000_000} MB", advice="cut it into clips")
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except InputError:
+        raise
+    except MemoryError:
+        raise InputError("asks for more memory than there is") from None
+    except Exception as error:  # of zip files and of NumPy's headers: there are a dozen kinds
+        raise InputError(f"cannot be read as a NumPy archive: {type(error).__name__}") from None
+
+
+def _numbers(data: Mapping[str, Any], key: str, width: int | None = None) -> Array:
+    """The table (N, width) of a key; refuse what is none."""
+    if key not in data:
+        raise InputError("is missing", element=key)
+    try:
+        values = np.asarray(data[key], dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InputError("is not a table of numbers", element=key) from None
+    if values.ndim != 2 or (width is not None and values.shape[1] != width):
+        wanted = "(frames, columns)" if width is None else f"(frames, {width})"
+        raise InputError(f"has the shape {values.shape}, not {wanted}", element=key)
+    return values
+
+
+def _bodies(data: Mapping[str, Any], key: str, width: int) -> Array:
+    """The table (N, B, width) of a key of bodies, with B at least 1."""
+    values = np.asarray(data.get(key, np.empty(0)))
+    if values.ndim != 3 or values.shape[1] < 1 or values.shape[2] != width or values.dtype.kind not in "biuf":
+        raise InputError(f"has the shape {values.shape}, not (frames, bodies, {width})", element=key)
+    return np.asarray(values, np.float64)
+
+
+def _rate(data: Mapping[str, Any], key: str) -> float:
+    """The frames a second of a key."""
+    if key not in data:
+        raise InputError("is missing", element=key)
+    try:
+        values = np.ravel(np.asarray(data[key], dtype=np.float64))
+    except (ValueError, TypeError):
+        raise InputError("is not a number", element=key) from None
+    if len(values) != 1:
+        raise InputError(f"has {len(values)} numbers, not one", element=key)
+    return float(values[0])
+
+
+def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    """The names of a key."""
+    values = np.ravel(np.asarray(data.get(key, [])))
+    if values.dtype.kind != "U":
+        raise InputError("is not a list of names", element=key)
+    return tuple(values.tolist())
+
+
+def _unitree(table: Array) -> Recording:
+    if table.shape[1] < 8:
+        raise InputError(f"has {table.shape[1]} columns, not place, quaternion and joints: 8 at least")
+    return Recording(place=table[:, :3], quaternion=table[:, 3:7], joints=table[:, 7:], fps=None, quaternion_order="")
+
+
+def _mjlab(data: Mapping[str, Any]) -> Recording:
+    places = _bodies(data, "body_pos_w", 3)
+    quaternions = _bodies(data, "body_quat_w", 4)
+    if places.shape[:2] != quaternions.shape[:2]:
+        raise InputError(
+            f"is of {quaternions.shape[:2]} frames and bodies, body_pos_w of {places.shape[:2]}", element="body_quat_w"
+        )
+    return Recording(
+        place=places[:, 0],
+        quaternion=quaternions[:, 0],
+        joints=_numbers(data, "joint_pos"),
+        fps=_rate(data, "fps"),
+        quaternion_order="wxyz",
+        body_places=places,
+        others={"fps_shape": np.shape(data["fps"])},
+    )
+
+
+def _gmr(data: Mapping[str, Any]) -> Recording:
+    kept = {key: value for key, value in data.items() if key not in KEYS["gmr-pkl"]}
+    return Recording(
+        place=_numbers(data, "root_pos", 3),
+        quaternion=_numbers(data, "root_rot", 4),
+        joints=_numbers(data, "dof_pos"),
+        fps=_rate(data, "fps"),
+        quaternion_order="xyzw",
+        others={key: value for key, value in kept.items() if isinstance(value, (str, int, float, list))},
+    )
+
+
+def _mimickit(data: Mapping[str, Any]) -> Recording:
+    frames = _numbers(data, "frames")
+    if frames.shape[1] < 7:
+        reason = f"has {frames.shape[1]} columns, not place, rotation vector and joints: 7 at least"
+        raise InputError(reason, element="frames")
+    if not np.isfinite(frames[:, 3:6]).all() or np.abs(frames[:, 3:6]).max(initial=0.0) > LARGEST_POSITION:
+        raise InputError("has a rotation vector that is none", element="frames")
+    return Recording(
+        place=frames[:, :3],
+        quaternion=Rotation.from_rotvec(frames[:, 3:6]).as_quat(),
+        joints=frames[:, 6:],
+        fps=_rate(data, "fps"),
+        quaternion_order="xyzw",
+        others={"loop_mode": data.get("loop_mode", 0)},
+    )
+
+
+def _loco_mujoco(data: Mapping[str, Any]) -> Recording:
+    qpos = _numbers(data, "qpos")
+    names = _texts(data, "joint_names")
+    types = np.ravel(data.get("jnt_type", np.empty(0)))
+    if len(types) != len(names) or not len(types) or types[0] != 0 or (types[1:] == 0).any():
+        reason = "does not begin with one free joint, and one number for each name"
+        raise InputError(reason, element="jnt_type", advice="give a trajectory of a model whose base is a free joint")
+    splits = np.ravel(data.get("split_points", np.array([0, len(qpos)]))).tolist()
+    if splits != [0, len(qpos)]:
+        reason = f"holds {len(splits) - 1} trajectories"
+        raise InputError(reason, element="split_points", advice="give a file of one")
+    if qpos.shape[1] != 6 + len(names):
+        reason = f"has {qpos.shape[1]} columns for {len(names)} joints: {6 + len(names)} are theirs"
+        raise InputError(reason, element="qpos")
+    return Recording(
+        place=qpos[:, :3],
+        quaternion=qpos[:, 3:7],
+        joints=qpos[:, 7:],
+        fps=_rate(data, "frequency"),
+        quaternion_order="wxyz",
+        joint_names=names[1:],
+        others={"root": names[0], "jnt_type": types},
+    )
+
+
+def _isaac_amp(data: Mapping[str, Any]) -> Recording:
+    places = _bodies(data, "body_positions", 3)
+    quaternions = _bodies(data, "body_rotations", 4)
+    bodies = _texts(data, "body_names")
+    if places.shape[:2] != quaternions.shape[:2] or places.shape[1] != len(bodies):
+        raise InputError(f"is of {places.shape[1]} bodies, body_names of {len(bodies)}", element="body_positions")
+    contacts = data.get("contacts")
+    return Recording(
+        place=places[:, 0],
+        quaternion=quaternions[:, 0],
+        joints=_numbers(data, "dof_positions"),
+        fps=_rate(data, "fps"),
+        quaternion_order="wxyz",
+        joint_names=_texts(data, "dof_names"),
+        contact_names=() if contacts is None else _texts(data, "contact_names"),
+        contacts=None if contacts is None else _numbers(data, "contacts") > 0,
+        others={"body_names": bodies},
+    )
+
+
+READERS: dict[str, Callable[[Any], Recording]] = {
+    "unitree-csv": _unitree,
+    "mjlab-npz": _mjlab,
+    "gmr-pkl": _gmr,
+    "mimickit-pkl": _mimickit,
+    "loco-mujoco": _loco_mujoco,
+    "isaac-amp": _isaac_amp,
+}
+KEYS: dict[str, set[str]] = {
+    "mjlab-npz": {"fps", "joint_pos", "body_pos_w", "body_quat_w"},
+    "loco-mujoco": {"qpos", "joint_names", "frequency"},
+    "isaac-amp": {"fps", "dof_names", "dof_positions", "body_positions", "body_rotations"},
+    "gmr-pkl": {"fps", "root_pos", "root_rot", "dof_pos"},
+    "mimickit-pkl": {"fps", "frames"},
+}
+
+
+def _check(recording: Recording) -> None:
+    """Refuse what cannot be a motion, whatever the format."""
+    count = len(recording.place)
+    for name in ("quaternion", "joints", "contacts"):
+        values = getattr(recording, name)
+        if values is not None and len(values) != count:
+            raise InputError(f"has {len(values)} frames of its {name}, {count} of its place")
+    if count < LEAST_FRAMES:
+        raise InputError(f"has {count} frames", advice=f"give {LEAST_FRAMES} at least")
+    if count > MOST_FRAMES:
+        raise InputError(f"has {count} frames, more than {MOST_FRAMES}", advice="cut it into clips")
+    parts = (("place", LARGEST_PLACE), ("quaternion", 1.0 + UNIT_LENGTH), ("joints", LARGEST_POSITION))
+    for name, largest in parts:
+        values = getattr(recording, name)
+        wrong = ~(np.abs(values) <= largest)  # of what is no number too
+        if wrong.any():
+            frame, column = np.argwhere(wrong)[0].tolist()
+            value = values[frame, column]
+            raise InputError(f"the {name} of frame {frame} has {value:g} in its column {column}, no sensible number")
+    length = np.linalg.norm(recording.quaternion, axis=1)
+    wrong = np.abs(length - 1.0) > UNIT_LENGTH
+    if wrong.any():
+        frame = int(np.flatnonzero(wrong)[0])
+        raise InputError(f"the quaternion of frame {frame} has the length {length[frame]:.3g}, not 1")
+    if recording.fps is not None:
+        check_rate(recording.fps)
+
+
+def check_rate(fps: float) -> None:
+    """Refuse frames a second that are none."""
+    if not (FPS_RANGE[0] <= fps <= FPS_RANGE[1]):
+        low, high = FPS_RANGE
+        raise InputError(f"{fps:g} frames a second are not between {low:g} and {high:g}", element="fps")
+
+
+def continuous_signs(quaternions: Array) -> Array:
+    """Quaternions (N, 4) of unit length, none of which is of opposite sign to the one before."""
+    found = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    turned_over = (found[1:] * found[:-1]).sum(axis=1) < 0
+    found[1:] *= np.cumprod(np.where(turned_over, -1.0, 1.0))[:, None]
+    return np.asarray(found)

@@ -1,0 +1,211 @@
+"""Whether a flight of a clip can fly: the fall of its centre of mass, the turning of its base, and what it would take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.clips.clip import Clip
+from floatplan.clips.curve import body_poses, centre_of_mass
+from floatplan.clips.fall import Fall, fit_fall
+from floatplan.clips.flights import FOOT_CLEARANCE, STILL, ClipFlight
+from floatplan.clips.turning import LEAST_FRAMES, JointFit, TurnFit, nearest_turning
+from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
+from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.robot.robot import Robot
+
+GRAVITY = 9.81  # [m/s^2]
+PHYSICAL, UNPHYSICAL, UNDECIDED, AFLOAT = "physical", "unphysical", "undecided", "afloat"
+
+WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one nothing is decided
+NO_FALL = 1.5  # [m/s^2] a smaller acceleration of the centre of mass is no fall: something carries the robot
+ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
+BESIDE = 0.3  # [s] before and after a flight, in which its feet are looked at
+HIGHEST_STANCE = 0.05  # [m] over the ground: a foot that is still and higher is held up
+INSTANTS = 65  # [-] of a flight, at which rates and torques are compared with their limits
+
+
+def free_dynamics(robot: Robot) -> SpatialDynamics:
+    """Momentum and torques by all joints that move, in the order of the model."""
+    count = len(robot.model_joints)
+    return SpatialDynamics(robot.model, np.zeros(count), np.eye(count))
+
+
+@dataclass(frozen=True, eq=False)
+class FlightJudgement:
+    """What is said of one flight of a clip.
+
+    Attributes
+    ----------
+    flight : ClipFlight
+    verdict : "physical", "unphysical", "undecided" or "afloat"
+    faults : what is wrong, a sentence each
+    fall : Fall
+    joints : JointFit, optional
+    turn : TurnFit, optional
+        None, as the joints' fit, of a flight of too few frames.
+    rate_share, torque_share : the largest share of a limit, and whose; None where the robot has no such limits
+    wrench : (2,) N and N m
+        Root mean squares of force and moment that a simulator must add at the base for the motion to be followed.
+    floating, sinking, sliding : m, of feet that stand within 0.3 s of the flight
+    """
+
+    flight: ClipFlight
+    verdict: str
+    faults: tuple[str, ...]
+    fall: Fall
+    joints: JointFit | None
+    turn: TurnFit | None
+    rate_share: tuple[float, str] | None
+    torque_share: tuple[float, str] | None
+    wrench: tuple[float, float]
+    floating: float
+    sinking: float
+    sliding: float
+
+
+def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> FlightJudgement:
+    """Judge one flight of a clip by its frames that are within it."""
+    frames = slice(flight.first, flight.last + 1)
+    times = np.asarray(clip.times[frames])
+    attitudes = of_quaternions(clip.base_quaternion[frames])
+    poses = body_poses(clip.robot.model, clip.base_position[frames], attitudes, clip.positions[frames])
+    places = centre_of_mass(clip.robot.model, poses)
+    fall = fit_fall(times, places)
+    dynamics = free_dynamics(clip.robot)
+    joints = turning = rate_share = torque_share = None
+    if len(times) >= LEAST_FRAMES:
+        joints, turning = nearest_turning(dynamics, times, np.asarray(clip.positions[frames]), attitudes)
+    if joints is not None and turning is not None:
+        rate_share, torque_share = _shares(clip.robot, dynamics, joints, turning)
+    faults = _faults(fall, turning, joints, gravity)
+    floating, sinking, sliding = _feet_beside(clip, flight)
+    return FlightJudgement(
+        flight=flight,
+        verdict=_verdict(fall, faults),
+        faults=faults,
+        fall=fall,
+        joints=joints,
+        turn=turning,
+        rate_share=rate_share,
+        torque_share=torque_share,
+        wrench=_wrench(clip.robot, fall, joints, turning, dynamics, times, gravity),
+        floating=floating,
+        sinking=sinking,
+        sliding=sliding,
+    )
+
+
+def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravity: float) -> tuple[str, ...]:
+    """What keeps a flight from flying, a sentence each."""
+    faults: list[str] = []
+    if fall.interval <= WIDEST_INTERVAL:
+        if abs(fall.fall - gravity) > fall.tolerance:
+            faults.append(f"the centre of mass falls at {fall.fall:.2f} m/s^2, not {gravity:g}")
+        if fall.sideways > fall.tolerance:
+            faults.append(f"the centre of mass accelerates sideways at {fall.sideways:.2f} m/s^2")
+    if not fall.on_parabola:
+        faults.append(f"the centre of mass is {1e3 * fall.rms:.0f} mm rms from any parabola")
+    if joints is None:
+        return tuple(faults)
+    if turning is None:
+        faults.append("no flight with these joints and a constant angular momentum could be integrated")
+        return tuple(faults)
+    if turning.noise > ROUGHEST:
+        faults.append(f"rough: attitudes jump by {np.rad2deg(turning.noise):.1f} degrees from frame to frame")
+    if turning.rms > turning.tolerance:
+        off = np.rad2deg(turning.rms)
+        faults.append(f"attitudes are {off:.1f} degrees rms from any flight with a constant angular momentum")
+    return tuple(faults)
+
+
+def _verdict(fall: Fall, faults: tuple[str, ...]) -> str:
+    slow = float(np.hypot(fall.fall, fall.sideways)) < NO_FALL
+    if fall.interval <= WIDEST_INTERVAL and slow and fall.on_parabola:
+        return AFLOAT
+    if faults:
+        return UNPHYSICAL
+    return PHYSICAL if fall.interval <= WIDEST_INTERVAL else UNDECIDED
+
+
+def _shares(
+    robot: Robot, dynamics: SpatialDynamics, joints: JointFit, turning: TurnFit
+) -> tuple[tuple[float, str] | None, tuple[float, str] | None]:
+    """The largest share of a rate's and of a torque's limit, in free flight, each with its motor."""
+    s = np.linspace(0.0, 1.0, INSTANTS)
+    positions, velocities, accelerations = joints.at(joints.begin + s * joints.duration)
+    inertia, joint_map = dynamics.momentum_maps(positions)
+    attitudes = turning.turning.at(s)
+    relative = np.einsum("kaj,kj->ka", joint_map, velocities)
+    rates = np.linalg.solve(inertia, (turning.angular_momentum @ attitudes - relative)[..., None])[..., 0]
+    torques = dynamics.torques(positions, velocities, accelerations, rates)
+    of_motors = np.abs(torques @ robot.transmission[BASE:])
+    motor_rates = np.abs(velocities[:, [robot.model_joints.index(name) for name in robot.motors]])
+    return (
+        _largest_share(motor_rates, robot.motor_velocity_limits, robot.motors),
+        _largest_share(of_motors, robot.motor_torque_limits, robot.motors),
+    )
+
+
+def _largest_share(values: Array, limits: Array, names: tuple[str, ...]) -> tuple[float, str] | None:
+    limited = np.flatnonzero(np.isfinite(limits))
+    if not len(limited):
+        return None
+    shares = values[:, limited].max(axis=0) / limits[limited]
+    largest = int(shares.argmax())
+    return float(shares[largest]), names[limited[largest]]
+
+
+def _wrench(
+    robot: Robot,
+    fall: Fall,
+    joints: JointFit | None,
+    turning: TurnFit | None,
+    dynamics: SpatialDynamics,
+    times: Array,
+    gravity: float,
+) -> tuple[float, float]:
+    """Force, N, and moment, N m, that a simulator must add: ``m |c'' - g|``, and the mean square of dh/dt."""
+    acceleration = 2.0 * fall.coefficients[2] + np.array([0.0, 0.0, gravity])
+    force = robot.mass * float(np.linalg.norm(acceleration))
+    if joints is None or turning is None:
+        return force, float("nan")
+    # what the attitudes are off, as a smooth motion of degree 4: its angular acceleration is not the flight's
+    middle = 0.5 * (times[0] + times[-1])
+    degree = min(4, len(times) - 1)
+    terms = np.vander(times - middle, degree + 1, increasing=True)
+    coefficients, *_ = np.linalg.lstsq(terms, turning.residuals, rcond=None)
+    orders = np.arange(degree + 1)
+    powers = np.where(orders >= 2, orders - 2, 0)
+    factors = np.where(orders >= 2, orders * (orders - 1), 0)
+    angular = ((times - middle)[:, None] ** powers * factors) @ coefficients
+    inertia, _ = dynamics.momentum_maps(joints.at(times)[0])
+    attitudes = turning.turning.at(np.clip((times - joints.begin) / joints.duration, 0.0, 1.0))
+    in_world = attitudes @ inertia @ np.swapaxes(attitudes, 1, 2)
+    moments = np.einsum("kab,kb->ka", in_world, angular)
+    return force, float(np.sqrt((moments**2).sum(axis=1).mean()))
+
+
+def _feet_beside(clip: Clip, flight: ClipFlight) -> tuple[float, float, float]:
+    """How far feet that stand beside a flight float over the ground, sink into it, and slide along it, m.
+
+    A foot that stands is still; one that leaves or arrives is not, and does not float.
+    """
+    scene = clip.scene
+    step = float(scene.times[1] - scene.times[0])
+    floating = sinking = sliding = 0.0
+    for begin, end in ((flight.begin - BESIDE, flight.begin), (flight.end, flight.end + BESIDE)):
+        beside = np.flatnonzero((scene.times >= begin) & (scene.times <= end))
+        if not len(beside):
+            continue
+        heights = scene.foot_heights[beside] - scene.ground.heights[beside, None]
+        velocities = scene.foot_velocities[beside]
+        stands = (np.linalg.norm(velocities, axis=2) < STILL) & (heights < HIGHEST_STANCE)
+        along_ground = np.linalg.norm(velocities[..., :2], axis=2)
+        slid = np.where(heights < FOOT_CLEARANCE, along_ground, 0.0).sum(axis=0) * step
+        floating = max(floating, float(heights[stands].max(initial=0.0)))
+        sinking = max(sinking, float(-heights.min()))
+        sliding = max(sliding, float(slid.max()))
+    return floating, sinking, sliding

@@ -1,0 +1,239 @@
+"""A clip from a file and a robot: which column is which joint, how quaternions are written, how fast the frames go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.arguments import path as as_path
+from floatplan.arrays import Array, read_only
+from floatplan.clips.clip import Clip, FileLayout
+from floatplan.clips.curve import body_poses
+from floatplan.clips.formats import Recording, check_rate, continuous_signs, read_recording
+from floatplan.errors import InputError, naming
+from floatplan.export.model_names import own_names
+from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.pool import one_thread
+from floatplan.robot.robot import Robot
+
+USUAL_FPS = 30.0  # [Hz] of files that do not say it
+BEYOND = 50.0  # [rad] outside of a joint's range, as degrees taken for radians are
+TOO_FAR = 0.02  # [m] that a body may be from where the file has it, when joints are told by that
+FRAMES_FOR_ORDER = 9  # [-] in which bodies are compared
+ON_ONE_LEVEL = 0.05  # [m] between the quartiles of the lowest foot's height: that of a robot that walks or hops
+XYZW, WXYZ = "xyzw", "wxyz"
+
+
+@one_thread
+def load_clip(
+    path: str | Path,
+    *,
+    model: str | Path | Robot,
+    format: str | None = None,
+    fps: float | None = None,
+    quaternion: str | None = None,
+    feet: Sequence[str] | None = None,
+    ground: float | None = None,
+) -> Clip:
+    """Read a recorded motion of a robot.
+
+    Parameters
+    ----------
+    path : path
+        A file of one of the formats ``unitree-csv``, ``mjlab-npz``, ``gmr-pkl``, ``mimickit-pkl``, ``loco-mujoco``,
+        ``isaac-amp``.
+    model : path, or Robot with a free base
+        The URDF or MJCF of the robot.
+    format : str, optional
+        One of these; found by the file's name and keys where left out.
+    fps : float, optional
+        Frames a second, Hz, of a file that does not say it; 30 where left out, which a remark says.
+    quaternion : str, optional
+        "xyzw" or "wxyz", in a CSV; found by which of both leaves the feet on one level where left out.
+    feet : sequence of str, optional
+        Links whose bodies are the feet; found by their shapes where left out.
+    ground : float, optional
+        Height of a level ground, m; found from the feet that stand where left out.
+
+    Returns
+    -------
+    Clip
+        Its ``flights`` are those that were found; see :func:`floatplan.check_clip`.
+
+    Raises
+    ------
+    InputError
+        The file or the model cannot be read, or the one is not a motion of the other: file, key and reason.
+    """
+    source = as_path(path, "path")
+    robot = model if isinstance(model, Robot) else Robot.from_file(model, base="free-flyer")
+    if robot.base != "free-flyer":
+        raise InputError("is a robot in a plane", element="model", advice='load it with base="free-flyer"')
+    with naming(source):
+        name, recording = read_recording(source, format)
+        rate, of_rate = _rate(recording, fps)
+        positions, joints, of_joints = _positions(robot, recording)
+        _check_ranges(robot, positions)
+        order, of_quaternion = _quaternion_order(recording, quaternion)
+        clip = Clip(
+            robot=robot,
+            path=source,
+            fps=rate,
+            base_position=read_only(recording.place),
+            base_quaternion=read_only(_xyzw(recording.quaternion, order or XYZW)),
+            positions=read_only(positions),
+            layout=FileLayout(format=name, joints=joints, quaternion=order or XYZW, others=recording.others),
+            contacts=recording.contacts,
+            contact_names=recording.contact_names,
+            remarks=tuple(remark for remark in (of_rate, of_joints, of_quaternion) if remark),
+            feet=None if feet is None else tuple(feet),
+            ground_height=ground,
+        )
+        return clip if order else _with_likelier_order(clip, recording)
+
+
+def _rate(recording: Recording, fps: float | None) -> tuple[float, str]:
+    """Frames a second, and what is remarked of it."""
+    if fps is not None:
+        check_rate(fps)
+        if recording.fps is not None and abs(recording.fps - fps) > 1e-6 * fps:
+            reason = f"the file says {recording.fps:g} frames a second, not {fps:g}"
+            raise InputError(reason, element="fps", advice="leave it out")
+        return float(fps), ""
+    if recording.fps is not None:
+        return recording.fps, ""
+    return (
+        USUAL_FPS,
+        f"the file does not say its frames a second: taken for {USUAL_FPS:g}; give fps where it is another",
+    )
+
+
+def _positions(robot: Robot, recording: Recording) -> tuple[Array, tuple[str, ...], str]:
+    """Positions (N, J) in the order of the robot's model, the names of the file's columns, and what is remarked.
+
+    Raises
+    ------
+    InputError
+        The file has other joints than the robot, or another number of them.
+    """
+    own = own_names(robot).joints
+    width = recording.joints.shape[1]
+    if recording.joint_names is not None:
+        names = recording.joint_names
+        lacking = [name for name in own if name not in names]
+        unknown = [name for name in names if name not in own]
+        if lacking or unknown or width != len(names):
+            problems = [f"the robot has no joint {unknown[0]!r}"] if unknown else []
+            problems += [f"the file has no joint {lacking[0]!r}"] if lacking else []
+            problems += [f"it has {width} columns for {len(names)} names"] if width != len(names) else []
+            raise InputError("; ".join(problems), advice="give the model of the robot that the file is of")
+        return _in_order(names, recording.joints, robot.model_joints), names, ""
+    if width != len(own):
+        reason = f"has {width} joints, the model {len(own)}"
+        raise InputError(reason, advice="give the model of the robot that the file is of")
+    if recording.body_places is None:
+        remark = "the file names no joints: taken in the order of the model's file"
+        return _in_order(own, recording.joints, robot.model_joints), own, remark
+    return _positions_by_bodies(robot, own, recording)
+
+
+def _positions_by_bodies(
+    robot: Robot, own: tuple[str, ...], recording: Recording
+) -> tuple[Array, tuple[str, ...], str]:
+    """The same of a file without names, by which order of joints its bodies are where it has them."""
+    orders = {
+        "the order of the model's file": own,
+        "the order by levels of the tree, as PhysX has it": _by_levels(robot),
+    }
+    misfits = {}
+    for words, names in orders.items():
+        positions = _in_order(names, recording.joints, robot.model_joints)
+        misfits[words] = _misfit(robot, recording, positions)
+    best = min(misfits, key=lambda words: misfits[words])
+    names = orders[best]
+    remark = f"the file names no joints: taken in {best}"
+    if not misfits[best] < TOO_FAR:
+        remark += f", though no body of it fits the file's within {1e3 * TOO_FAR:.0f} mm"
+    return _in_order(names, recording.joints, robot.model_joints), names, remark
+
+
+def _misfit(robot: Robot, recording: Recording, positions: Array) -> float:
+    """How far the robot's joints are from the nearest of the file's bodies, m: rms over some frames."""
+    bodies = recording.body_places
+    assert bodies is not None, "the file has bodies"
+    frames = np.unique(np.linspace(0, len(positions) - 1, FRAMES_FOR_ORDER).astype(np.int64))
+    attitudes = of_quaternions(_xyzw(recording.quaternion[frames], recording.quaternion_order))
+    poses = body_poses(robot.model, recording.place[frames], attitudes, positions[frames])
+    apart = np.linalg.norm(bodies[frames][:, :, None] - poses.places[:, None, 1:], axis=3)
+    return float(np.sqrt((apart.min(axis=1) ** 2).mean()))
+
+
+def _by_levels(robot: Robot) -> tuple[str, ...]:
+    """Joints in the order of the tree's levels: those nearest to the root first, each level in the file's order."""
+    tree = robot.file_tree
+    moving = own_names(robot).joints
+    found: list[str] = []
+    level = [tree.root]
+    while level:
+        joints = [joint for link in level for joint in tree.joints if joint.parent == link]
+        found += [joint.name for joint in joints if joint.name in moving]
+        level = [joint.child for joint in joints]
+    return tuple(found)
+
+
+def _in_order(names: Sequence[str], positions: Array, wanted: Sequence[str]) -> Array:
+    """Columns (N, J) of joints of these names in another order of theirs."""
+    column = {name: number for number, name in enumerate(names)}
+    return np.ascontiguousarray(positions[:, [column[name] for name in wanted]])
+
+
+def _check_ranges(robot: Robot, positions: Array) -> None:
+    """Refuse positions that no joint can have, as degrees are taken for radians."""
+    tree = robot.file_tree
+    for number, name in enumerate(robot.model_joints):
+        joint = tree.joint[name]
+        if not joint.turns or joint.lower is None or joint.upper is None:
+            continue
+        beyond = np.maximum(joint.lower - positions[:, number], positions[:, number] - joint.upper)
+        if beyond.max() > BEYOND:
+            reason = f"is {beyond.max():.3g} rad outside of its range in frame {int(beyond.argmax())}"
+            raise InputError(reason, element=name, advice="give positions in radians, not in degrees")
+
+
+def _quaternion_order(recording: Recording, asked: str | None) -> tuple[str, str]:
+    """The order of the quaternion's numbers, "" where it is to be found out; and what is remarked of it."""
+    if asked is not None and asked not in (XYZW, WXYZ):
+        raise InputError(f'"{asked}" is no order of a quaternion', element="quaternion", advice="give xyzw or wxyz")
+    said = recording.quaternion_order
+    if asked and said and asked != said:
+        raise InputError(f"the format has {said}, not {asked}", element="quaternion", advice="leave it out")
+    return asked or said, ""
+
+
+def _with_likelier_order(clip: Clip, recording: Recording) -> Clip:
+    """The clip with its quaternions as x, y, z, w, unless the other order alone leaves the feet on one level."""
+    other = replace(clip, base_quaternion=read_only(_xyzw(recording.quaternion, WXYZ)))
+    usual, unusual = _spread_of_soles(clip), _spread_of_soles(other)
+    if not (unusual < ON_ONE_LEVEL and unusual < 0.5 * usual):
+        remark = "the file does not say the order of its quaternions: taken as x, y, z, w, as is usual"
+        return replace(clip, remarks=(*clip.remarks, remark))
+    remark = "quaternions taken as w, x, y, z: with x, y, z, w the feet are on no level"
+    return replace(other, layout=replace(clip.layout, quaternion=WXYZ), remarks=(*clip.remarks, remark))
+
+
+def _spread_of_soles(clip: Clip) -> float:
+    """By how much the height of the lowest foot changes along a clip, m: between its quartiles."""
+    try:
+        lowest = clip.scene.foot_heights.min(axis=1)
+    except InputError:  # no foot is low in this order
+        return np.inf
+    low, high = np.percentile(lowest, [25, 75])
+    return float(high - low)
+
+
+def _xyzw(quaternions: Array, order: str) -> Array:
+    """Quaternions (N, 4) x, y, z, w, of unit length and continuous signs."""
+    return continuous_signs(quaternions if order == XYZW else np.roll(quaternions, -1, axis=1))

@@ -1,0 +1,259 @@
+"""A page on which a person sees why flights of clips fly or not; it needs no network and runs no script."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.arguments import html_table
+from floatplan.arrays import Array
+from floatplan.clips.check import ClipCheck
+from floatplan.clips.fall import Fall
+from floatplan.clips.flights import FOOT_CLEARANCE
+from floatplan.clips.judge import BESIDE, UNPHYSICAL, FlightJudgement
+from floatplan.files import write_atomically
+from floatplan.view.report.report import asset, filled, policy
+
+MOST_FLIGHTS = 60  # [-] that are drawn, the unphysical ones first; tables list all
+POSTURES = 5  # [-] of the robot in a flight
+WIDTH, HEIGHT = 420, 200  # [px] of a chart
+LEFT, RIGHT, TOP, BOTTOM = 52, 8, 22, 26  # [px] between it and its frame
+TICKS = 4  # [-] at most, on an axis
+TONES = {"physical": "good", "unphysical": "bad", "undecided": "open", "afloat": "open"}
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+STYLE = """
+section { margin: 18px 0 30px; }
+h2 { font-size: 17px; margin: 6px 0; }
+h2 .badge { background: var(--tone); }
+.charts { display: flex; flex-wrap: wrap; gap: 10px 18px; }
+.chart text { fill: var(--ink); font-size: 11px; }
+.chart .axis { stroke: var(--line); }
+.chart .air { fill: var(--air); }
+.chart polyline { fill: none; stroke-width: 1.6; }
+td, th { padding: 2px 14px 2px 0; }
+"""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A curve of a chart: its points (K,), (K,), what it is called, its colour, and how it is drawn."""
+
+    x: Array
+    y: Array
+    name: str
+    colour: str
+    dots: bool = False
+    dashed: bool = False
+
+
+def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
+    """Write a page about the flights of clips: verdicts, and curves of those that are seen first.
+
+    Parameters
+    ----------
+    checks : of at least one clip
+    path : of the page
+    """
+    name = checks[0].clip.path.name if len(checks) == 1 else f"{len(checks)} clips"
+    title = f"{html.escape(name)}: its flights" if len(checks) == 1 else f"{html.escape(name)}: their flights"
+    flights = [(check, judged) for check in checks for judged in check.flights]
+    flights.sort(key=lambda pair: pair[1].verdict != UNPHYSICAL)
+    parts = [_clip_facts(check) for check in checks]
+    parts += [_flight_section(check, judged) for check, judged in flights[:MOST_FLIGHTS]]
+    if len(flights) > MOST_FLIGHTS:
+        parts.append(f"<p>{len(flights) - MOST_FLIGHTS} more flights are not drawn.</p>")
+    page = {
+        "title": title,
+        "policy": policy(()),
+        "style": asset("report.css") + STYLE,
+        "body": f"<header><h1>{title}</h1></header><article>{''.join(parts)}</article>",
+        "scripts": "",
+    }
+    return write_atomically(path, filled(asset("page.html"), page))
+
+
+def _clip_facts(check: ClipCheck) -> str:
+    """A line about a clip, what was assumed of it, and its table of flights."""
+    clip = check.clip
+    words = (
+        f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {check.physical} of {len(check.flights)} physical"
+    )
+    remarks = "".join(f"<br>{html.escape(remark)}" for remark in clip.remarks)
+    rows = [_table_row(judged) for judged in check.flights]
+    titles = ("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "force to add, N", "feet slide, mm")
+    return f"<p><b>{html.escape(words)}</b>{remarks}</p>{html_table('', rows, titles) if rows else ''}"
+
+
+def _table_row(judged: FlightJudgement) -> list[str]:
+    flight = judged.flight
+    turn = "" if judged.turn is None else f"{np.rad2deg(judged.turn.rms):.2f}"
+    fall = f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if np.isfinite(judged.fall.interval) else ""
+    force = f"{judged.wrench[0]:.0f}" if np.isfinite(judged.wrench[0]) else ""
+    sliding = f"{1e3 * judged.sliding:.0f}"
+    return [f"{flight.begin:.2f} to {flight.end:.2f}", judged.verdict, fall, turn, force, sliding]
+
+
+def _flight_section(check: ClipCheck, judged: FlightJudgement) -> str:
+    flight = judged.flight
+    when = html.escape(f"{check.clip.path.name}, {flight.begin:.2f} to {flight.end:.2f} s")
+    badge = f'<span class="badge {TONES[judged.verdict]}">{judged.verdict}</span>'
+    faults = "".join(f"<li>{html.escape(fault)}</li>" for fault in judged.faults)
+    charts = [_height_chart(judged, check.gravity), _turning_chart(judged), _feet_chart(check, judged)]
+    charts.append(_postures(check, judged))
+    return f'<section><h2>{when} {badge}</h2><ul>{faults}</ul><div class="charts">{"".join(charts)}</div></section>'
+
+
+def _height_chart(judged: FlightJudgement, gravity: float) -> str:
+    """The centre of mass in the frames, the parabola nearest to it, and one between the same ends that falls at g."""
+    fall = judged.fall
+    lines = [Line(fall.times, fall.places[:, 2], "frames", COLOURS[0], dots=True)]
+    if len(fall.times) > 2:
+        times = np.linspace(fall.times[0], fall.times[-1], 60)
+        nearest = fall.at(times)[:, 2]
+        lines.append(Line(times, nearest, f"falls at {fall.fall:.2f} m/s^2", COLOURS[0]))
+        lines.append(
+            Line(times, nearest + _missing_height(fall, times, gravity), "falls at g", COLOURS[2], dashed=True)
+        )
+    return _chart("height of the centre of mass, m", lines)
+
+
+def _missing_height(fall: Fall, times: Array, gravity: float) -> Array:
+    """How much higher (K,), m, than the nearest parabola one with the same ends and the right fall is."""
+    middle = 0.5 * (fall.times[0] + fall.times[-1])
+    half = 0.5 * (fall.times[-1] - fall.times[0])
+    return np.asarray(0.5 * (gravity - fall.fall) * (half**2 - (times - middle) ** 2))
+
+
+def _turning_chart(judged: FlightJudgement) -> str:
+    """By how much the attitude in each frame is off the nearest flight with a constant momentum."""
+    title = "attitude off a flight, degrees"
+    if judged.turn is None:
+        return _chart(title, [])
+    times = judged.fall.times
+    off = np.rad2deg(np.linalg.norm(judged.turn.residuals, axis=1))
+    tolerance = np.rad2deg(judged.turn.tolerance)
+    lines = [
+        Line(times, off, "frames", COLOURS[1], dots=True),
+        Line(times[[0, -1]], np.array([tolerance, tolerance]), "most, rms", COLOURS[2], dashed=True),
+    ]
+    return _chart(title, lines, least=0.0)
+
+
+def _feet_chart(check: ClipCheck, judged: FlightJudgement) -> str:
+    """Heights of the feet over the ground, in the flight and beside it."""
+    scene = check.clip.scene
+    flight = judged.flight
+    near = (scene.times >= flight.begin - BESIDE) & (scene.times <= flight.end + BESIDE)
+    times = scene.times[near]
+    heights = scene.foot_heights[near] - scene.ground.heights[near, None]
+    lines = []
+    for column, name in enumerate(scene.foot_names):
+        lines.append(Line(times, heights[:, column], name, COLOURS[column % len(COLOURS)]))
+    level = np.full(2, FOOT_CLEARANCE)
+    lines.append(Line(times[[0, -1]], level, "in the air", COLOURS[2], dashed=True))
+    return _chart("feet over the ground, m", lines, span=(flight.begin, flight.end))
+
+
+def _chart(
+    title: str, lines: Sequence[Line], least: float | None = None, span: tuple[float, float] | None = None
+) -> str:
+    """Curves over time as a picture; of no curve a note that there are too few frames.
+
+    Parameters
+    ----------
+    title : what is drawn, with its unit
+    lines : the curves
+    least : the lowest value that the axis has at least
+    span : s, when the flight is, drawn behind the curves
+    """
+    heading = f'<text x="{LEFT}" y="13">{html.escape(title)}</text>'
+    if not lines:
+        return _picture(heading + f'<text x="{LEFT}" y="{HEIGHT / 2}">too few frames</text>')
+    x = np.concatenate([line.x for line in lines])
+    y = np.concatenate([line.y for line in lines])
+    low = float(y.min()) if least is None else min(least, float(y.min()))
+    high = max(float(y.max()), low + 1e-3)
+    low, high = low - 0.04 * (high - low), high + 0.04 * (high - low)
+    first, last = float(x.min()), max(float(x.max()), float(x.min()) + 1e-3)
+
+    def across(values: Array) -> Array:
+        return LEFT + (values - first) / (last - first) * (WIDTH - LEFT - RIGHT)
+
+    def up(values: Array) -> Array:
+        return HEIGHT - BOTTOM - (values - low) / (high - low) * (HEIGHT - TOP - BOTTOM)
+
+    parts = [heading]
+    if span is not None:
+        begin, end = across(np.array(span))
+        parts.append(
+            f'<rect class="air" x="{begin:.1f}" y="{TOP}" width="{end - begin:.1f}" height="{HEIGHT - TOP - BOTTOM}"/>'
+        )
+    for value in _ticks(low, high):
+        place = float(up(np.array(value)))
+        parts.append(f'<line class="axis" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{place:.1f}" y2="{place:.1f}"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{place + 4:.1f}" text-anchor="end">{value:g}</text>')
+    for value in _ticks(first, last):
+        place = float(across(np.array(value)))
+        parts.append(f'<text x="{place:.1f}" y="{HEIGHT - 10}" text-anchor="middle">{value:g} s</text>')
+    for number, line in enumerate(lines):
+        parts.append(_curve(across(line.x), up(line.y), line))
+        parts.append(
+            f'<text x="{WIDTH - RIGHT}" y="{TOP + 12 + 13 * number}" text-anchor="end" style="fill:{line.colour}">'
+            f"{html.escape(line.name)}</text>"
+        )
+    return _picture("".join(parts))
+
+
+def _curve(x: Array, y: Array, line: Line) -> str:
+    if line.dots:
+        return "".join(
+            f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{line.colour}"/>' for a, b in zip(x, y, strict=True)
+        )
+    dashes = ' stroke-dasharray="5 4"' if line.dashed else ""
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    return f'<polyline points="{points}" stroke="{line.colour}"{dashes}/>'
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Round numbers between two others."""
+    rough = (high - low) / TICKS
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = min(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
+    numbers = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+    return [round(float(number * step), 10) for number in numbers]
+
+
+def _postures(check: ClipCheck, judged: FlightJudgement) -> str:
+    """The robot at equal steps of the flight, one beside the other, seen from its right: joints and feet as sticks."""
+    clip = check.clip
+    flight = judged.flight
+    times = np.linspace(flight.begin, flight.end, POSTURES)
+    poses = clip.curve.poses(times)
+    ahead = poses.rotations[0, 1, :2, 0]
+    length = float(np.linalg.norm(ahead))
+    ahead = ahead / length if length > 1e-6 else np.array([1.0, 0.0])
+    across = (poses.places[:, 1:, :2] - poses.places[:, 1:2, :2]) @ ahead
+    heights = poses.places[:, 1:, 2]
+    ground = float(clip.ground.at(np.array([flight.begin]))[0])
+    apart = 1.3 * float(np.ptp(across)) + 0.05
+    low, high = min(float(heights.min()), ground), float(heights.max())
+    scale = min((WIDTH - 20) / (apart * POSTURES), (HEIGHT - TOP - 20) / (high - low + 0.05))
+    x = 10 + scale * (across - across.min() + apart * np.arange(POSTURES)[:, None])
+    y = HEIGHT - 14 - scale * (heights - low)
+    parts = [f'<text x="10" y="13">the robot, {times[1] - times[0]:.2f} s from one to the next</text>']
+    level = HEIGHT - 14 - scale * (ground - low)
+    parts.append(f'<line class="axis" x1="0" x2="{WIDTH}" y1="{level:.1f}" y2="{level:.1f}"/>')
+    parents = list(clip.robot.model.parents)
+    for posture in range(POSTURES):
+        for joint in range(2, len(parents)):
+            ends = [joint - 1, parents[joint] - 1]
+            parts.append(_curve(x[posture, ends], y[posture, ends], Line(x, y, "", COLOURS[0])))
+    return _picture("".join(parts))
+
+
+def _picture(content: str) -> str:
+    return f'<svg class="chart" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}">{content}</svg>'

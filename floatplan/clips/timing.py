@@ -1,0 +1,89 @@
+"""How long a repaired flight takes, and how the time of a clip runs around it.
+
+A flight that takes rho times as long as in the clip is the clip played slower in the air by that; in the stances beside
+it the clock goes from one pace to the other over a ramp, so that no speed jumps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from floatplan.arrays import Array
+from floatplan.clips.flights import ClipFlight
+
+RAMP = 0.3  # [s] of the clip, over which the clock changes its pace; half a stance at most
+GRID = 1e-3  # [s] at which the clock is integrated
+
+
+def fall_duration(first: float, top: float, last: float, gravity: float) -> float:
+    """How long a flight takes from a height of the centre of mass over its top to another, s.
+
+    ``T = sqrt(2 (top - z_0)/g) + sqrt(2 (top - z_T)/g)``
+    """
+    rise = max(top - first, 0.0)
+    drop = max(top - last, 0.0)
+    return math.sqrt(2.0 * rise / gravity) + math.sqrt(2.0 * drop / gravity)
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """The time of a repaired clip by that of the clip, and the pace: how much of the one passes in the other.
+
+    Attributes
+    ----------
+    clip_times, new_times : (K,) s, increasing
+    pace : (K,)
+    """
+
+    clip_times: Array
+    new_times: Array
+    pace: Array
+
+    @classmethod
+    def of(cls, duration: float, flights: Sequence[ClipFlight], factors: Sequence[float]) -> Clock:
+        """Return the clock of a clip of so many seconds whose flights take ``factors`` times as long."""
+        times = np.linspace(0.0, duration, max(math.ceil(duration / GRID), 2) + 1)
+        pace = np.ones(len(times))
+        for number, (flight, factor) in enumerate(zip(flights, factors, strict=True)):
+            before = flights[number - 1].end if number else 0.0
+            after = flights[number + 1].begin if number + 1 < len(flights) else duration
+            lead = min(RAMP, 0.5 * (flight.begin - before))
+            follow = min(RAMP, 0.5 * (after - flight.end))
+            pace += (factor - 1.0) * _window(times, flight, lead, follow)
+        passed = np.concatenate(([0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(times))))
+        return cls(clip_times=times, new_times=passed, pace=pace)
+
+    @property
+    def duration(self) -> float:
+        """Of the repaired clip, s."""
+        return float(self.new_times[-1])
+
+    def to_new(self, times: Array) -> Array:
+        """Times of the repaired clip at times of the clip, s."""
+        return np.asarray(CubicSpline(self.clip_times, self.new_times)(times))
+
+    def to_clip(self, times: Array) -> Array:
+        """Times of the clip at times of the repaired one, s."""
+        return np.asarray(np.clip(CubicSpline(self.new_times, self.clip_times)(times), 0.0, self.clip_times[-1]))
+
+    def pace_at(self, clip_times: Array) -> Array:
+        """How many seconds of the repaired clip pass in one of the clip, at times of the clip."""
+        return np.interp(clip_times, self.clip_times, self.pace)
+
+
+def _window(times: Array, flight: ClipFlight, lead: float, follow: float) -> Array:
+    """1 in a flight, 0 before the ramp to it and after the ramp from it."""
+    rising = (times - (flight.begin - lead)) / max(lead, GRID)
+    falling = ((flight.end + follow) - times) / max(follow, GRID)
+    return _smoothstep(rising) * _smoothstep(falling)
+
+
+def _smoothstep(x: Array) -> Array:
+    """From 0 at 0 to 1 at 1, with no rate and no acceleration at either end."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x**3 * (10.0 - 15.0 * x + 6.0 * x * x))

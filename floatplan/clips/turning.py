@@ -1,0 +1,228 @@
+"""The turning of a flight's base: what follows from the joints' motion with one constant angular momentum.
+
+Momentum is not judged by differences of poses: at 30 Hz, with a fifth of a degree of noise, that of a true flight so
+found spreads by several kg m^2/s. The turning is integrated instead, and fitted to the attitudes:
+
+    omega = I^-1 (R^T h - A q')                                                                                   (S1)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.clips.fall import NOISE_FACTOR, frame_noise
+from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
+from floatplan.motion.spatial.dynamics import SpatialDynamics
+from floatplan.motion.spatial.rotations import exponential, logarithm
+
+TURN_TOLERANCE = np.deg2rad(0.5)  # [rad] root mean square, by which attitudes may be off a flight's
+COUNTED_NOISE = np.deg2rad(0.5)  # [rad] of noise that counts so at most
+
+LEAST_FRAMES = 4  # [-] of a flight whose turning is fitted
+DEGREES = range(2, 10)  # [-] of the polynomials of joints
+HIGHER_DEGREES = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
+FRAMES_PER_COEFFICIENT = 2.0  # [-] at least, of the higher degrees
+OTHER_DEGREES = (-2, -1, 1, 2)  # [-] beside the best, tried before a turning is called a fault
+CELLS = 12  # [-] of the integration of the attitude
+STAGES = 6  # [-] of each
+GAUSS_NEWTON_STEPS = 12  # [-] at most
+SHORTEST_STEP = 1e-3  # [-] of a step of Gauss and Newton: where no longer one is better, the fit ends
+SMALL_TURN = 1e-6  # [rad, or kg m^2/s of the largest] of differences
+SETTLED = 1e-9  # [rad] a step that is smaller ends the fit
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Polynomials of the joints over a flight.
+
+    Attributes
+    ----------
+    begin, duration : s
+    coefficients : (degree + 1, J) rad, of Chebyshev polynomials on [-1, 1]
+    """
+
+    begin: float
+    duration: float
+    coefficients: Array
+
+    @property
+    def degree(self) -> int:
+        """Of the polynomials."""
+        return len(self.coefficients) - 1
+
+    def at(self, times: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities, accelerations (K, J) at times (K,), s."""
+        x = 2.0 * (times - self.begin) / self.duration - 1.0
+        rate = 2.0 / self.duration
+        chebyshev = np.polynomial.chebyshev
+        first = chebyshev.chebder(self.coefficients)
+        second = chebyshev.chebder(self.coefficients, 2)
+        positions = chebyshev.chebval(x, self.coefficients).T
+        velocities = rate * chebyshev.chebval(x, first).T
+        accelerations = rate**2 * chebyshev.chebval(x, second).T
+        return np.asarray(positions, float), np.asarray(velocities, float), np.asarray(accelerations, float)
+
+
+@dataclass(frozen=True, eq=False)
+class TurnFit:
+    """The turning with one angular momentum that is nearest to a clip's attitudes.
+
+    Attributes
+    ----------
+    angular_momentum : (3,) kg m^2/s, in the world
+    rms : rad, root mean square of what is left of the attitudes
+    noise : rad, the same of their own noise
+    residuals : (K, 3) rad, in the world, at the frames
+    turning : Turning
+    """
+
+    angular_momentum: Array
+    rms: float
+    noise: float
+    residuals: Array
+    turning: Turning
+
+    @property
+    def tolerance(self) -> float:
+        """By how much they may be off, rad."""
+        return max(float(TURN_TOLERANCE), NOISE_FACTOR * min(self.noise, float(COUNTED_NOISE)))
+
+
+def fit_joints(times: Array, positions: Array, degree: int | None = None) -> JointFit:
+    """Fit polynomials of one degree to all joints (K, J), chosen by generalised cross-validation where none is given.
+
+    Of noise the degree must leave what no motion of a robot has; BIC and AICc choose far lower degrees.
+    """
+    count = len(times)
+    begin = float(times[0])
+    duration = float(times[-1] - times[0])
+    x = 2.0 * (times - begin) / duration - 1.0
+    best_score = np.inf
+    best = np.zeros((1, positions.shape[1]))
+    for tried in possible_degrees(count) if degree is None else (degree,):
+        terms = np.polynomial.chebyshev.chebvander(x, tried)
+        coefficients, *_ = np.linalg.lstsq(terms, positions, rcond=None)
+        squares = float(((positions - terms @ coefficients) ** 2).sum())
+        score = squares / (count - tried - 1) ** 2
+        if score < best_score:
+            best_score = score
+            best = np.asarray(coefficients, np.float64)
+    return JointFit(begin=begin, duration=duration, coefficients=best)
+
+
+def possible_degrees(frames: int) -> tuple[int, ...]:
+    """Degrees of polynomials that so many frames can tell."""
+    low = tuple(degree for degree in DEGREES if degree <= frames - 2)
+    high = tuple(degree for degree in HIGHER_DEGREES if frames >= FRAMES_PER_COEFFICIENT * (degree + 1))
+    return low + high
+
+
+def nearest_turning(
+    dynamics: SpatialDynamics, times: Array, positions: Array, attitudes: Array
+) -> tuple[JointFit, TurnFit | None]:
+    """Fit joints and turning; where that is a fault, with other degrees too: the frames may not tell which is right."""
+    joints = fit_joints(times, positions)
+    turning = fit_turning(dynamics, joints, times, attitudes)
+    possible = possible_degrees(len(times))
+    chosen = possible.index(joints.degree)
+    for step in OTHER_DEGREES:
+        if turning is not None and turning.rms <= turning.tolerance:
+            break
+        if not 0 <= chosen + step < len(possible):
+            continue
+        other = fit_joints(times, positions, possible[chosen + step])
+        found = fit_turning(dynamics, other, times, attitudes)
+        if found is not None and (turning is None or found.rms < turning.rms):
+            joints, turning = other, found
+    return joints, turning
+
+
+def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attitudes: Array) -> TurnFit | None:
+    """Fit takeoff attitude and angular momentum, by Gauss and Newton, to attitudes (K, 3, 3) at times (K,), s.
+
+    None where no such motion can be integrated.
+    """
+    flown = _Flown(dynamics, joints, times, attitudes)
+    start = attitudes[0]
+    momentum = flown.mean_momentum()
+    try:
+        turning, residuals = flown.turning(start, momentum)
+        for _ in range(GAUSS_NEWTON_STEPS):
+            change = flown.step(start, momentum, residuals)
+            length = 1.0
+            least = float((residuals**2).sum())
+            while length > SHORTEST_STEP:
+                next_start = exponential(length * change[None, :3])[0] @ start
+                next_momentum = momentum + length * change[3:]
+                next_turning, next_residuals = flown.turning(next_start, next_momentum)
+                if float((next_residuals**2).sum()) <= least:
+                    break
+                length *= 0.5
+            else:
+                break
+            start, momentum, turning, residuals = next_start, next_momentum, next_turning, next_residuals
+            if float(np.linalg.norm(length * change[:3])) < SETTLED:
+                break
+    except IntegrationError:
+        return None
+    freedom = max(3 * len(times) - 6, 1)
+    return TurnFit(
+        angular_momentum=momentum,
+        rms=float(np.sqrt(3.0 * (residuals**2).sum() / freedom)),
+        noise=frame_noise(residuals),
+        residuals=residuals,
+        turning=turning,
+    )
+
+
+class _Flown:
+    """The turning of a flight whose joints' motion is known, by its takeoff attitude and angular momentum (S1).
+
+    Parameters
+    ----------
+    dynamics : SpatialDynamics
+    joints : JointFit
+    times : (K,) s, of the frames
+    attitudes : (K, 3, 3), in the frames
+    """
+
+    def __init__(self, dynamics: SpatialDynamics, joints: JointFit, times: Array, attitudes: Array) -> None:
+        self.grid = cells(CELLS, STAGES)
+        self.instants = joints.begin + self.grid.s * joints.duration
+        positions, velocities, _ = joints.at(self.instants)
+        self.inertia, joint_map = dynamics.momentum_maps(positions)
+        self.relative = np.einsum("kaj,kj->ka", joint_map, velocities)  # A q', kg m^2/s
+        self.duration = joints.duration
+        self.times = times
+        self.s = np.clip((times - joints.begin) / joints.duration, 0.0, 1.0)
+        self.attitudes = attitudes
+
+    def turning(self, start: Array, momentum: Array) -> tuple[Turning, Array]:
+        """The turning, and by what rotations (K, 3), rad, the frames' attitudes are off it."""
+        turning = turn(self.grid, self.duration, self.inertia, self.relative, momentum, start)
+        return turning, logarithm(self.attitudes @ np.swapaxes(turning.at(self.s), 1, 2))
+
+    def step(self, start: Array, momentum: Array, residuals: Array) -> Array:
+        """The change (6,) of takeoff attitude, rad, and momentum by which the residuals should vanish."""
+        scale = max(float(np.linalg.norm(momentum)), float(np.abs(self.inertia).max()))
+        columns = []
+        for axis in range(6):
+            step = np.zeros(6)
+            step[axis] = SMALL_TURN * (1.0 if axis < 3 else scale)
+            _, moved = self.turning(exponential(step[None, :3])[0] @ start, momentum + step[3:])
+            columns.append((moved - residuals).ravel() / step[axis])
+        change, *_ = np.linalg.lstsq(np.stack(columns, axis=1), -residuals.ravel(), rcond=None)
+        return np.asarray(change)
+
+    def mean_momentum(self) -> Array:
+        """The mean angular momentum (3,) of the frames as they are: where the fit begins."""
+        step = np.diff(self.times)
+        turned = logarithm(np.swapaxes(self.attitudes[:-1], 1, 2) @ self.attitudes[1:])  # in the base's axes
+        rates = turned / step[:, None]
+        middle = 0.5 * (self.times[:-1] + self.times[1:])
+        nearest = np.abs(self.instants[None] - middle[:, None]).argmin(axis=1)
+        own = np.einsum("kab,kb->ka", self.inertia[nearest], rates) + self.relative[nearest]
+        return np.asarray(np.einsum("kab,kb->ka", self.attitudes[:-1], own).mean(axis=0))
