@@ -20,8 +20,8 @@ from floatplan.view.report.report import asset, filled, policy
 
 MOST_FLIGHTS = 60  # [-] that are drawn, the unphysical ones first; tables list all
 POSTURES = 5  # [-] of the robot in a flight
-WIDTH, HEIGHT = 420, 200  # [px] of a chart
-LEFT, RIGHT, TOP, BOTTOM = 52, 8, 22, 26  # [px] between it and its frame
+WIDTH, HEIGHT = 540, 200  # [px] of a chart
+LEFT, RIGHT, TOP, BOTTOM = 52, 150, 22, 26  # [px] between it and its frame; names are to its right
 TICKS = 4  # [-] at most, on an axis
 TONES = {"physical": "good", "unphysical": "bad", "undecided": "open", "afloat": "open"}
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -202,7 +202,7 @@ def _chart(
     for number, line in enumerate(lines):
         parts.append(_curve(across(line.x), up(line.y), line))
         parts.append(
-            f'<text x="{WIDTH - RIGHT}" y="{TOP + 12 + 13 * number}" text-anchor="end" style="fill:{line.colour}">'
+            f'<text x="{WIDTH - RIGHT + 8}" y="{TOP + 12 + 14 * number}" style="fill:{line.colour}">'
             f"{html.escape(line.name)}</text>"
         )
     return _picture("".join(parts))
@@ -224,7 +224,7 @@ def _ticks(low: float, high: float) -> list[float]:
     power = 10.0 ** np.floor(np.log10(rough))
     step = min(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
     numbers = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
-    return [round(float(number * step), 10) for number in numbers]
+    return [round(float(number * step), 10) + 0.0 for number in numbers]
 
 
 def _postures(check: ClipCheck, judged: FlightJudgement) -> str:

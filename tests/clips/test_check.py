@@ -1,0 +1,185 @@
+"""Verdicts on flights of clips whose truth is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import clip_samples as samples
+import numpy as np
+import pytest
+
+import floatplan as fp
+
+KEYS = {"begin", "end", "frames", "verdict", "fall", "fall_interval", "sideways", "angular_momentum", "turn_rms"} | {
+    *("turn_noise", "rate_share", "torque_share", "wrench", "feet", "faults")
+}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("robot") / "hopper.urdf"
+    path.write_text(samples.robot_text())
+    return path
+
+
+@pytest.fixture(scope="module")
+def robot(model: Path) -> fp.Robot:
+    return fp.Robot.from_urdf(model, base="free-flyer")
+
+
+Judge = Callable[..., fp.ClipCheck]
+
+
+@pytest.fixture
+def judge(robot: fp.Robot, tmp_path: Path) -> Judge:
+    """What is said of a motion that was written to a file."""
+
+    def judge(sample: samples.Sample, **options: Any) -> fp.ClipCheck:
+        path = samples.write_csv(sample, tmp_path / "clip.csv")
+        return fp.check_clip(fp.load_clip(path, model=robot, fps=sample.fps, quaternion="xyzw", **options))
+
+    return judge
+
+
+def verdicts(check: fp.ClipCheck) -> list[str]:
+    return [judged.verdict for judged in check.flights]
+
+
+@pytest.mark.parametrize("fps", [20.0, 30.0, 120.0, 1000.0])
+def test_a_true_hop_at_any_rate(fps: float, judge: Judge) -> None:
+    check = judge(samples.hops(fps, (0.5,)))
+    assert verdicts(check) == ["physical"]
+    assert check.ok
+    (judged,) = check.flights
+    assert judged.fall.fall == pytest.approx(9.81, abs=judged.fall.interval)
+    assert judged.flight.duration == pytest.approx(0.5, abs=0.05)
+    assert judged.wrench[0] < 1.0
+    assert not judged.faults
+
+
+def test_a_slow_fall_is_found(judge: Judge) -> None:
+    check = judge(samples.hops(50, (0.5,), gravity=9.81 / 1.05**2))
+    assert verdicts(check) == ["unphysical"]
+    assert not check.ok
+    (judged,) = check.flights
+    assert judged.fall.fall == pytest.approx(9.81 / 1.05**2, abs=1e-2)
+    assert judged.wrench[0] == pytest.approx(6.6 * 9.81 * (1 - 1 / 1.05**2), rel=0.02)
+    assert "falls at 8.90" in judged.faults[0]
+
+
+def test_a_base_that_turns_by_itself_is_found(judge: Judge) -> None:
+    (judged,) = judge(samples.hops(50, (0.5,), tilt=math.radians(6))).flights
+    assert judged.verdict == "unphysical"
+    assert any("constant angular momentum" in fault for fault in judged.faults)
+
+
+def test_nothing_falls_on_another_world(judge: Judge, robot: fp.Robot, tmp_path: Path) -> None:
+    moon = samples.hops(50, (0.9,), gravity=1.62)
+    assert verdicts(judge(moon)) == ["unphysical"]
+    clip = fp.load_clip(tmp_path / "clip.csv", model=robot, fps=50)
+    assert verdicts(fp.check_clip(clip, gravity=1.62)) == ["physical"]
+
+
+def test_what_hangs_is_afloat(judge: Judge) -> None:
+    sample = samples.hops(50, (0.5,), gravity=0.0)
+    held = sample.places.copy()
+    held[15:60, 2] += 0.4
+    assert "afloat" in verdicts(judge(replace(sample, places=held)))
+
+
+def test_few_frames_are_undecided(judge: Judge) -> None:
+    sample = samples.hops(20, (0.3,))
+    rough = sample.places + 2e-3 * np.random.default_rng(0).normal(size=sample.places.shape)
+    check = judge(replace(sample, places=rough))
+    assert verdicts(check) == ["undecided"]
+    assert check.ok
+
+
+def test_several_flights_and_boxes(judge: Judge) -> None:
+    check = judge(samples.hops(60, (0.4, 0.5, 0.45), steps=(0.3, -0.1, -0.2)))
+    assert verdicts(check) == ["physical"] * 3
+    check = judge(samples.hops(60, (0.4, 0.5), gravity=7.0))
+    assert verdicts(check) == ["unphysical"] * 2
+    assert check.unphysical_share == 1.0
+
+
+def test_feet_and_ground_may_be_given(judge: Judge) -> None:
+    hop = samples.hops(60, (0.4,))
+    assert judge(hop, feet=("l_shank", "r_shank"), ground=0.0).clip.scene.foot_names == ("l_shank", "r_shank")
+    assert verdicts(judge(hop, ground=0.0)) == ["physical"]
+    assert verdicts(judge(hop, ground=1.0)) == []
+    with pytest.raises(fp.InputError, match=r"feet.*nothing"):
+        judge(hop, feet=("nothing",))
+
+
+def test_feet_are_found_by_their_shapes(judge: Judge) -> None:
+    assert set(judge(samples.hops(60)).clip.scene.foot_names) == {"l_shank", "r_shank"}
+
+
+def test_feet_that_stand_float_sink_and_slide(judge: Judge) -> None:
+    hop = samples.hops(100, (0.4,))
+    (still,) = judge(hop, ground=0.0).flights
+    assert max(still.floating, still.sinking, still.sliding) < 5e-3
+    (high,) = judge(hop, ground=-0.015).flights
+    assert high.floating == pytest.approx(0.015, abs=5e-3)
+    (low,) = judge(hop, ground=0.015).flights
+    assert low.sinking == pytest.approx(0.015, abs=1e-3)
+    moving = hop.places + np.array([0.2, 0.0, 0.0]) * np.arange(hop.frames)[:, None] / 100
+    (sliding,) = judge(replace(hop, places=moving), ground=0.0).flights
+    assert sliding.sliding == pytest.approx(0.06, rel=0.2)
+
+
+def test_labels_of_contacts_decide(robot: fp.Robot, tmp_path: Path) -> None:
+    hop = samples.hops(60, (0.5,))
+    data = samples.amp_data(hop)
+    np.savez(tmp_path / "clip.npz", **data)
+    (judged,) = fp.check_clip(fp.load_clip(tmp_path / "clip.npz", model=robot)).flights
+    assert judged.flight.duration == pytest.approx(0.5, abs=0.03)
+    data["contacts"] = np.ones_like(data["contacts"])
+    np.savez(tmp_path / "clip.npz", **data)
+    assert not fp.check_clip(fp.load_clip(tmp_path / "clip.npz", model=robot)).flights
+
+
+def test_the_command_says_it_for_programs(model: Path, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+    path = samples.write_csv(samples.hops(50, (0.5,), gravity=7.0), tmp_path / "slow.csv")
+    run = floatplan("clip", "check", path, "--model", model, "--fps", 50, "--json")
+    assert run.code == 1
+    found = json.loads(run.stdout)
+    assert {"file", "model", "fps", "frames", "flights"} <= set(found)
+    (flight,) = found["flights"]
+    assert set(flight) == KEYS
+    assert set(flight["wrench"]) == {"force", "moment"}
+    assert set(flight["feet"]) == {"floating", "sinking", "sliding"}
+    assert set(flight["torque_share"]) == {"share", "joint"}
+    assert flight["verdict"] == "unphysical"
+
+
+def test_a_folder_is_a_scoreboard(model: Path, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    samples.write_csv(samples.hops(50, (0.5,)), folder / "a_true.csv")
+    samples.write_csv(samples.hops(50, (0.5,), gravity=7.0), folder / "b_slow.csv")
+    run = floatplan("clip", "check", folder, "--model", model, "--fps", 50)
+    assert run.code == 1
+    assert run.stdout.index("b_slow") < run.stdout.index("a_true")
+    assert floatplan("clip", "check", folder / "a_true.csv", "--model", model, "--fps", 50).code == 0
+    missing = floatplan("clip", "check", folder / "nothing.csv", "--model", model)
+    assert missing.code == 2
+    assert "no such file" in missing.stderr
+
+
+def test_a_page_shows_it(model: Path, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+    path = samples.write_csv(samples.hops(50, (0.5, 0.4), gravity=7.0), tmp_path / "slow<b>.csv")
+    run = floatplan("clip", "check", path, "--model", model, "--fps", 50, "--report", "-o", tmp_path / "page")
+    assert run.code == 1
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "slow&lt;b&gt;.csv" in page
+    assert "slow<b>" not in page
+    assert page.count("<svg") == 8
+    assert "falls at 7.00" in page
+    assert "nan" not in page
