@@ -17,7 +17,7 @@ FOOT = 0.02  # [m] radius
 REST = 0.4  # [s] before and after a hop
 JOINTS = ("l_hip", "l_knee", "r_hip", "r_knee")  # as the file has them: one leg, then the other
 BY_LEVELS = ("l_hip", "r_hip", "l_knee", "r_knee")
-STANDING = {"l_hip": 0.5, "l_knee": -1.0, "r_hip": 0.4, "r_knee": -0.8}
+STANDING = {"l_hip": 0.5, "l_knee": -1.0, "r_hip": -0.5, "r_knee": 1.0}
 POSTURE = np.array([STANDING[name] for name in JOINTS])
 
 
