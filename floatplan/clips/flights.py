@@ -300,9 +300,9 @@ def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array,
 def _ground(times: Array, heights: Array, speeds: Array, level: float | None) -> Ground:
     """Height of the ground along a clip: as asked, or that at which the lowest foot stands.
 
-    A foot that stands for long has its own level, as on a box; until the next one it is that up to the top between them,
-    and from there that of the next. Else the ground is the median of the lower feet that stand near in time; where none
-    stands within the window, as at the nearest instant where one does; where none ever does, the lowest point of all.
+    A foot that stands for long has its own level, as on a box; up to the top between two such levels the ground is the
+    first, and from there the second. Else the ground is the median of the lower feet that stand near in time; where
+    none stands within the window, as at the nearest instant where one does; where none ever does, the lowest point.
     """
     if level is not None:
         return Ground(times, np.full(len(times), level))

@@ -63,7 +63,7 @@ class Recording:
     others: Mapping[str, Any] = field(default_factory=dict)
 
 
-def read_recording(path: Path, format: str | None) -> tuple[str, Recording]:
+def read_recording(path: Path, name: str | None) -> tuple[str, Recording]:
     """Read a file of a format, or of the one that its name and its keys are those of.
 
     Raises
@@ -72,30 +72,30 @@ def read_recording(path: Path, format: str | None) -> tuple[str, Recording]:
         The file cannot be read, is of no known format, or has what is wrong for it.
     """
     kind = path.suffix.lower()
-    if format is not None and format not in READERS:
+    if name is not None and name not in READERS:
         known = ", ".join(READERS)
-        raise InputError(f'no format "{format}" is known', element="format", advice=f"formats: {known}")
+        raise InputError(f'no format "{name}" is known', element="format", advice=f"formats: {known}")
     content = read_regular(path, LARGEST_CLIP, "a recorded motion")
     if kind == ".csv":
-        return _read(path, format or "unitree-csv", _csv_table(content))
+        return _read(path, name or "unitree-csv", _csv_table(content))
     if kind == ".npz":
         arrays = _archive(content)
-        return _read(path, format or _by_keys(arrays), arrays)
+        return _read(path, name or _by_keys(arrays), arrays)
     if kind in (".pkl", ".pickle"):
         data = read_pickle(content)
         if not isinstance(data, dict):
             raise InputError("holds no dictionary", advice="give the file of one motion")
-        return _read(path, format or _by_keys(data), data)
+        return _read(path, name or _by_keys(data), data)
     raise InputError(f'a recorded motion has no name that ends in "{kind}"', advice="give .csv, .npz or .pkl")
 
 
-def _read(path: Path, format: str, data: Any) -> tuple[str, Recording]:
+def _read(path: Path, name: str, data: Any) -> tuple[str, Recording]:
     is_table = isinstance(data, np.ndarray)
-    if is_table != (format == "unitree-csv"):
-        raise InputError(f'a file "*{path.suffix}" is not of the format {format}', element="format")
-    recording = READERS[format](data)
+    if is_table != (name == "unitree-csv"):
+        raise InputError(f'a file "*{path.suffix}" is not of the format {name}', element="format")
+    recording = READERS[name](data)
     _check(recording)
-    return format, recording
+    return name, recording
 
 
 def _by_keys(data: Mapping[str, Any]) -> str:

@@ -32,7 +32,7 @@ def load_clip(
     path: str | Path,
     *,
     model: str | Path | Robot,
-    format: str | None = None,
+    format: str | None = None,  # noqa: A002 - as the command has it
     fps: float | None = None,
     quaternion: str | None = None,
     feet: Sequence[str] | None = None,

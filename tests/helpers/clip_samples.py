@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -205,13 +206,19 @@ def mimickit_data(sample: Sample) -> dict[str, object]:
     return {"fps": sample.fps, "loop_mode": 0, "frames": rows.tolist()}
 
 
+def save_arrays(path: Path, data: Mapping[str, Any]) -> Path:
+    """Write an archive of arrays."""
+    np.savez(path, **data)
+    return path
+
+
 def write_all(sample: Sample, folder: Path) -> dict[str, Path]:
     """Write a motion in every format; return the files by the formats' names."""
     paths = {"unitree-csv": write_csv(sample, folder / "unitree.csv")}
     arrays = {"mjlab-npz": mjlab_data(sample), "loco-mujoco": loco_data(sample), "isaac-amp": amp_data(sample)}
     for name, data in arrays.items():
         paths[name] = folder / f"{name}.npz"
-        np.savez(paths[name], **data)
+        save_arrays(paths[name], data)
     for name, plain in (("gmr-pkl", gmr_data(sample)), ("mimickit-pkl", mimickit_data(sample))):
         paths[name] = folder / f"{name}.pkl"
         paths[name].write_bytes(pickle.dumps(plain))
