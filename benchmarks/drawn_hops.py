@@ -1,8 +1,10 @@
-"""True motions of robots that hop, drawn by seed: a stance, a flight with constant momentum, a stance; and spoiled ones.
+"""True motions of robots that hop, drawn by seed: a stance, a flight that conserves momentum, a stance.
 
-At every instant the feet's velocities, that of the centre of mass and the angular momentum about it are prescribed, and
-the velocities of base and legs follow from them: as many equations as unknowns. Their integral is the motion. In the air
-the centre of mass falls at g and the momentum is constant; feet are at rest where they stand, and as they leave and
+Flights may be spoiled: stretched in time, drifted, shifted, with noise.
+
+At every instant the feet's velocities, that of the centre of mass and the angular momentum are prescribed, and the
+velocities of base and legs follow from them: as many equations as unknowns. Their integral is the motion. In the
+air the centre of mass falls at g and the momentum is constant; feet are at rest where they stand, and as they leave and
 arrive.
 """
 

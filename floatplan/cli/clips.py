@@ -21,7 +21,7 @@ MOST_CLIPS = 10_000  # [-] of one command
 
 Files = Annotated[list[Path], typer.Argument(metavar="CLIP|DIR..", help="Recorded motions, or folders of them.")]
 Model = Annotated[str, option("FILE", "URDF or MJCF of the robot that moves.")]
-Format = Annotated[str | None, option("NAME", "Of the file; found by its name and its keys if left out.")]
+Format = Annotated[str | None, option("NAME", "Of the file; found by its name and its keys if left out.", "--format")]
 Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; found by the feet if left out.")]
 Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
 Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; found by their shapes if left out.")]
@@ -32,7 +32,7 @@ Ground = Annotated[float | None, option("Z", "Height of a level ground, m; found
 def clip_check(
     files: Files,
     model: Model,
-    format: Format = None,
+    form: Format = None,
     quaternion: Quaternion = None,
     fps: Fps = None,
     feet: Feet = None,
@@ -55,7 +55,7 @@ def clip_check(
             if len(paths) > 1:
                 bar.say(f"{path.name}, {number + 1} of {len(paths)}")
             clip = fp.load_clip(
-                path, model=robot, format=format, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
+                path, model=robot, format=form, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
             )
             checks.append(fp.check_clip(clip))
     checks.sort(key=lambda each: -each.unphysical_share)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,6 +25,8 @@ SHORTEST = 0.1  # [s] of a flight
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
 SPEED_SPAN = 0.04  # [s] over which speeds are taken: over less, noise of a millimetre looks like motion
 GROUND_WINDOW = 1.5  # [s] to either side, in which the ground is taken to be level
+LONG_STAND = 0.25  # [s] in which a foot on one level is not at the top of a flight: it would fall by 8 cm
+LEVEL = 0.01  # [m] of a foot's heights on one level
 LOW_SHARE = 0.7  # [-] of the heights of feet that stand: a foot that is held still in the air is higher
 FOOT_REACH = 0.2  # [-] of the robot's height: a limb that often ends so near to its lowest point is a foot
 OFTEN = 20.0  # [%] of the time
@@ -295,20 +298,38 @@ def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array,
 
 
 def _ground(times: Array, heights: Array, speeds: Array, level: float | None) -> Ground:
-    """Height of the ground along a clip: as asked, or the median of the lower feet that stand near in time.
+    """Height of the ground along a clip: as asked, or that at which the lowest foot stands.
 
-    Where no foot stands within the window, that of the nearest instants where one does; where none ever stands, the
-    lowest point of all.
+    A foot that stands for long has its own level, as on a box; up to the top between two such levels the ground is the
+    first, and from there the second. Else the ground is the median of the lower feet that stand near in time; where
+    none stands within the window, as at the nearest instant where one does; where none ever does, the lowest point.
     """
     if level is not None:
         return Ground(times, np.full(len(times), level))
     lowest = heights.argmin(axis=1)
     index = np.arange(len(times))
     height = heights[index, lowest]
-    stands = np.flatnonzero(speeds[index, lowest] < STILL)
-    if not len(stands):
+    still = speeds[index, lowest] < STILL
+    if not still.any():
         return Ground(times, np.full(len(times), height.min()))
-    return Ground(times, _level(times, times[stands], height[stands]))
+    result = _level(times, times[still], height[still])
+    stands = [(first, last) for first, last in _stretches(still) if _is_long_stand(times, height, first, last)]
+    for first, last in stands:
+        result[first : last + 1] = np.median(height[first : last + 1])
+    for (_, last), (following, _) in pairwise(stands):
+        if times[following] - times[last] <= GROUND_WINDOW:
+            top = last + int(height[last : following + 1].argmax())
+            result[last:top] = result[last]
+            result[top:following] = result[following]
+    return Ground(times, result)
+
+
+def _is_long_stand(times: Array, height: Array, first: int, last: int) -> bool:
+    """Whether a foot is still on one level from one index to another, longer than at the top of any true flight."""
+    if times[last] - times[first] < LONG_STAND:
+        return False
+    low, high = np.percentile(height[first : last + 1], [5, 95])
+    return bool(high - low <= LEVEL)
 
 
 def _level(times: Array, still_times: Array, still_heights: Array) -> Array:

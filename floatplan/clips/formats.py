@@ -18,12 +18,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.clips.pickles import read_pickle
+from floatplan.clips.pickles import NUMBERS, read_pickle
 from floatplan.errors import InputError
 from floatplan.files import read_regular
 
 LARGEST_CLIP = 500_000_000  # [bytes] of a file, and of what it holds when it is unpacked
 MOST_FRAMES = 200_000  # [-] an hour at 50 Hz
+MOST_COLUMNS = 1000  # [-] of a CSV
 LEAST_FRAMES = 4  # [-] fewer have no acceleration that could be told from noise
 FPS_RANGE = (1.0, 1e5)  # [Hz]
 LARGEST_PLACE = 1e4  # [m]
@@ -62,7 +63,7 @@ class Recording:
     others: Mapping[str, Any] = field(default_factory=dict)
 
 
-def read_recording(path: Path, format: str | None) -> tuple[str, Recording]:
+def read_recording(path: Path, name: str | None) -> tuple[str, Recording]:
     """Read a file of a format, or of the one that its name and its keys are those of.
 
     Raises
@@ -71,30 +72,30 @@ def read_recording(path: Path, format: str | None) -> tuple[str, Recording]:
         The file cannot be read, is of no known format, or has what is wrong for it.
     """
     kind = path.suffix.lower()
-    if format is not None and format not in READERS:
+    if name is not None and name not in READERS:
         known = ", ".join(READERS)
-        raise InputError(f'no format "{format}" is known', element="format", advice=f"formats: {known}")
+        raise InputError(f'no format "{name}" is known', element="format", advice=f"formats: {known}")
     content = read_regular(path, LARGEST_CLIP, "a recorded motion")
     if kind == ".csv":
-        return _read(path, format or "unitree-csv", _csv_table(content))
+        return _read(path, name or "unitree-csv", _csv_table(content))
     if kind == ".npz":
         arrays = _archive(content)
-        return _read(path, format or _by_keys(arrays), arrays)
+        return _read(path, name or _by_keys(arrays), arrays)
     if kind in (".pkl", ".pickle"):
         data = read_pickle(content)
         if not isinstance(data, dict):
             raise InputError("holds no dictionary", advice="give the file of one motion")
-        return _read(path, format or _by_keys(data), data)
+        return _read(path, name or _by_keys(data), data)
     raise InputError(f'a recorded motion has no name that ends in "{kind}"', advice="give .csv, .npz or .pkl")
 
 
-def _read(path: Path, format: str, data: Any) -> tuple[str, Recording]:
+def _read(path: Path, name: str, data: Any) -> tuple[str, Recording]:
     is_table = isinstance(data, np.ndarray)
-    if is_table != (format == "unitree-csv"):
-        raise InputError(f'a file "*{path.suffix}" is not of the format {format}', element="format")
-    recording = READERS[format](data)
+    if is_table != (name == "unitree-csv"):
+        raise InputError(f'a file "*{path.suffix}" is not of the format {name}', element="format")
+    recording = READERS[name](data)
     _check(recording)
-    return format, recording
+    return name, recording
 
 
 def _by_keys(data: Mapping[str, Any]) -> str:
@@ -108,14 +109,16 @@ def _by_keys(data: Mapping[str, Any]) -> str:
 
 
 def _csv_table(content: bytes) -> Array:
-    """Rows of numbers, with or without one line of names."""
+    """Rows of numbers, with or without one line of names; frames and columns are counted before any is read."""
+    if content.count(b"\n") > MOST_FRAMES + 1:
+        raise InputError(f"has more than {MOST_FRAMES} frames", advice="cut it into clips")
     try:
         lines = content.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise InputError("is not a text file in UTF-8") from None
     lines = [line for line in lines if line.strip()]
-    if len(lines) > MOST_FRAMES + 1:
-        raise InputError(f"has more than {MOST_FRAMES} frames", advice="cut it into clips")
+    if max((line.count(",") for line in lines), default=0) >= MOST_COLUMNS:
+        raise InputError(f"has more than {MOST_COLUMNS} columns")
     rows: list[list[float]] = []
     for number, line in enumerate(lines):
         try:
@@ -154,19 +157,21 @@ def _numbers(data: Mapping[str, Any], key: str, width: int | None = None) -> Arr
     if key not in data:
         raise InputError("is missing", element=key)
     try:
-        values = np.asarray(data[key], dtype=np.float64)
-    except (ValueError, TypeError):
+        values = np.asarray(data[key])
+    except (ValueError, TypeError):  # lists of several lengths
         raise InputError("is not a table of numbers", element=key) from None
+    if values.dtype.kind not in NUMBERS:
+        raise InputError("is not a table of numbers", element=key)
     if values.ndim != 2 or (width is not None and values.shape[1] != width):
         wanted = "(frames, columns)" if width is None else f"(frames, {width})"
         raise InputError(f"has the shape {values.shape}, not {wanted}", element=key)
-    return values
+    return np.asarray(values, np.float64)
 
 
 def _bodies(data: Mapping[str, Any], key: str, width: int) -> Array:
     """The table (N, B, width) of a key of bodies, with B at least 1."""
     values = np.asarray(data.get(key, np.empty(0)))
-    if values.ndim != 3 or values.shape[1] < 1 or values.shape[2] != width or values.dtype.kind not in "biuf":
+    if values.ndim != 3 or values.shape[1] < 1 or values.shape[2] != width or values.dtype.kind not in NUMBERS:
         raise InputError(f"has the shape {values.shape}, not (frames, bodies, {width})", element=key)
     return np.asarray(values, np.float64)
 
@@ -176,9 +181,11 @@ def _rate(data: Mapping[str, Any], key: str) -> float:
     if key not in data:
         raise InputError("is missing", element=key)
     try:
-        values = np.ravel(np.asarray(data[key], dtype=np.float64))
-    except (ValueError, TypeError):
+        values = np.ravel(np.asarray(data[key]))
+    except (ValueError, TypeError):  # lists of several lengths
         raise InputError("is not a number", element=key) from None
+    if values.dtype.kind not in NUMBERS:
+        raise InputError("is not a number", element=key)
     if len(values) != 1:
         raise InputError(f"has {len(values)} numbers, not one", element=key)
     return float(values[0])

@@ -1,4 +1,4 @@
-"""Whether a flight of a clip can fly: the fall of its centre of mass, the turning of its base, and what it would take."""
+"""Whether a flight of a clip can fly: fall of its centre of mass, turning of its base, and what it would take."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ USUAL_FPS = 30.0  # [Hz] of files that do not say it
 BEYOND = 50.0  # [rad] outside of a joint's range, as degrees taken for radians are
 TOO_FAR = 0.02  # [m] that a body may be from where the file has it, when joints are told by that
 FRAMES_FOR_ORDER = 9  # [-] in which bodies are compared
-ON_ONE_LEVEL = 0.05  # [m] between the quartiles of the lowest foot's height: that of a robot that walks or hops
+ON_ONE_LEVEL = 0.05  # [m] that feet are off what stands on one level, of a robot that walks or hops
 XYZW, WXYZ = "xyzw", "wxyz"
 
 
@@ -32,7 +32,7 @@ def load_clip(
     path: str | Path,
     *,
     model: str | Path | Robot,
-    format: str | None = None,
+    format: str | None = None,  # noqa: A002 - as the command has it
     fps: float | None = None,
     quaternion: str | None = None,
     feet: Sequence[str] | None = None,
@@ -216,22 +216,26 @@ def _quaternion_order(recording: Recording, asked: str | None) -> tuple[str, str
 def _with_likelier_order(clip: Clip, recording: Recording) -> Clip:
     """The clip with its quaternions as x, y, z, w, unless the other order alone leaves the feet on one level."""
     other = replace(clip, base_quaternion=read_only(_xyzw(recording.quaternion, WXYZ)))
-    usual, unusual = _spread_of_soles(clip), _spread_of_soles(other)
+    usual = _off_the_ground(clip)
+    unusual = _off_the_ground(other)
     if not (unusual < ON_ONE_LEVEL and unusual < 0.5 * usual):
         remark = "the file does not say the order of its quaternions: taken as x, y, z, w, as is usual"
         return replace(clip, remarks=(*clip.remarks, remark))
-    remark = "quaternions taken as w, x, y, z: with x, y, z, w the feet are on no level"
+    remark = "quaternions taken as w, x, y, z: with x, y, z, w it does not stand on its feet"
     return replace(other, layout=replace(clip.layout, quaternion=WXYZ), remarks=(*clip.remarks, remark))
 
 
-def _spread_of_soles(clip: Clip) -> float:
-    """By how much the height of the lowest foot changes along a clip, m: between its quartiles."""
-    try:
-        lowest = clip.scene.foot_heights.min(axis=1)
-    except InputError:  # no foot is low in this order
-        return np.inf
-    low, high = np.percentile(lowest, [25, 75])
-    return float(high - low)
+def _off_the_ground(clip: Clip) -> float:
+    """How far feet are from being what stands on one level, m.
+
+    That is by how much the height of the lowest foot changes in the lower half of its heights, without the lowest
+    tenth, and how far it usually is above the lowest of all other bodies.
+    """
+    scene = clip.scene
+    lowest = scene.foot_heights.min(axis=1)
+    low, high = np.percentile(lowest, [10, 50])
+    above = lowest - scene.other_heights.min(axis=1, initial=np.inf)
+    return float(high - low + max(np.median(above), 0.0))
 
 
 def _xyzw(quaternions: Array, order: str) -> Array:

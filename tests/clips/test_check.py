@@ -86,15 +86,12 @@ def test_nothing_falls_on_another_world(judge: Judge, robot: fp.Robot, tmp_path:
 
 
 def test_what_hangs_is_afloat(judge: Judge) -> None:
-    sample = samples.hops(50, (0.5,), gravity=0.0)
-    held = sample.places.copy()
-    held[15:60, 2] += 0.4
-    assert "afloat" in verdicts(judge(replace(sample, places=held)))
+    assert verdicts(judge(samples.hops(50, (1.4,), gravity=1.4))) == ["afloat"]
 
 
 def test_few_frames_are_undecided(judge: Judge) -> None:
-    sample = samples.hops(20, (0.3,))
-    rough = sample.places + 2e-3 * np.random.default_rng(0).normal(size=sample.places.shape)
+    sample = samples.hops(20, (0.25,))
+    rough = sample.places + 4e-3 * np.random.default_rng(0).normal(size=sample.places.shape)
     check = judge(replace(sample, places=rough))
     assert verdicts(check) == ["undecided"]
     assert check.ok
@@ -128,7 +125,7 @@ def test_feet_that_stand_float_sink_and_slide(judge: Judge) -> None:
     (high,) = judge(hop, ground=-0.015).flights
     assert high.floating == pytest.approx(0.015, abs=5e-3)
     (low,) = judge(hop, ground=0.015).flights
-    assert low.sinking == pytest.approx(0.015, abs=1e-3)
+    assert low.sinking == pytest.approx(0.015, abs=2e-3)
     moving = hop.places + np.array([0.2, 0.0, 0.0]) * np.arange(hop.frames)[:, None] / 100
     (sliding,) = judge(replace(hop, places=moving), ground=0.0).flights
     assert sliding.sliding == pytest.approx(0.06, rel=0.2)

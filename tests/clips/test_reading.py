@@ -56,11 +56,11 @@ def test_every_format_is_the_same_motion(
 
 @pytest.mark.parametrize("form", ["motion-csv", "loco-mujoco", "isaac-amp"])
 def test_what_floatplan_exports_is_read_back(
-    form: str, handstand: fp.Plan, tmp_path: Path, floatplan: Callable[..., Any], urdf_folder: Path
+    form: str, handstand: fp.Plan, tmp_path: Path, floatplan: Callable[..., Any], root: Path
 ) -> None:
     plan_file = handstand.save(tmp_path / "plan.json")
     path = Path(floatplan("export", plan_file, "--format", form, "--rate", 100).stdout.strip())
-    model = urdf_folder / "gymnast.urdf"
+    model = root / "urdf" / "gymnast.urdf"
     clip = fp.load_clip(path, model=model, fps=100.0)
     assert clip.frames == int(handstand.duration * 100) + 1
     np.testing.assert_allclose(clip.positions, handstand.q(clip.times)[:, -2:], rtol=0, atol=1e-6)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ FOOT = 0.02  # [m] radius
 REST = 0.4  # [s] before and after a hop
 JOINTS = ("l_hip", "l_knee", "r_hip", "r_knee")  # as the file has them: one leg, then the other
 BY_LEVELS = ("l_hip", "r_hip", "l_knee", "r_knee")
-STANDING = {"l_hip": 0.5, "l_knee": -1.0, "r_hip": 0.4, "r_knee": -0.8}
+STANDING = {"l_hip": 0.5, "l_knee": -1.0, "r_hip": -0.5, "r_knee": 1.0}
 POSTURE = np.array([STANDING[name] for name in JOINTS])
 
 
@@ -205,13 +206,19 @@ def mimickit_data(sample: Sample) -> dict[str, object]:
     return {"fps": sample.fps, "loop_mode": 0, "frames": rows.tolist()}
 
 
+def save_arrays(path: Path, data: Mapping[str, Any]) -> Path:
+    """Write an archive of arrays."""
+    np.savez(path, **data)
+    return path
+
+
 def write_all(sample: Sample, folder: Path) -> dict[str, Path]:
     """Write a motion in every format; return the files by the formats' names."""
     paths = {"unitree-csv": write_csv(sample, folder / "unitree.csv")}
     arrays = {"mjlab-npz": mjlab_data(sample), "loco-mujoco": loco_data(sample), "isaac-amp": amp_data(sample)}
     for name, data in arrays.items():
         paths[name] = folder / f"{name}.npz"
-        np.savez(paths[name], **data)
+        save_arrays(paths[name], data)
     for name, plain in (("gmr-pkl", gmr_data(sample)), ("mimickit-pkl", mimickit_data(sample))):
         paths[name] = folder / f"{name}.pkl"
         paths[name].write_bytes(pickle.dumps(plain))

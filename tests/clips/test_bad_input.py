@@ -1,0 +1,216 @@
+"""Files that are no motions, or none of this robot, are refused with file, key and reason."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import clip_samples as samples
+import numpy as np
+import pytest
+
+import floatplan as fp
+
+FPS = 50.0
+FEW, MANY = 200, 3000  # files that are spoiled
+MOST_MEMORY = 60_000_000  # [bytes] of files of some kilobytes
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> fp.Robot:
+    path = tmp_path_factory.mktemp("robot") / "hopper.urdf"
+    path.write_text(samples.robot_text())
+    return fp.Robot.from_urdf(path, base="free-flyer")
+
+
+def table(**changes: Any) -> Callable[[Path], Path]:
+    """Write a CSV of a hop, one of its numbers another: ``frame``, ``column``, ``value``."""
+
+    def write(folder: Path) -> Path:
+        path = samples.write_csv(samples.hops(FPS), folder / "clip.csv")
+        rows = np.loadtxt(path, delimiter=",")
+        rows[changes["frame"], changes["column"]] = changes["value"]
+        np.savetxt(path, rows, delimiter=",")
+        return path
+
+    return write
+
+
+def arrays(**changes: Any) -> Callable[[Path], Path]:
+    """Write an archive of mjlab's, some of its arrays others; None leaves one out."""
+
+    def write(folder: Path) -> Path:
+        data = samples.mjlab_data(samples.hops(FPS)) | changes
+        np.savez(folder / "clip.npz", **{key: value for key, value in data.items() if value is not None})
+        return folder / "clip.npz"
+
+    return write
+
+
+def pickled(**changes: Any) -> Callable[[Path], Path]:
+    """Write a pickle of GMR's, some of its values others."""
+
+    def write(folder: Path) -> Path:
+        (folder / "clip.pkl").write_bytes(pickle.dumps(samples.gmr_data(samples.hops(FPS)) | changes))
+        return folder / "clip.pkl"
+
+    return write
+
+
+def content(name: str, raw: bytes) -> Callable[[Path], Path]:
+    """Write bytes."""
+
+    def write(folder: Path) -> Path:
+        (folder / name).write_bytes(raw)
+        return folder / name
+
+    return write
+
+
+class Runs:
+    """A pickle that would run a command."""
+
+    def __reduce__(self) -> tuple[Callable[[str], int], tuple[str]]:
+        return os.system, ("touch was_run",)
+
+
+def bomb() -> bytes:
+    """A small archive whose array is a gigabyte of zeros."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("fps.npy", "w") as member:
+        for _ in range(1000):
+            member.write(bytes(1_000_000))
+    return stream.getvalue()
+
+
+FRAMES = samples.hops(FPS).frames
+WRONG = {
+    "a number that is none": (table(frame=7, column=9, value=np.nan), r"clip\.csv.*joints of frame 7"),
+    "an endless place": (table(frame=3, column=2, value=np.inf), r"clip\.csv.*place of frame 3"),
+    "degrees": (table(frame=5, column=8, value=150.0), r"clip\.csv.*l_knee.*rad outside .*radians"),
+    "a quaternion of no length": (
+        pickled(root_rot=np.zeros((FRAMES, 4))),
+        r"clip\.pkl.*quaternion of frame 0 .*length 0",
+    ),
+    "one frame": (content("clip.csv", b"0,0,0,0,0,0,1,0,0,0,0\n"), r"clip\.csv.*1 frame"),
+    "no frame": (content("clip.csv", b""), r"clip\.csv.*no frame"),
+    "text": (content("clip.csv", b"a,b\nc,d\n"), r"clip\.csv.*row 2"),
+    "rows of two lengths": (content("clip.csv", b"1,2,3\n1,2\n"), r"clip\.csv.*rows of 2 and of 3"),
+    "too few columns": (content("clip.csv", b"1,2,3\n" * 9), r"clip\.csv.*3 columns"),
+    "too many frames": (content("clip.csv", b"0,0,0,0,0,0,1,0\n" * 200_010), r"clip\.csv.*more than 200000 frames"),
+    "another robot": (pickled(dof_pos=np.zeros((FRAMES, 7))), r"clip\.pkl.*7 joints, the model 4"),
+    "frames of two counts": (pickled(dof_pos=np.zeros((FRAMES - 1, 4))), rf"clip\.pkl.*{FRAMES - 1} frames .*{FRAMES}"),
+    "no rate": (arrays(fps=None), r"clip\.npz.*fps"),
+    "a rate of 0": (arrays(fps=np.array([0.0])), r"clip\.npz.*fps.*0 frames a second"),
+    "rates": (arrays(fps=np.array([1.0, 2.0])), r"clip\.npz.*fps.*2 numbers"),
+    "joints that are words": (arrays(joint_pos=np.array([["a"]])), r"clip\.npz.*joint_pos.*table of numbers"),
+    "bodies of a wrong shape": (arrays(body_pos_w=np.zeros((5, 3))), r"clip\.npz.*body_pos_w.*\(5, 3\)"),
+    "complex numbers": (arrays(joint_pos=np.zeros((FRAMES, 4), complex)), r"clip\.npz.*joint_pos.*table of numbers"),
+    "objects": (arrays(joint_pos=np.array([[None]], dtype=object)), r"clip\.npz.*NumPy archive"),
+    "unknown keys": (arrays(body_pos_w=None), r"clip\.npz.*no known format"),
+    "a pickle that runs": (pickled(root_pos=Runs()), r"clip\.pkl.*system.*not plain data"),
+    "a pickle that is cut off": (content("clip.pkl", pickle.dumps({"fps": 1})[:-3]), r"clip\.pkl.*pickle"),
+    "an archive that is cut off": (content("clip.npz", b"PK\x03\x04 and no more"), r"clip\.npz.*NumPy archive"),
+    "a zip bomb": (content("clip.npz", bomb()), r"clip\.npz.*more than \d+ MB"),
+    "another ending": (content("clip.bvh", b"HIERARCHY"), r"clip\.bvh.*\.csv, \.npz or \.pkl"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_said(name: str, robot: fp.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write, message = WRONG[name]
+    with pytest.raises(fp.InputError, match=message):
+        fp.load_clip(write(tmp_path), model=robot)
+    assert not (tmp_path / "was_run").exists()
+
+
+def test_options_that_contradict_the_file(robot: fp.Robot, tmp_path: Path) -> None:
+    path = arrays()(tmp_path)
+    for options, message in (
+        ({"fps": 30.0}, r"50 frames a second, not 30"),
+        ({"fps": 0.0}, r"0 frames a second"),
+        ({"quaternion": "xyzw"}, r"wxyz, not xyzw"),
+        ({"quaternion": "zyxw"}, r"no order"),
+        ({"format": "gmr-pkl"}, r"root_pos.*missing"),
+        ({"format": "bvh"}, r"no format"),
+    ):
+        with pytest.raises(fp.InputError, match=message):
+            fp.load_clip(path, model=robot, **options)
+
+
+def test_a_foot_of_a_mesh(tmp_path: Path) -> None:
+    corners = 0.02 * np.array([[1, 0, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, -1]], float)
+    faces = "".join(
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in np.delete(corners, left_out, axis=0))
+        + "endloop\nendfacet\n"
+        for left_out in range(4)
+    )
+    (tmp_path / "foot.stl").write_text(f"solid foot\n{faces}endsolid foot\n")
+    text = samples.robot_text().replace(f'<sphere radius="{samples.FOOT}"/>', '<mesh filename="foot.stl"/>')
+    (tmp_path / "meshes.urdf").write_text(text)
+    path = arrays()(tmp_path)
+    check = fp.check_clip(fp.load_clip(path, model=tmp_path / "meshes.urdf"))
+    assert [judged.verdict for judged in check.flights] == ["physical"]
+
+
+def spoiled(raw: bytes, rng: np.random.Generator) -> bytes:
+    """The bytes with some of them changed, left out, repeated or cut off."""
+    data = bytearray(raw)
+    for _ in range(int(rng.integers(1, 6))):
+        place = int(rng.integers(0, max(len(data), 1)))
+        length = int(rng.integers(1, 9))
+        choice = int(rng.integers(0, 5))
+        if choice == 0:
+            data[place : place + 1] = bytes(rng.integers(0, 256, 1).astype(np.uint8))
+        elif choice == 1:
+            data[place : place + length] = bytes(rng.integers(0, 256, length).astype(np.uint8))
+        elif choice == 2:
+            del data[place : place + length]
+        elif choice == 3:
+            data[place:place] = data[place : place + length]
+        else:
+            del data[place + length * 50 :]
+    return bytes(data)
+
+
+def fuzz(seeds: range, robot: fp.Robot, folder: Path) -> int:
+    """Read files that are spoiled; return how many were refused. Whatever else is raised fails the test."""
+    few = samples.hops(20.0, (0.3,))
+    originals = [(path, path.read_bytes()) for path in samples.write_all(few, folder).values()]
+    refused = 0
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        path, raw = originals[seed % len(originals)]
+        changed = folder / f"spoiled{path.suffix}"
+        changed.write_bytes(spoiled(raw, rng))
+        try:
+            fp.check_clip(fp.load_clip(changed, model=robot))
+        except fp.InputError as error:
+            refused += 1
+            if changed.name not in str(error):
+                pytest.fail(f"seed {seed}, {path.name}: {error} names no file")
+        except Exception as error:
+            pytest.fail(f"seed {seed}, {path.name}: {error!r}")
+    return refused
+
+
+def test_spoiled_files_are_read_or_refused(robot: fp.Robot, tmp_path: Path) -> None:
+    tracemalloc.start()
+    refused = fuzz(range(FEW), robot, tmp_path)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert refused > FEW / 4
+    assert most < MOST_MEMORY
+
+
+@pytest.mark.long
+def test_many_spoiled_files_are_read_or_refused(robot: fp.Robot, tmp_path: Path) -> None:
+    assert fuzz(range(FEW, FEW + MANY), robot, tmp_path) > MANY / 4
