@@ -162,10 +162,7 @@ def repair_clip(
     one_of(*CHOICES)(choice, "choice")
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
-    repaired = {
-        number: repair_flight(clip, clip.flights[number], choice, degree, gravity)
-        for number in chosen
-    }
+    repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
     good = {number: each for number, each in repaired.items() if each.repairable}
     if not good:
         done = (FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights))
@@ -301,7 +298,9 @@ class _Whole:
         beside = np.arange(-BESIDE, BESIDE + plan.duration, 0.5 * FORCE_STEP) + begin
         beside = beside[(beside >= 0) & (beside <= self._clock.duration)]
         stands = beside[(beside < begin) | (beside > begin + plan.duration)]
-        feet = foot_misses(clip, self._clock.to_clip(stands), self.configurations(stands)) if len(stands) else np.zeros(1)
+        feet = (
+            foot_misses(clip, self._clock.to_clip(stands), self.configurations(stands)) if len(stands) else np.zeros(1)
+        )
         return FlightRepair(
             flight=flight,
             repaired=repaired,

@@ -218,7 +218,9 @@ def _end_rates(positions: Array, centre: Array, amplitude: Array, duration: floa
     smooth = ROUGHNESS * np.diag(np.arange(degree - 1) ** 2.0)
     wanted = weights * (between - first - s * (last - first))
     coefficients, *_ = np.linalg.lstsq(
-        np.concatenate((weights * free, smooth)), np.concatenate((wanted, np.zeros((degree - 1, len(centre))))), rcond=None
+        np.concatenate((weights * free, smooth)),
+        np.concatenate((wanted, np.zeros((degree - 1, len(centre))))),
+        rcond=None,
     )
     at_ends = np.polynomial.legendre.legvander(np.array([-1.0, 1.0]), degree - 2) @ coefficients
     slopes = np.stack((last - first + at_ends[0], last - first - at_ends[1]))

@@ -147,7 +147,9 @@ def foot_misses(clip: Clip, clip_times: Array, configurations: Array) -> Array:
     return np.where(held, np.linalg.norm(new.places[:, bodies] - own.places[:, bodies], axis=2), 0.0)
 
 
-def velocity_difference(flight: Array, clip_velocities: tuple[Array, Array, Array], pace: float, attitude: Array) -> Array:
+def velocity_difference(
+    flight: Array, clip_velocities: tuple[Array, Array, Array], pace: float, attitude: Array
+) -> Array:
     """The change (6 + J,) of a seam: a flight's velocity (6 + J,), its base's part in the base's axes, less the clip's.
 
     The clip's are of its own time; a second of the clip is ``pace`` seconds of the repaired one.
