@@ -7,6 +7,8 @@ import re
 import pytest
 
 from floatplan import errors, files, tables
+from floatplan.cli import clips
+from floatplan.clips import formats
 from floatplan.export import table
 from floatplan.planning import attempt, search
 from floatplan.plans import reading
@@ -20,6 +22,10 @@ from floatplan.studies import maps as study_maps
 from floatplan.studies import study
 
 SIZES = {
+    "a recorded motion, and what it holds when unpacked": f"{formats.LARGEST_CLIP // 1_000_000} MB",
+    "frames of a recorded motion": formats.MOST_FRAMES,
+    "columns of a recorded motion's CSV": formats.MOST_COLUMNS,
+    "recorded motions of one command": clips.MOST_CLIPS,
     "planned joints": resolution.MOST_JOINTS,
     "joints of a URDF that move": check.MOST_JOINTS,
     "fixed joints of a URDF": check.MOST_FIXED_JOINTS,

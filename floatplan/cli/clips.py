@@ -13,7 +13,6 @@ from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.cli.results import REPORT, check_folder
-from floatplan.clips.page import write_page
 from floatplan.errors import InputError
 
 ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
@@ -25,7 +24,7 @@ Format = Annotated[str | None, option("NAME", "Of the file; found by its name an
 Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; found by the feet if left out.")]
 Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
 Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; found by their shapes if left out.")]
-Report = Annotated[bool, flag("Write report.html too: what flies, what should, and the faults, flight by flight.")]
+Report = Annotated[bool, flag("Write runs/<name>/report.html too: curves and faults, flight by flight.")]
 Ground = Annotated[float | None, option("Z", "Height of a level ground, m; found from the feet if left out.")]
 
 
@@ -38,7 +37,6 @@ def clip_check(
     feet: Feet = None,
     ground: Ground = None,
     report: Report = False,
-    output: common.Output = None,
     json_output: common.Json = False,
 ) -> None:
     """Judge the flights of recorded motions: does the centre of mass fall at g, does one momentum turn the base?
@@ -48,7 +46,7 @@ def clip_check(
     """
     robot = fp.Robot.from_file(model, base="free-flyer")
     paths = _clip_files(files)
-    page = _page(paths, output) if report else None
+    page = _page(paths) if report else None
     checks: list[fp.ClipCheck] = []
     with progress("checking") as bar:
         for number, path in enumerate(paths):
@@ -60,12 +58,14 @@ def clip_check(
             checks.append(fp.check_clip(clip))
     checks.sort(key=lambda each: -each.unphysical_share)
     if page is not None:
+        from floatplan.clips.page import write_page
+
         write_page(checks, page)
     ok = all(each.ok for each in checks)
     if len(checks) == 1:
-        common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0]), ok)
+        common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0], page), ok)
     facts = {"model": model, "clips": [each.to_dict() for each in checks]}
-    common.finish(facts, json_output, lambda summary: summary.clips_summary(checks), ok)
+    common.finish(facts, json_output, lambda summary: summary.clips_summary(checks, page), ok)
 
 
 def _clip_files(files: Sequence[Path]) -> list[Path]:
@@ -84,9 +84,9 @@ def _clip_files(files: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _page(paths: Sequence[Path], output: Path | None) -> Path:
-    """Where the page goes; its folder is made."""
-    folder = output or Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
+def _page(paths: Sequence[Path]) -> Path:
+    """Where the page goes: into the folder of the clip's name, of several into that of all clips."""
+    folder = Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
     check_folder(folder)
     return folder / REPORT
 
