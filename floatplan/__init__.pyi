@@ -5,6 +5,7 @@ from floatplan.clips.check import ClipCheck as ClipCheck
 from floatplan.clips.check import check_clip as check_clip
 from floatplan.clips.clip import Clip as Clip
 from floatplan.clips.flights import ClipFlight as ClipFlight
+from floatplan.clips.judge import FlightJudgement as FlightJudgement
 from floatplan.clips.loading import load_clip as load_clip
 from floatplan.clips.repair import ClipRepair as ClipRepair
 from floatplan.clips.repair import repair_clip as repair_clip

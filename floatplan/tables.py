@@ -37,8 +37,8 @@ class ObjectiveRow:
     ----------
     unit : of its value
     description : for a person
-    quantity : the joints' quantity whose square is integrated over the flight; None for the norm of (17), and for how far
-        the joints are from a recorded motion
+    quantity : the joints' quantity whose square is integrated over the flight; None for the norm of (17), and for
+        how far the joints are from a recorded motion
     """
 
     unit: str

@@ -7,9 +7,11 @@ import re
 import pytest
 
 from floatplan import errors, files, tables
+from floatplan.cli import clips
+from floatplan.clips import formats
 from floatplan.export import table
 from floatplan.planning import options
-from floatplan.plans import reading
+from floatplan.plans import reading, trajectory
 from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.mjcf import text as mjcf_text
 from floatplan.robot.shapes import collisions, links
@@ -28,6 +30,10 @@ SIZES = {
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": resolution.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
+    "a recorded motion, and what it holds when unpacked": f"{formats.LARGEST_CLIP // 1_000_000} MB",
+    "frames of a recorded motion": formats.MOST_FRAMES,
+    "columns of a recorded motion's CSV": formats.MOST_COLUMNS,
+    "recorded motions of one command": clips.MOST_CLIPS,
     "processes of a search or a study, threads of a batch": options.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "motions that a study writes": study.MOST_MOTIONS,
@@ -35,7 +41,7 @@ SIZES = {
     "solved starts of a search, and of a study's row": options.MOST_SOLVED,
     "unsolved starts of a row, at each degree": options.ATTEMPTS,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
-    "rows of a table or an export": table.MOST_ROWS,
+    "rows of a table or an export": trajectory.MOST_ROWS,
     "steps of a replay in MuJoCo": integration.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,

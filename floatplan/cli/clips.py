@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn, cast
 
 import typer
 
@@ -13,10 +13,10 @@ from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.cli.results import REPORT, check_folder
-from floatplan.clips.formats import LARGEST_CLIP
-from floatplan.clips.page import write_page
 from floatplan.errors import InputError
-from floatplan.files import read_regular, write_atomically
+
+if TYPE_CHECKING:
+    from floatplan.clips.repaired_flight import Choice
 
 ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
 MOST_CLIPS = 10_000  # [-] of one command
@@ -27,7 +27,7 @@ Format = Annotated[str | None, option("NAME", "Of the file; found by its name an
 Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; found by the feet if left out.")]
 Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
 Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; found by their shapes if left out.")]
-Report = Annotated[bool, flag("Write report.html too: what flies, what should, and the faults, flight by flight.")]
+Report = Annotated[bool, flag("Write runs/<name>/report.html too: curves and faults, flight by flight.")]
 Ground = Annotated[float | None, option("Z", "Height of a level ground, m; found from the feet if left out.")]
 
 
@@ -40,7 +40,6 @@ def clip_check(
     feet: Feet = None,
     ground: Ground = None,
     report: Report = False,
-    output: common.Output = None,
     json_output: common.Json = False,
 ) -> None:
     """Judge the flights of recorded motions: does the centre of mass fall at g, does one momentum turn the base?
@@ -50,7 +49,7 @@ def clip_check(
     """
     robot = fp.Robot.from_file(model, base="free-flyer")
     paths = _clip_files(files)
-    page = _page(paths, output) if report else None
+    page = _page(paths) if report else None
     checks: list[fp.ClipCheck] = []
     with progress("checking") as bar:
         for number, path in enumerate(paths):
@@ -62,12 +61,14 @@ def clip_check(
             checks.append(fp.check_clip(clip))
     checks.sort(key=lambda each: -each.unphysical_share)
     if page is not None:
+        from floatplan.clips.page import write_page
+
         write_page(checks, page)
     ok = all(each.ok for each in checks)
     if len(checks) == 1:
-        common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0]), ok)
+        common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0], page), ok)
     facts = {"model": model, "clips": [each.to_dict() for each in checks]}
-    common.finish(facts, json_output, lambda summary: summary.clips_summary(checks), ok)
+    common.finish(facts, json_output, lambda summary: summary.clips_summary(checks, page), ok)
 
 
 def clip_repair(
@@ -83,7 +84,7 @@ def clip_repair(
         int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
     ] = None,
     problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
-    format: Format = None,
+    form: Format = None,
     quaternion: Quaternion = None,
     fps: Fps = None,
     feet: Feet = None,
@@ -100,16 +101,18 @@ def clip_repair(
     robot rises higher. Flights that are physical are left as they are; a clip without others is written as it is. Exit
     code 1 where a flight is not repairable: why is said.
     """
+    from floatplan.clips.formats import LARGEST_CLIP
     from floatplan.clips.writing import write_clip
+    from floatplan.files import read_regular, write_atomically
 
     robot = fp.Robot.from_file(model, base="free-flyer")
     clip = fp.load_clip(
-        file, model=robot, format=format, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
+        file, model=robot, format=form, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
     )
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
     with progress("repairing", quiet):
-        repaired, told = fp.repair_clip(clip, choice, flights=_numbers(flights), degree=degree)
+        repaired, told = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree)
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
     if told.changed:
         write_clip(repaired, target)
@@ -127,7 +130,7 @@ def clip_repair(
 
 def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, output: Path | None) -> NoReturn:
     """Write one flight as a problem file, with the recorded motion that it is to be near inside it."""
-    from floatplan.clips.repaired_flight import flight_problem
+    from floatplan.clips.repaired_flight import flight_problem  # here: it loads the planner
 
     if not 0 <= number < len(clip.flights):
         reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
@@ -141,6 +144,15 @@ def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, 
     target = output or clip.path.with_name(f"{clip.path.stem}_flight{number}.toml")
     common.print_path(fp.save_problem(made, target))
     raise typer.Exit(common.DONE)
+
+
+def _choice(word: str) -> Choice:
+    """One of the ways in which a flight is repaired."""
+    from floatplan.arguments import one_of
+    from floatplan.clips.repaired_flight import CHOICES
+
+    one_of(*CHOICES)(word, "--choice")
+    return cast("Choice", word)
 
 
 def _numbers(words: str | None) -> tuple[int, ...] | None:
@@ -168,9 +180,9 @@ def _clip_files(files: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _page(paths: Sequence[Path], output: Path | None) -> Path:
-    """Where the page goes; its folder is made."""
-    folder = output or Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
+def _page(paths: Sequence[Path]) -> Path:
+    """Where the page goes: into the folder of the clip's name, of several into that of all clips."""
+    folder = Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
     check_folder(folder)
     return folder / REPORT
 

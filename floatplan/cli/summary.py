@@ -280,8 +280,8 @@ CLIP_COLUMNS = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "
 CLIP_COLOURS = {"physical": "green", "unphysical": "red", "undecided": "yellow", "afloat": "yellow"}
 
 
-def clip_summary(check: fp.ClipCheck) -> RenderableType:
-    """Return what ``floatplan clip check`` found of one clip, for reading: a line for each flight."""
+def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableType:
+    """Return what ``floatplan clip check`` found of one clip, for reading: a line for each flight, and the page."""
     clip = check.clip
     rows: list[Sequence[str | Text]] = []
     faults: list[Text] = []
@@ -303,6 +303,7 @@ def clip_summary(check: fp.ClipCheck) -> RenderableType:
         *([_table(CLIP_COLUMNS, rows)] if rows else []),
         *faults[:MOST_FINDINGS_SHOWN],
         *_more(len(faults) - MOST_FINDINGS_SHOWN, " faults"),
+        *([] if page is None else [Text(escaped(str(page)))]),
     )
 
 
@@ -354,8 +355,8 @@ def repair_summary(repair: fp.ClipRepair, path: Path) -> RenderableType:
     )
 
 
-def clips_summary(checks: Sequence[fp.ClipCheck]) -> RenderableType:
-    """Return a table of several clips, the worst first."""
+def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> RenderableType:
+    """Return a table of several clips, in their order, and the page."""
     titles = ("clip", "flights", "physical", "unphysical", "worst fall, m/s^2", "most off a flight, deg")
     rows = []
     for check in checks:
@@ -366,7 +367,7 @@ def clips_summary(checks: Sequence[fp.ClipCheck]) -> RenderableType:
         name = Text(escaped(check.clip.path.name), COLOURS["good" if check.ok else "bad"])
         most = f"{max(turns):.2f}" if turns else ""
         rows.append((name, str(len(check.flights)), str(check.physical), str(unphysical), worst, most))
-    return _table(titles, rows, whole=True)
+    return Group(_table(titles, rows, whole=True), *([] if page is None else [Text(escaped(str(page)))]))
 
 
 def launch_summary(launch: fp.Launch) -> RenderableType:

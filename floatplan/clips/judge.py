@@ -19,7 +19,7 @@ from floatplan.robot.robot import Robot
 GRAVITY = 9.81  # [m/s^2]
 PHYSICAL, UNPHYSICAL, UNDECIDED, AFLOAT = "physical", "unphysical", "undecided", "afloat"
 
-WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one nothing is decided
+WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one no flight is called physical
 NO_FALL = 1.5  # [m/s^2] a smaller acceleration of the centre of mass is no fall: something carries the robot
 ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
 BESIDE = 0.3  # [s] before and after a flight, in which its feet are looked at
@@ -101,7 +101,7 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
 def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravity: float) -> tuple[str, ...]:
     """What keeps a flight from flying, a sentence each."""
     faults: list[str] = []
-    if fall.interval <= WIDEST_INTERVAL:
+    if np.isfinite(fall.interval):
         if abs(fall.fall - gravity) > fall.tolerance:
             faults.append(f"the centre of mass falls at {fall.fall:.2f} m/s^2, not {gravity:g}")
         if fall.sideways > fall.tolerance:

@@ -165,8 +165,8 @@ def repair_clip(
     repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
     good = {number: each for number, each in repaired.items() if each.repairable}
     if not good:
-        done = (FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights))
-        return clip, ClipRepair(before, tuple(done))
+        left = tuple(FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights))
+        return clip, ClipRepair(before, left)
     whole = _Whole(clip, good)
     found = whole.clip()
     done = [

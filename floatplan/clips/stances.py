@@ -1,4 +1,4 @@
-"""The stances beside repaired flights: they meet the flights with their speeds, and their feet stay where the clip has them.
+"""The stances beside repaired flights: they meet these with their speeds, and feet stay where the clip has them.
 
 The clip runs on in its own time around a flight. Where the flight's velocities differ from it the base and the joints
 take them over, and lose them within a part of the stance; then the legs are bent so that feet near the ground are where

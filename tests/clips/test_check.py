@@ -172,9 +172,9 @@ def test_a_folder_is_a_scoreboard(model: Path, tmp_path: Path, floatplan: Callab
 
 def test_a_page_shows_it(model: Path, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
     path = samples.write_csv(samples.hops(50, (0.5, 0.4), gravity=7.0), tmp_path / "slow<b>.csv")
-    run = floatplan("clip", "check", path, "--model", model, "--fps", 50, "--report", "-o", tmp_path / "page")
+    run = floatplan("clip", "check", path, "--model", model, "--fps", 50, "--report")
     assert run.code == 1
-    page = (tmp_path / "page" / "report.html").read_text()
+    page = Path("runs/slow<b>/report.html").read_text()
     assert "slow&lt;b&gt;.csv" in page
     assert "slow<b>" not in page
     assert page.count("<svg") == 8
