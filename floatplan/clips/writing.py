@@ -103,7 +103,7 @@ def _loco_mujoco(clip: Clip) -> bytes:
     others = clip.layout.others
     velocity = _velocities(clip)
     rotations = Rotation.from_quat(clip.base_quaternion)
-    linear = rotations.apply(velocity[:, :3])
+    linear = rotations.apply(velocity[:, :3].copy())  # SciPy takes no read-only array here
     joint_rates = _joints(clip, velocity[:, BASE:])
     return archive(
         {
