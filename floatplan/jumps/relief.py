@@ -14,13 +14,13 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from floatplan.arrays import Array, IntArray
+from floatplan.jumps.check import FIGURES
+from floatplan.jumps.limits import scaled_limits
+from floatplan.jumps.model import casadi
+from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.rows import CLEAR
 from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import FIGURES
-from floatplan.stance.limits import scaled_limits
-from floatplan.stance.model import casadi
-from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.rows import CLEAR
 
 KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
 NARROW = 0.05  # [-] of its middle is half of a range at least

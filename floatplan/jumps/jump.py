@@ -24,6 +24,10 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import check_finite, plain, read_json, write_atomically
+from floatplan.jumps.check import JumpCheck, check_jump
+from floatplan.jumps.contacts import Contact
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import Grid, Stance
 from floatplan.planning.repair import judged
 from floatplan.plans.outputs import Outputs
 from floatplan.plans.plan import rebuild
@@ -35,10 +39,6 @@ from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
 from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
-from floatplan.stance.check import JumpCheck, check_jump
-from floatplan.stance.contacts import Contact
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import Grid, Stance
 from floatplan.tables import Range
 
 FORMAT = "floatplan.jump/1"
@@ -106,7 +106,7 @@ class Jump(Outputs, JumpMotion):
     @cached_property
     @one_thread
     def check(self) -> JumpCheck:
-        """The stances, judged at 2 kHz; see :func:`floatplan.stance.check.check_jump`."""
+        """The stances, judged at 2 kHz; see :func:`floatplan.jumps.check.check_jump`."""
         if self.flight is None:
             return JumpCheck(False, {}, ("no jump was found",))
         return check_jump(self)

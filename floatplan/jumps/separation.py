@@ -21,15 +21,15 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.errors import InputError
+from floatplan.jumps.contacts import is_ground
+from floatplan.jumps.model import casadi
+from floatplan.jumps.motion import hermite, refined, values
+from floatplan.jumps.phases import instants
+from floatplan.jumps.rows import NodeRows, Rows
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.robot.standing import ROLLED, Spot
-from floatplan.stance.contacts import is_ground
-from floatplan.stance.model import casadi
-from floatplan.stance.motion import hermite, refined, values
-from floatplan.stance.phases import instants
-from floatplan.stance.rows import NodeRows, Rows
 
 ROOM = 0.005  # [m] beyond margins, at nodes
 NEAR = 0.002  # [m] beyond margins: what is nearer, at nodes or between them, is too near

@@ -11,15 +11,15 @@ from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.jumps.contacts import contact_at, rolling
+from floatplan.jumps.held import HeldJoints
+from floatplan.jumps.model import PlanarModel, casadi
+from floatplan.jumps.motion import Stance
+from floatplan.jumps.planner import ROOM
+from floatplan.jumps.rows import CLEAR
+from floatplan.jumps.setup import jump_setup
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot
-from floatplan.stance.contacts import contact_at, rolling
-from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Stance
-from floatplan.stance.planner import ROOM
-from floatplan.stance.rows import CLEAR
-from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

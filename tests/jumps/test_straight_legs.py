@@ -7,16 +7,16 @@ import pytest
 from jumps import INSTALLED
 
 import floatplan as fp
+from floatplan.jumps import planner
+from floatplan.jumps.check import _worst
+from floatplan.jumps.contacts import contact_at, heights_over_com, with_bent_knees
+from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, may_fail
+from floatplan.jumps.exchange import solved
+from floatplan.jumps.model import PlanarModel
+from floatplan.jumps.planner import completed
+from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.setup import Setup, jump_setup
 from floatplan.problem.parts import Flight
-from floatplan.stance import planner
-from floatplan.stance.check import _worst
-from floatplan.stance.contacts import contact_at, heights_over_com, with_bent_knees
-from floatplan.stance.exact import NoExactStanceError, StanceDynamics, may_fail
-from floatplan.stance.exchange import solved
-from floatplan.stance.model import PlanarModel
-from floatplan.stance.planner import completed
-from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import Setup, jump_setup
 
 needs_casadi = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 INERTIA = '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'

@@ -16,15 +16,15 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.jumps.check import judged
+from floatplan.jumps.contacts import Contact, contact_at, rolling
+from floatplan.jumps.exact import OnePoint, StanceDynamics
+from floatplan.jumps.jump import Jump, load_jump
+from floatplan.jumps.model import PlanarModel
+from floatplan.jumps.motion import Grid, Stance
+from floatplan.jumps.phases import Phase
+from floatplan.jumps.planner import jump
 from floatplan.robot import Robot
-from floatplan.stance.check import judged
-from floatplan.stance.contacts import Contact, contact_at, rolling
-from floatplan.stance.exact import OnePoint, StanceDynamics
-from floatplan.stance.jump import Jump, load_jump
-from floatplan.stance.model import PlanarModel
-from floatplan.stance.motion import Grid, Stance
-from floatplan.stance.phases import Phase
-from floatplan.stance.planner import jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

@@ -9,10 +9,10 @@ import pinocchio as pin
 import pytest
 from needed import skip_or_fail
 
+from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.stance.model import PlanarModel, casadi
 
 if find_spec("casadi") is None or robots_folder() is None:
     skip_or_fail("CasADi or example-robot-data is not installed")

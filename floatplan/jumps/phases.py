@@ -10,9 +10,9 @@ from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.jumps.contacts import LEVEL, Contact
 from floatplan.robot import PlanarTree, Robot
 from floatplan.robot.standing import heights_over_com
-from floatplan.stance.contacts import LEVEL, Contact
 
 # Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
 FLIGHT, HOP = (2.57, 16, 0.8, 1.5), (1.2, 16, 0.3, 1.5)  # with a turn and without

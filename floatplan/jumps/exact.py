@@ -19,14 +19,14 @@ from scipy.optimize import root
 
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
+from floatplan.jumps.contacts import way_between
+from floatplan.jumps.model import PlanarModel, casadi
+from floatplan.jumps.motion import Grid, Stance, hermite, quintic, refined, values
+from floatplan.jumps.phases import Phase, instants
+from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.rows import axes_of, balanced, spread
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import heights_over_com
-from floatplan.stance.contacts import way_between
-from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, hermite, quintic, refined, values
-from floatplan.stance.phases import Phase, instants
-from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.rows import axes_of, balanced, spread
 
 REFINED = 4  # [-] steps of the grid in an interval of the program
 SUBSTEPS = 4  # [-] of the differential equation in a step of the grid

@@ -17,10 +17,10 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.jump import Jump, load_jump
-from floatplan.stance.motion import Grid
-from floatplan.stance.planner import ROOM, beside, jump
-from floatplan.stance.setup import jump_setup
+from floatplan.jumps.jump import Jump, load_jump
+from floatplan.jumps.motion import Grid
+from floatplan.jumps.planner import ROOM, beside, jump
+from floatplan.jumps.setup import jump_setup
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

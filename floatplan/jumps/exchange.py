@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.separation import SLIGHT
+from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.separation import SLIGHT
 
 EXCHANGES = 8  # [-] programs at most after the first
 LESS = 0.7  # [-] of what is missing is left at most by the next, or no other is tried

@@ -23,12 +23,12 @@ from typing import Any, Self
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.check import TOUCHDOWN
-from floatplan.stance.held import first_look
-from floatplan.stance.model import casadi
-from floatplan.stance.motion import hermite, values
-from floatplan.stance.phases import Meeting, Phase, instants, unsteady
-from floatplan.stance.rows import (
+from floatplan.jumps.check import TOUCHDOWN
+from floatplan.jumps.held import first_look
+from floatplan.jumps.model import casadi
+from floatplan.jumps.motion import hermite, values
+from floatplan.jumps.phases import Meeting, Phase, instants, unsteady
+from floatplan.jumps.rows import (
     BALANCE,
     CLEAR,
     MEETS,
@@ -40,7 +40,7 @@ from floatplan.stance.rows import (
     drifting,
     hermite_step,
 )
-from floatplan.stance.separation import SLIGHT, Separation
+from floatplan.jumps.separation import SLIGHT, Separation
 from floatplan.tables import POINT_FEET
 
 LIFT = 0.02  # [m] of feet in the middle of the flight

@@ -11,13 +11,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.problem.jump import JumpRequest, Standing
-from floatplan.problem.parts import JointState
-from floatplan.problem.problem import Problem
-from floatplan.robot import Robot
-from floatplan.robot.standing import Spot, heights_over_com
-from floatplan.stance.check import FIGURES, SLIP
-from floatplan.stance.contacts import (
+from floatplan.jumps.check import FIGURES, SLIP
+from floatplan.jumps.contacts import (
     Contact,
     bent_ranges,
     contact_at,
@@ -29,9 +24,9 @@ from floatplan.stance.contacts import (
     watched_points,
     with_bent_knees,
 )
-from floatplan.stance.exchange import solved
-from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import (
+from floatplan.jumps.exchange import solved
+from floatplan.jumps.model import PlanarModel
+from floatplan.jumps.phases import (
     Meeting,
     Phase,
     Side,
@@ -40,9 +35,14 @@ from floatplan.stance.phases import (
     standing_posture,
     static_beyond_ranges,
 )
-from floatplan.stance.program import ITERATIONS, LIFT, JumpProgram, Solution
-from floatplan.stance.rows import LEAST_FORCE, Bounds, NodeRows
-from floatplan.stance.separation import ROOM, Separation
+from floatplan.jumps.program import ITERATIONS, LIFT, JumpProgram, Solution
+from floatplan.jumps.rows import LEAST_FORCE, Bounds, NodeRows
+from floatplan.jumps.separation import ROOM, Separation
+from floatplan.problem.jump import JumpRequest, Standing
+from floatplan.problem.parts import JointState
+from floatplan.problem.problem import Problem
+from floatplan.robot import Robot
+from floatplan.robot.standing import Spot, heights_over_com
 
 MOST = 2  # [-] contacts of a phase
 FAR = 0.1  # [m] above what is lowest in the reference posture: no foot is there

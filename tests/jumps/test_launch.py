@@ -13,9 +13,9 @@ from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.stance.check import judged
-from floatplan.stance.launch import Launch, launch
-from floatplan.stance.program import JumpProgram
+from floatplan.jumps.check import judged
+from floatplan.jumps.launch import Launch, launch
+from floatplan.jumps.program import JumpProgram
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -74,8 +74,8 @@ def test_an_answer_that_holds_or_has_a_factor_is_told_rather_than_none(monkeypat
         for ratio, broken in ((2.7, ("",)), (1.9, ()), (1.2, ("",)))
     ]
     answers = iter(told)
-    monkeypatch.setattr("floatplan.stance.launch.corrected", lambda *_: next(answers))
-    monkeypatch.setattr("floatplan.stance.launch.solved", lambda first, _: (first, next(solves)))
+    monkeypatch.setattr("floatplan.jumps.launch.corrected", lambda *_: next(answers))
+    monkeypatch.setattr("floatplan.jumps.launch.solved", lambda first, _: (first, next(solves)))
     one, two, three, none = (SimpleNamespace(converged=at < 3, y=np.full(1, at)) for at in range(4))
     solves = iter((one, two, three))
     assert launch(flight).ratio == 1.9

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray, read_only
+from floatplan.jumps.contacts import Contact
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, spot_weights
-from floatplan.stance.contacts import Contact
 
 BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from floatplan.jumps.contacts import Contact, ground_below, is_ground
+from floatplan.jumps.limits import scaled_limits
+from floatplan.jumps.program import LIFT, JumpProgram, Solution
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
-from floatplan.stance.contacts import Contact, ground_below, is_ground
-from floatplan.stance.limits import scaled_limits
-from floatplan.stance.program import LIFT, JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other

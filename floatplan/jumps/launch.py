@@ -13,20 +13,20 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, function, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.jumps.check import SHARES, judged, limit_shares, stance_figures
+from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
+from floatplan.jumps.exchange import solved
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.model import PlanarModel, casadi
+from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
+from floatplan.jumps.phases import Meeting, instants
+from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.setup import TURN, Room, Setup, corrected, side_setup
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
-from floatplan.stance.check import SHARES, judged, limit_shares, stance_figures
-from floatplan.stance.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
-from floatplan.stance.exchange import solved
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, flight_state, quintic
-from floatplan.stance.phases import Meeting, instants
-from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import TURN, Room, Setup, corrected, side_setup
 from floatplan.tables import RELATIVE
 
 STARTS = 3
@@ -54,7 +54,7 @@ class Launch:
     limit : of the figures ``torque``, ``torque_speed``, ``velocity`` and ``held_torque`` the one; "" where none is
     joint : the motor whose share it is; "" where there is none
     sentences : for a person
-    figures : as of :class:`floatplan.stance.check.JumpCheck`
+    figures : as of :class:`floatplan.jumps.check.JumpCheck`
     impossible : whether it is shown that there is none, because of what stands where the flight begins or ends
     broken : what does not hold at 2 kHz, but for the limits
     """

@@ -14,8 +14,8 @@ from long_cases import cases
 from needed import skip_or_fail
 
 from floatplan.errors import InputError
-from floatplan.stance.check import judged
-from floatplan.stance.jump import load_jump
+from floatplan.jumps.check import judged
+from floatplan.jumps.jump import load_jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

@@ -11,22 +11,22 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, made, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
+from floatplan.jumps.check import FIGURES, SHARES, JumpCheck, judged, limit_shares
+from floatplan.jumps.exact import NoExactStanceError, exact_stances, released
+from floatplan.jumps.exchange import solved
+from floatplan.jumps.flight import flight_problem, planned_flight, tighter_limits
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.model import casadi
+from floatplan.jumps.motion import flight_state
+from floatplan.jumps.phases import instants
+from floatplan.jumps.program import LIFT, LOW_LIFT, JumpProgram, Solution
+from floatplan.jumps.relief import Given, broken, eased, in_the_way, sentence
+from floatplan.jumps.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
 from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import FIGURES, SHARES, JumpCheck, judged, limit_shares
-from floatplan.stance.exact import NoExactStanceError, exact_stances, released
-from floatplan.stance.exchange import solved
-from floatplan.stance.flight import flight_problem, planned_flight, tighter_limits
-from floatplan.stance.jump import Jump
-from floatplan.stance.model import casadi
-from floatplan.stance.motion import flight_state
-from floatplan.stance.phases import instants
-from floatplan.stance.program import LIFT, LOW_LIFT, JumpProgram, Solution
-from floatplan.stance.relief import Given, broken, eased, in_the_way, sentence
-from floatplan.stance.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
 
 ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
 STARTS = 4

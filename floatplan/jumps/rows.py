@@ -10,11 +10,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.contacts import Contact, Watched, ground_below, way_between
+from floatplan.jumps.held import HeldJoints
+from floatplan.jumps.model import Pair, PlanarModel, casadi
+from floatplan.jumps.phases import Phase
 from floatplan.robot.standing import Spot, heights_over_com
-from floatplan.stance.contacts import Contact, Watched, ground_below, way_between
-from floatplan.stance.held import HeldJoints
-from floatplan.stance.model import Pair, PlanarModel, casadi
-from floatplan.stance.phases import Phase
 from floatplan.tables import POINT_FEET
 
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
 from floatplan.plans.measures import PlanWarning, overlap_warnings
@@ -22,7 +23,6 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle, Posture
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
-from floatplan.stance.motion import JumpState, Stance, flight_state, joined
 
 HEIGHTS = 601  # [-] instants among which the centre of mass is highest
 

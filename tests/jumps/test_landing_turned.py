@@ -20,14 +20,14 @@ import floatplan as fp
 from floatplan.initial.asked import Asked
 from floatplan.initial.flight import jump_problem
 from floatplan.initial.robots import chosen_robot
+from floatplan.jumps import planner
+from floatplan.jumps.check import TOUCHDOWN, touchdown_height
+from floatplan.jumps.contacts import is_ground
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.planner import _largest_share, _merit
+from floatplan.jumps.setup import jump_setup
 from floatplan.robot import Robot
 from floatplan.robot.standing import corners, undersides
-from floatplan.stance import planner
-from floatplan.stance.check import TOUCHDOWN, touchdown_height
-from floatplan.stance.contacts import is_ground
-from floatplan.stance.jump import Jump
-from floatplan.stance.planner import _largest_share, _merit
-from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

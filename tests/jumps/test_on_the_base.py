@@ -12,7 +12,7 @@ from jumps import INSTALLED
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.stance.jump import Jump
+from floatplan.jumps.jump import Jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

@@ -20,9 +20,9 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.jumps.contacts import Contact
+from floatplan.jumps.model import Pair, PlanarModel, casadi
 from floatplan.robot.standing import Spot
-from floatplan.stance.contacts import Contact
-from floatplan.stance.model import Pair, PlanarModel, casadi
 
 HOLDS = 1e-3  # [-] what rows may be off in a motion that is looked at
 

@@ -15,14 +15,14 @@ from jumps import GO2, INSTALLED, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.jumps.contacts import contact_at, rolling, standing_feet
+from floatplan.jumps.exact import StanceDynamics
+from floatplan.jumps.model import PlanarModel
+from floatplan.jumps.motion import Grid, Stance, hermite, quintic
+from floatplan.jumps.phases import Phase, not_static, standing_posture, static_beyond_ranges
+from floatplan.jumps.planner import jump
 from floatplan.robot import Robot
 from floatplan.robot.standing import heights_over_com
-from floatplan.stance.contacts import contact_at, rolling, standing_feet
-from floatplan.stance.exact import StanceDynamics
-from floatplan.stance.model import PlanarModel
-from floatplan.stance.motion import Grid, Stance, hermite, quintic
-from floatplan.stance.phases import Phase, not_static, standing_posture, static_beyond_ranges
-from floatplan.stance.planner import jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -169,7 +169,7 @@ def test_a_program_is_the_same_in_every_process() -> None:
     lines = (
         "import sys",
         "import numpy as np, floatplan as fp",
-        "from floatplan.stance.contacts import contact_at, watched_points",
+        "from floatplan.jumps.contacts import contact_at, watched_points",
         "robot = fp.Robot.from_urdf(sys.argv[1], coupled='mirror', reference='standing')",
         "level = np.append(0.0, robot.resting)",
         "feet = [contact_at(robot, frame, level)[0] for frame in ('RL_foot', 'FL_foot')]",

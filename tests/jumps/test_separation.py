@@ -13,9 +13,9 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.planner import ROOM
-from floatplan.stance.separation import INSTANTS, _around
-from floatplan.stance.setup import jump_setup
+from floatplan.jumps.planner import ROOM
+from floatplan.jumps.separation import INSTANTS, _around
+from floatplan.jumps.setup import jump_setup
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

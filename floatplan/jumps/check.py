@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.jumps.contacts import is_ground, links_of, near_contact
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import BASE, JumpState, Stance, flight_state
 from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
-from floatplan.stance.contacts import is_ground, links_of, near_contact
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import BASE, JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]

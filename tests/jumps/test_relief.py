@@ -12,11 +12,11 @@ from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.stance import planner
-from floatplan.stance.planner import ROOM
-from floatplan.stance.program import JumpProgram
-from floatplan.stance.relief import Given, eased, giving, kind_of, sentence
-from floatplan.stance.setup import jump_setup
+from floatplan.jumps import planner
+from floatplan.jumps.planner import ROOM
+from floatplan.jumps.program import JumpProgram
+from floatplan.jumps.relief import Given, eased, giving, kind_of, sentence
+from floatplan.jumps.setup import jump_setup
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
