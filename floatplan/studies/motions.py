@@ -17,7 +17,7 @@ from floatplan.export.formats import format_of
 from floatplan.files import check_readable, is_file, read_json, read_regular, write_atomically
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
-from floatplan.planning.numbers import is_plain_family
+from floatplan.planning.kernel_input.numbers import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer

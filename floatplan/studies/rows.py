@@ -15,8 +15,8 @@ from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, InputError, printable
 from floatplan.jumps.check import RATE
 from floatplan.jumps.planner import jump
+from floatplan.planning.kernel_input.numbers import Numbers, is_plain_family, is_together
 from floatplan.planning.many import planned_together
-from floatplan.planning.numbers import Numbers, is_plain_family, is_together
 from floatplan.planning.options import SearchOptions
 from floatplan.plans.measures import largest_use, limits_of_motors
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans

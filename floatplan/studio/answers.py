@@ -13,7 +13,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import printable
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.launch import launches
-from floatplan.planning.numbers import is_plain_family
+from floatplan.planning.kernel_input.numbers import is_plain_family
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use

@@ -17,7 +17,7 @@ from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.bounds import momentum_intervals
 from floatplan.motion.planar.closed_form import frame_weights, places_from_com, rising
-from floatplan.planning.kernel_rows import can_write, obstacle_numbers
+from floatplan.planning.kernel_input.rows import can_write, obstacle_numbers
 from floatplan.problem.family import Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem

@@ -2,7 +2,7 @@
 
 Searches and corrections in flight share them; between nodes their least values are looked for. Values of flights in a
 plane are those of :mod:`floatplan.motion.planar.closed_form` and :mod:`floatplan.motion.planar.clearance`. What the
-rows of a flight in space have of their own is in :mod:`floatplan.planning.kernel_space`.
+rows of a flight in space have of their own is in :mod:`floatplan.planning.kernel_input.space`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
-from floatplan.planning.bodies import unscaled_robot
+from floatplan.planning.kernel_input.bodies import unscaled_robot
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
