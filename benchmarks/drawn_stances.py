@@ -18,7 +18,7 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.flight import flight_of
-from floatplan.planning.transcription.variables import decision_variables
+from floatplan.planning.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import corners, heights_over_com, undersides
 from floatplan.stance.check import judged, stance_figures

@@ -7,6 +7,7 @@ without them collides; limits are 3 % above what the motion needs. The planner h
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from generated_problems import random_chain
@@ -16,8 +17,7 @@ import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import gauss_grid
-from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
-from floatplan.planning.transcription.work import FlightModel, flight_model
+from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.problem.parts import Obstacle
 
 GRADES = ("easy", "medium", "hard")
@@ -84,19 +84,19 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
     momentum = float((low + high) / 2 + share * (high - low) / 2)
     flight = replace(problem.flight, angular_momentum=momentum)
     problem = replace(problem, flight=flight)
-    model = flight_model(problem)
+    dynamics = flight_of(problem)
     branches = np.zeros((2, joints), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
     x = variables.variables(rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape), momentum)
-    motion = _look(model, variables, x)
+    motion = _look(dynamics, variables, x)
     goal = fp.Posture(problem.final.orientation + motion.residual.item(), postures[1])
     problem = replace(problem, goal=goal)
-    return Drawn(problem, _look(flight_model(problem), variables, x))
+    return Drawn(problem, _look(flight_of(problem), variables, x))
 
 
-def _look(model: FlightModel, variables: DecisionVariables, x: np.ndarray) -> Trajectory:
-    return trajectory(model, variables, sample_nodes(gauss_grid(DENSE), variables.polynomials.form), x)
+def _look(flight: Any, variables: DecisionVariables, x: np.ndarray) -> Trajectory:
+    return trajectory(flight, variables, sample_nodes(gauss_grid(DENSE), variables.polynomials.form), x)
 
 
 def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:

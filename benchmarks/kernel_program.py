@@ -9,9 +9,11 @@ import numpy as np
 from reduced_program import Derivatives, Evaluation
 
 import floatplan as fp
+from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.kernel_problem import KernelProblem
+from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.variables import DecisionVariables, Start
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,24 +30,23 @@ class KernelProgram:
     back_off: float = 0.0
 
     @cached_property
-    def _ready(self) -> Attempts:
-        return Attempts(self.problem, 0)
+    def _spec(self) -> FlightSpec:
+        return FlightSpec(self.problem)
 
     @cached_property
     def of(self) -> DecisionVariables:
         """How x make a motion."""
-        return self.variables or self._ready.plain_start.variables
+        return self.variables or plain_start(self._spec, self.problem.degrees).variables
 
     def whole(self, x: np.ndarray, penalty: float = 0.0) -> dict[str, np.ndarray]:
         """Everything at x, by the kernel's names; values (rows, instants), slopes (rows, instants, size)."""
-        compiled, size = self._ready.compiled, len(x)
-        flight = self._ready.model.flight
+        size = len(x)
+        flight = self._spec.flight
         equalities = flight.tangent
         x = np.ascontiguousarray(x)
-        attempt = compiled.attempt_struct(self.of, x.copy(), True)
-        inputs, motions = compiled.inputs(self.of)
+        of = KernelProblem.of(self._spec, Start(self.of, x, at_once=True))
         count = flight.node_counts[self.level] + len(self.others)
-        rows, stride = attempt.pointer.rows, -(-count // 8) * 8
+        rows, stride = of.rows.rows, -(-count // 8) * 8
         shapes = {
             "equality": (equalities,),
             "gradient": (size,),
@@ -65,19 +66,18 @@ class KernelProgram:
             penalty=penalty,
             **arrays,
         )
-        no_memory = compiled.watch.evaluate(
-            *inputs.flying,
-            inputs.constraints,
-            inputs.motions,
-            inputs.levels,
-            inputs.settings,
-            inputs.rules,
-            attempt.pointer,
+        no_memory = of.rows.evaluate(
+            *of.rows.flying(self.of.momentum),
+            of.constraints.pointer,
+            of.motions.pointer,
+            of.levels.pointer,
+            of.settings.pointer,
+            of.rules.pointer,
+            of.attempt.pointer,
             at.pointer,
-            compiled.watch.kernel.instructions,
+            kernel().instructions,
         )
         assert not no_memory
-        assert motions, "until here"
         arrays |= {"values": arrays["values"][:, :count], "slopes": arrays["slopes"][:, :count]}
         return arrays | {"objective": np.array(at.pointer.objective)}
 

@@ -24,10 +24,9 @@ import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription.constraints import constraints
-from floatplan.planning.transcription.variables import decision_variables
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.constraints import constraints
+from floatplan.planning.search import Search
+from floatplan.planning.variables import decision_variables
 
 NODES = 64
 ACCEPTED = 1e-6  # largest violation at the nodes of what counts as solved
@@ -55,19 +54,19 @@ class Answer:
 
 def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
     """Return floatplan's program at a fixed number of nodes, arcsine branches 0, with derivatives in NumPy."""
-    model = FlightModel(general_flight(problem))
+    flight = general_flight(problem)
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     sampling = sample_nodes(gauss_grid(nodes), variables.polynomials.form)
-    aim = objective(problem, model, variables, sampling)
-    return FlightProgram(model, variables, sampling, aim, constraints(problem, model))
+    aim = objective(problem, flight, variables, sampling)
+    return FlightProgram(flight, variables, sampling, aim, constraints(problem, flight))
 
 
 class Slsqp:
     """SciPy's SLSQP on the reduced program."""
 
     def __init__(self, problem: fp.Problem, nodes: int = NODES, iterations: int = MOST_ITERATIONS) -> None:
-        self._variables = Attempts(problem, 0).plain_start.variables
+        self._variables = Search(problem).plain_start.variables
         self.program: FlightProgram | KernelProgram = KernelProgram(problem, NODE_COUNTS.index(nodes))
         self._iterations = iterations
         self._at: bytes = b""

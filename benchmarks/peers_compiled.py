@@ -104,7 +104,7 @@ class CompiledSqp:
     def _statement(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.Function]:
         """Return x, objective, (14), and a function of x that gives both with their derivatives in one pass."""
         program = self._program
-        flight, variables, sampling = program.model.flight, program.variables, program.sampling
+        flight, variables, sampling = program.flight, program.variables, program.sampling
         assert isinstance(flight, GeneralFlight), "only flight in the plane is written out"
         polynomials = variables.polynomials
         n, width, duration = len(polynomials.free), polynomials.width, polynomials.duration

@@ -19,7 +19,6 @@ from peers import MOST_ITERATIONS, NODES, Slsqp, reduced_program
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.planning.transcription.work import FlightModel
 from floatplan.robot.planar.model import BASE_COORDINATES
 
 
@@ -77,5 +76,5 @@ class PinocchioSlsqp(Slsqp):
 
     def __init__(self, problem: fp.Problem, nodes: int = NODES, iterations: int = MOST_ITERATIONS) -> None:
         super().__init__(problem, nodes, iterations)
-        model = FlightModel(general_flight(problem, pinocchio_rate(problem.robot)))
-        self.program = replace(reduced_program(problem, nodes), model=model)
+        flight = general_flight(problem, pinocchio_rate(problem.robot))
+        self.program = replace(reduced_program(problem, nodes), flight=flight)

@@ -23,9 +23,8 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.transcription.constraints import Constraint, applies, changes_at_ends, window_ends
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.constraints import Constraint, RowTable, applies, changes_at_ends
+from floatplan.planning.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 from floatplan.tables import Objective as ObjectiveName
@@ -222,11 +221,11 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
     It is computed as exactly for every class of motions, and knows nothing of the scaling of the variables x that the
     ``motion`` belongs to.
     """
-    model, variables = motion.model, motion.variables
+    flight, variables = motion.flight, motion.variables
     if OBJECTIVE_TABLE[name].quantity is None:
         motions = variables.motion_class(motion.angular_momentum)
         return float(np.linalg.norm(motions.powers_of_seconds(variables.free_coefficients(x))))
-    exact = trajectory(model, variables, nodes_of(EXACT_LEVEL, variables.polynomials.form), x)
+    exact = trajectory(flight, variables, nodes_of(EXACT_LEVEL, variables.polynomials.form), x)
     return objective_term(name, variables).value(exact, x)
 
 
@@ -234,13 +233,13 @@ def _time_weights(trajectory: Trajectory) -> Array:
     return trajectory.duration * trajectory.sampling.grid.weights
 
 
-def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
+def objective(problem: Problem, flight: Any, variables: DecisionVariables, sampling: Sampling) -> Objective:
     """The problem's objective, scaled to 1 at the motion with no free part; (17) is scaled by its variables."""
     name = problem.motion.objective
     if name == "coefficients":
         return objective_term(name, variables)
     x = variables.plain_motion
-    value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
+    value = objective_term(name, variables).value(trajectory(flight, variables, sampling, x), x)
     return objective_term(name, variables, max(value, EXCHANGE.least_scale))
 
 
@@ -251,7 +250,7 @@ def steerable(s: Array) -> BoolArray:
 
 def watching(nodes: Sampling, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
     """Return a sampling at nodes, at the ends of the constraints' windows as they are, and at ``extra`` instants."""
-    ends = window_ends(constraints)
+    ends = RowTable.of(constraints).window_ends
     return sample_also(nodes, np.union1d(extra, ends)) if extra.size or ends else nodes
 
 
@@ -259,7 +258,7 @@ def watching(nodes: Sampling, constraints: tuple[Constraint, ...], extra: Array)
 class FlightProgram:
     """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
 
-    model: FlightModel
+    flight: Any
     variables: DecisionVariables
     sampling: Sampling
     objective: Objective
@@ -294,7 +293,7 @@ class FlightProgram:
 
     def trajectory(self, x: Array) -> Trajectory:
         """Motion of x at the instants of the sampling."""
-        return trajectory(self.model, self.variables, self.sampling, x)
+        return trajectory(self.flight, self.variables, self.sampling, x)
 
     def evaluate(self, x: Array) -> Evaluation[Trajectory]:
         """Objective, (14) and constraints; their derivatives by x when asked for."""

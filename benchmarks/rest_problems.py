@@ -16,8 +16,7 @@ from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.closed_form import frame_from_com
 from floatplan.motion.planar.contact_rates import equations_at, rates_at
 from floatplan.motion.planar.flight import gauss_grid
-from floatplan.planning.transcription.variables import decision_variables
-from floatplan.planning.transcription.work import flight_model
+from floatplan.planning.variables import decision_variables
 
 FASTEST = 12.0  # [rad/s] of joints at takeoff and landing: motions drawn with faster ones are left out
 DENSE = 192  # nodes
@@ -92,7 +91,7 @@ def _missed(problem: fp.Problem, z: np.ndarray) -> float:
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     nodes = sample_nodes(gauss_grid(DENSE), variables.polynomials.form)
-    motion = trajectory(flight_model(problem), variables, nodes, variables.variables(z, variables.momentum.centre))
+    motion = trajectory(flight_of(problem), variables, nodes, variables.variables(z, variables.momentum.centre))
     return float(motion.residual.item())
 
 

@@ -21,9 +21,8 @@ from floatplan.motion.planar.clearance import Segments
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
-from floatplan.planning.transcription.constraints import LENGTH_SCALE, Clearance, Constraint, Limit
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.constraints import LENGTH_SCALE, Clearance, Constraint, Limit
+from floatplan.planning.variables import DecisionVariables
 from floatplan.problem.parts import Obstacle
 
 TINY = 1e-300  # keeps a quotient of zeros from being none
@@ -337,7 +336,7 @@ class Trajectory:
     ``motion`` holds the K instants of the sampling; ``angular_momentum`` (e,).
     """
 
-    model: FlightModel
+    flight: Any
     variables: DecisionVariables
     sampling: Sampling
     motion: JointMotion
@@ -347,7 +346,7 @@ class Trajectory:
     @cached_property
     def flown(self) -> BaseMotion:
         """How the base turns."""
-        flight: Any = self.model.flight
+        flight: Any = self.flight
         fly = getattr(flight, "fly", partial(planar_motion, flight))
         return fly(self.sampling.grid, self.motion, self.angular_momentum)
 
@@ -399,7 +398,7 @@ class Trajectory:
         """Derivatives (K, r, size) by x of quantities with the given partials."""
         result = self._chained(partials)
         if partials.by_attitude is not None:
-            for direction in range(self.model.flight.tangent):
+            for direction in range(self.flight.tangent):
                 result += partials.by_attitude[..., direction, None] * self.attitude_jacobian[:, None, direction, :]
         return result
 
@@ -426,11 +425,11 @@ class Trajectory:
         return gradient(self.variables, by_z, partials.by_momentum)
 
 
-def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
+def trajectory(flight: Any, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
-    return Trajectory(model, variables, sampling, motion, h)
+    return Trajectory(flight, variables, sampling, motion, h)
 
 
 @dataclass(frozen=True)

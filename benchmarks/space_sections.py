@@ -16,9 +16,9 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.planning.transcription.variables import decision_variables
-from floatplan.simulation.in_space import RecordedInSpace, off_by
-from floatplan.simulation.recorded_motion import reduced_model
+from floatplan.planning.variables import decision_variables
+from floatplan.simulation.reduced_model import reduced_model
+from floatplan.simulation.spatial_motion import SpatialMotion, angle_between
 
 URDF = PROBLEMS.parent / "urdf"
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
@@ -203,10 +203,10 @@ def _exactness(count: int) -> None:
             for key in ("velocities", "accelerations")
         ]
         flown, tracked = fp.replay(plan), fp.replay(plan, feedback=TRACKED / plan.duration)
-        by_equation = RecordedInSpace(
-            plan.record, reduced_model(plan.robot, float(plan.record.com["gravity"]))
-        ).attitude
-        turned = max(off_by(by_equation(time), own) for time, own in zip(state.times, state.orientation, strict=True))
+        by_equation = SpatialMotion(plan.record, reduced_model(plan.robot, float(plan.record.com["gravity"]))).attitude
+        turned = max(
+            angle_between(by_equation(time), own) for time, own in zip(state.times, state.orientation, strict=True)
+        )
         rows.append([name, turned, flown.orientation_error, tracked.orientation_error, _drift(plan, state), max(off)])
     head = ["", "DOP853, rad", "ABA, rad", "ABA, joints tracked", "momentum, relative", "ends' rates"]
     table(head, [*rows, ["largest", *np.max([row[1:] for row in rows], axis=0).tolist()]])

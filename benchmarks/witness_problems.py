@@ -26,8 +26,7 @@ from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_dis
 from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
-from floatplan.planning.transcription.work import flight_model
+from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVES
@@ -200,7 +199,7 @@ def _final_orientation(problem: Problem, variables: DecisionVariables, z: np.nda
 def _finest(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> Trajectory:
     given = _with_momentum(variables, momentum)
     nodes = sample_nodes(gauss_grid(NODE_COUNTS[-1]), variables.polynomials.form)
-    return trajectory(flight_model(problem), given, nodes, given.variables(z, momentum))
+    return trajectory(flight_of(problem), given, nodes, given.variables(z, momentum))
 
 
 def _as_plan(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> fp.Plan:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 # What counts as kept: one tolerance for one statement, the same for search and certificate. The search aims inside its
-# constraints (``BACK_OFF`` of the transcription); what it ends with is judged by these, as the certificate judges it.
+# constraints (``back_off`` of ``kernel/tolerances.py``); what it ends with is judged by these, as the certificate does.
 ORIENTATION = 1e-8  # [rad] at the end of the flight
 BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
 CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
@@ -66,7 +66,7 @@ class LimitRow:
     quantity : what is limited
     unit : of quantity and limit
     title : above its curves
-    of : "joints", "motors" or "base": whose quantity it is
+    of : "joints", "motors" or "base": whose quantity it is; of motors their torques alone, of the base its rate
     in_urdf : whether "urdf" stands for the URDF's own
     always : whether it is proved and drawn also where nothing limits it, and plan files claim its peaks
     base : quantity of the base that is drawn with that of the joints
@@ -80,6 +80,11 @@ class LimitRow:
     in_urdf: bool = False
     always: bool = False
     base: str | None = None
+
+    def __post_init__(self) -> None:
+        known = {"motors": "motor_torques", "base": "orientation_rate"}
+        if self.quantity != known.get(self.of, self.quantity):
+            raise ValueError(f"a limit of {self.of} is of {known[self.of]}, not of {self.quantity}")
 
 
 _LIMITS = (

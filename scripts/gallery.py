@@ -253,7 +253,7 @@ def launch_of(plan: fp.Plan) -> str:
 
 def strips(entries: Sequence[JumpEntry]) -> Image.Image:
     """Moments of jumps, a strip for each."""
-    drawn = [moments(entry.jump.view, flying=3, title=title_of(entry.name)) for entry in entries]
+    drawn = [moments(entry.jump, flying=3, title=title_of(entry.name)) for entry in entries]
     return sheet([[rendered(each, SHEET_DPI) for each in drawn]])
 
 

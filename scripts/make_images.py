@@ -142,7 +142,7 @@ def jump_picture(jump: fp.Jump) -> Image.Image:
     """A jump's moments, and under them the forces on its feet and what its torques take of their limits, over time."""
     drawn = jump.figures()
     curves = sheet([[rendered(drawn[name])] for name in ("forces", "torque_use")])
-    return sheet([[rendered(moments(jump.view, flying=5)), curves]])
+    return sheet([[rendered(moments(jump, flying=5)), curves]])
 
 
 def space_picture(names: Sequence[str]) -> Image.Image:

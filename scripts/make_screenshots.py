@@ -17,8 +17,8 @@ from PIL import Image
 import floatplan as fp
 from floatplan.certificate.certificate import certify
 from floatplan.files import write_atomically
+from floatplan.plans.trajectory import Trajectory
 from floatplan.studio.page import Studio
-from floatplan.view.jumps import Shown
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -77,16 +77,16 @@ def flown(name: str) -> fp.Plan:
     return plan.with_record(plan.record.with_checks(replay=fp.replay(plan, engine="mujoco").to_dict()))
 
 
-def jumped(name: str) -> Shown:
+def jumped(name: str) -> Trajectory:
     """Plan a jump, and prove its flight."""
     jump = fp.jump(JUMPS / f"{name}.toml")
     if not jump.ok or jump.flight is None:
         raise SystemExit(f"{name}: {jump.explanation}")
-    view: Shown = jump.with_certificate(certify(jump.flight)).view
+    view: Trajectory = jump.with_certificate(certify(jump.flight))
     return view
 
 
-def photograph_report(browser: Any, plan: Shown, page: Path, path: Path, share: float = 0.55) -> None:
+def photograph_report(browser: Any, plan: Trajectory, page: Path, path: Path, share: float = 0.55) -> None:
     browser.driver.set_window_size(1400, 1240)
     browser.open(write_report(plan, page))
     browser.run("floatplan.player.seek(arguments[0] * floatplan.motion.duration)", share)

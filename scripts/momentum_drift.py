@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 
 from floatplan.simulation import contact_model, jump_flight
-from floatplan.simulation.forward import first_gains
-from floatplan.simulation.jump_landings import PERIOD
+from floatplan.simulation.gains import first_gains
+from floatplan.simulation.jump_flight import PERIOD
 from floatplan.simulation.perturbation import given_perturbation
 from floatplan.stance.jump import load_jump
 
@@ -37,8 +37,8 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
             self.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
             self.model.opt.timestep = step
 
-        def move(self, torques: Any, steps: int) -> bool:
-            moved = super().move(torques, round(PERIOD / step))
+        def move(self, torques: Any, duration: float) -> bool:
+            moved = super().move(torques, duration)
             mujoco.mj_subtreeVel(self.model, self.data)
             momentum = float(self.data.subtree_angmom[1] @ self.robot.plane.normal)
             rows.append((self.data.time, momentum, bool(self.data.ncon)))

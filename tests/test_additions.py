@@ -40,7 +40,7 @@ EFFORT: Edits = {
             "        return self.torques + self.velocities\n\n    def shaped(self",
         ),
     ),
-    "floatplan/planning/transcription/constraints.py": (
+    "floatplan/planning/constraints.py": (
         (
             '    "orientation_rate": MotionQuantity(',
             '    "efforts": MotionQuantity(\n'
@@ -186,9 +186,9 @@ OBSTACLE_WORKS = """
 from floatplan.inflight.prediction import DISTANCE_AIM
 from kernel_program import KernelProgram
 from sampled_flight import nodes_of, trajectory, values_of
-from floatplan.compiled.constraints import CompiledConstraints, DistanceRows
+from floatplan.planning.kernel_rows import DistanceRows, PlanarRows
 from floatplan.motion.planar.flight import planar_flight
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.search import Search
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio.panel import ObstaclesTab, obstacle_dials
 from floatplan.view.scene.scene import obstacle_slab
@@ -203,18 +203,18 @@ free = fp.plan(replace(problem, obstacles=()))
 assert free.clearances(times, [bend]).min() < 0
 assert np.array_equal(free.clearances(times, [bend]), free.clearances(times, bend.pieces))
 
-compiled = CompiledConstraints(planar_flight(asked), [DistanceRows(bend, 0.0, 1.0)])
+compiled = PlanarRows(asked.robot.tree, [DistanceRows(bend, 0.0, 1.0)], flight=planar_flight(asked))
 assert compiled.rows == 2 * len(problem.robot.shapes)
 plan = fp.plan(asked, prove=True)
 assert plan.ok and plan.certificate.proved
 assert plan.clearances(times).min() >= 0.02 - 1e-8
 
-ready = Attempts(asked, 0)
+ready = Search(asked)
 start = ready.plain_start
 nodes = nodes_of(4, start.variables.polynomials.form)
 of_kernel = KernelProgram(asked, 4).whole(start.x)["values"]
-(block,) = ready.constraints
-by_numpy = values_of(block, trajectory(ready.model, start.variables, nodes, start.x)).T
+(block,) = ready.spec.constraints
+by_numpy = values_of(block, trajectory(ready.spec.flight, start.variables, nodes, start.x)).T
 assert np.allclose(of_kernel, by_numpy, rtol=1e-10, atol=1e-10) and np.abs(of_kernel).max() > 0
 
 assert verdicts(plan, "obstacle") == {"obstacles[0] bend": "proved"}

@@ -15,7 +15,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
-from floatplan.planning.search import MOST_SOLVED
+from floatplan.planning.options import MOST_SOLVED
 
 MADE_BY_FLOATPLAN = {
     "JumpReplay",

@@ -10,13 +10,13 @@ from floatplan import errors, files, tables
 from floatplan.cli import clips
 from floatplan.clips import formats
 from floatplan.export import table
-from floatplan.planning import attempt, search
+from floatplan.planning import options
 from floatplan.plans import reading
 from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.mjcf import text as mjcf_text
 from floatplan.robot.shapes import collisions, links
 from floatplan.robot.urdf import check, tree
-from floatplan.simulation import closed_loop, forward
+from floatplan.simulation import closed_loop, gains, integration
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
 from floatplan.studies import study
@@ -34,21 +34,21 @@ SIZES = {
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": resolution.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
-    "processes of a search or a study, threads of a batch": search.MOST_JOBS,
+    "processes of a search or a study, threads of a batch": options.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "motions that a study writes": study.MOST_MOTIONS,
     "keys that a study varies": study_file.MOST_VARIED,
-    "solved starts of a search, and of a study's row": search.MOST_SOLVED,
-    "unsolved starts of a row, at each degree": attempt.ATTEMPTS,
+    "solved starts of a search, and of a study's row": options.MOST_SOLVED,
+    "unsolved starts of a row, at each degree": options.ATTEMPTS,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
-    "steps of a replay in MuJoCo": forward.MOST_STEPS,
+    "steps of a replay in MuJoCo": integration.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
     "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
     "places of links in an export to MCAP or of a reference motion: instants times links": table.MOST_PLACES,
-    "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
-    "bandwidth of a replay's feedback": f"{forward.FASTEST:.0f} rad/s",
+    "evaluations of the dynamics in a replay": integration.MOST_EVALUATIONS,
+    "bandwidth of a replay's feedback": f"{gains.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
     "a mesh": f"{collisions.LARGEST_MESH // 10**6} MB",

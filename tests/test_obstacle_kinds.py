@@ -12,10 +12,10 @@ import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
-from floatplan.compiled.constraints import CompiledConstraints, DistanceRows, SumRows
 from floatplan.inflight.prediction import distance_rows
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.motion.planar.flight import planar_flight
+from floatplan.planning.kernel_rows import DistanceRows, PlanarRows, SumRows
 from floatplan.plans.record import OBSTACLES
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.view.outlines import OUTLINES
@@ -56,14 +56,19 @@ def test_every_room_knows_what_every_kind_is_made_of(room, kind):
     assert example.where
 
 
+def planar_rows(blocks):
+    problem = fp.load_problem(EXAMPLE)
+    return PlanarRows(problem.robot.tree, blocks, flight=planar_flight(problem))
+
+
 def test_the_kernel_says_which_limit_it_does_not_know():
-    with pytest.raises(AssertionError, match="the kernel knows no limits of powers"):
-        CompiledConstraints(planar_flight(fp.load_problem(EXAMPLE)), [SumRows(np.ones(1), {"powers": np.ones((1, 2))})])
+    with pytest.raises(TypeError, match="the kernel knows no limits of powers"):
+        planar_rows([SumRows(np.ones(1), {"powers": np.ones((1, 2))})])
 
 
 def test_the_kernel_says_which_obstacle_it_does_not_know():
     with pytest.raises(AssertionError, match="the kernel knows no obstacles of kind 'unknown'"):
-        CompiledConstraints(planar_flight(fp.load_problem(EXAMPLE)), [DistanceRows(Unknown(), 0.0, 1.0)])
+        planar_rows([DistanceRows(Unknown(), 0.0, 1.0)])
 
 
 def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():

@@ -94,7 +94,7 @@ def plan(
     from floatplan.arguments import one_of
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
-    from floatplan.export.table import sample_times
+    from floatplan.plans.trajectory import sample_times
 
     one_of("kernel", "reference")(method, "--method")
     if method == "reference" and (starts != 1 or budget is not None):

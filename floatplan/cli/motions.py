@@ -99,7 +99,7 @@ def replay(
     """
     from floatplan.cli.asked import gain
     from floatplan.cli.results import check_directory
-    from floatplan.simulation.forward import check_engine
+    from floatplan.simulation.engines import check_engine
 
     checked = check_engine(engine or "pinocchio")
     plan = common.read_motion(motion_file, urdf)
@@ -118,13 +118,13 @@ def replay(
         gains = gain("--kp", kp), gain("--kd", kd)
         with _naming_the_file(motion_file):
             _fly_jump(plan, output, json_output, gains=gains, friction=friction, **options)
+    if output is not None and replan is None:
+        raise InputError("is for --replan", element="--output", advice="add it")
     if replan is not None or authority:
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
         chosen = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **chosen)
-    if output is not None:
-        raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
     if flights is not None and flights > 1:
         if save:
             raise InputError("keeps a single replay only", element="--save", advice="leave --runs out")
@@ -184,10 +184,10 @@ def _fly_many(
     flown = None if rate is None else fp.closed_loop(plan, rate, **chosen)
     authority = fp.authority(plan) if with_authority else None
     page = None
-    if output is not None:
+    if output is not None and flown is not None:
         from floatplan.view.report.flights import write_flights_page
 
-        page = write_flights_page(plan, output / "flights.html", flown, authority)
+        page = write_flights_page(plan, output / "flights.html", flown)
     facts: dict[str, Any] = {} if flown is None else flown.to_dict()
     facts |= {} if authority is None else {"authority": authority.to_dict()}
     common.finish(facts, json_output, lambda summary: summary.flights_summary(flown, authority, page))
@@ -212,8 +212,8 @@ def show(
 
     motion = common.read_motion(motion_file, urdf)
     with naming(motion_file):
-        plan = motion.view
-        _ = plan.problem  # a jump's is made now, or refused with the name of its file
+        motion.refuse_unless_shown()
+        _ = motion.whole_problem  # a jump's is made now, or refused with the name of its file
     if isinstance(motion, fp.Jump) and not motion.ok:
         common.tell(quiet)(f"warning: this jump does not hold: {motion.check.sentences[0]}")
     other = None if compare is None else fp.load_plan(compare)
@@ -228,11 +228,11 @@ def show(
         if scene:
             from floatplan.view.scene.scene import write_scene
 
-            files.append(write_scene(plan, directory / SCENE))
+            files.append(write_scene(motion, directory / SCENE))
         if formats:
             from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
+            files += save_figures(motion, directory / FIGURES, compare=other, formats=formats)
         for name in films:
             files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:

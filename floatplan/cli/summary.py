@@ -19,6 +19,7 @@ from floatplan.errors import escaped
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Tone
 
+AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
 NONE = "not given"  # of a range
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
@@ -260,12 +261,11 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     took = f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
-    view = jump.view
-    broken, held = check_lines(view)
+    broken, held = check_lines(jump.check, jump.request)
     written = [Row(path.stem, escaped(str(path))) for path in files]
     return Group(
-        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[view.tone]}"),
-        _table(PHASES, phase_lines(view)),
+        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump.tone]}"),
+        _table(PHASES, phase_lines(jump)),
         *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(", ".join(words), "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings[:MOST_WARNINGS_SHOWN]),
@@ -353,7 +353,7 @@ def flown_jump_summary(flown: fp.JumpReplay, files: Sequence[Path]) -> Renderabl
 
 def flights_summary(flown: fp.ClosedLoop | None, authority: fp.Authority | None, page: Path | None) -> RenderableType:
     """Return the result of ``floatplan replay`` with --replan and --authority, for reading."""
-    from floatplan.view.report.flights import AUTHORITY_TITLES, LANDING_TITLES, authority_rows, landing_rows, summary
+    from floatplan.view.report.flights import LANDING_TITLES, landing_rows, summary
 
     parts: list[RenderableType] = []
     if flown is not None:
@@ -363,6 +363,21 @@ def flights_summary(flown: fp.ClosedLoop | None, authority: fp.Authority | None,
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)
+
+
+def authority_rows(found: fp.Authority) -> list[Sequence[str]]:
+    """Return rows of (begin, momentum, inertia), for reading."""
+    rows: list[Sequence[str]] = []
+    for time, momentum, inertia in zip(found.times.tolist(), found.momentum, found.inertia, strict=True):
+        rows.append((f"{time:.3g} s", _errors(*momentum.tolist()), _errors(*inertia.tolist())))
+    return rows
+
+
+def _errors(low: float, high: float) -> str:
+    """From which to which relative errors, in words."""
+    if math.isnan(low):
+        return "none"
+    return " to ".join(f"{100 * end:+.1f} %" if abs(end) >= 5e-4 else "0 %" for end in (low, high))
 
 
 def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: bool = False) -> Table:

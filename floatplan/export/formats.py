@@ -15,13 +15,14 @@ from floatplan.errors import InputError, naming
 from floatplan.export import reference, table
 from floatplan.export.actuators import controls
 from floatplan.export.model_names import MjcfModel, ModelNames, matched, own_mjcf, own_names
-from floatplan.export.motion import Exportable, Exported, exported
+from floatplan.export.motion import Exported, exported
 from floatplan.export.ros_bag import mcap_content
 from floatplan.export.table import archive
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory, sample_times
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import Gain
+from floatplan.simulation.gains import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
 
@@ -55,7 +56,7 @@ class Format:
 
 
 def export(
-    motion: Exportable,
+    motion: Trajectory,
     form: str,
     path: str | Path | None = None,
     rate: float | None = None,
@@ -108,7 +109,7 @@ def format_of(name: str) -> Format:
 
 def npz_content(plan: Plan, rate: float) -> bytes:
     """Return NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
-    state = plan.at(table.sample_times(plan.duration, rate))
+    state = plan.at(sample_times(plan.duration, rate))
     arrays = {field.name: getattr(state, field.name) for field in fields(state)}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
     return archive({"times": state.times} | names | arrays)
@@ -121,10 +122,14 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
     ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out; and
     what :func:`_controlled` adds.
     """
-    times = table.sample_times(motion.duration, rate)
+    times = sample_times(motion.duration, rate)
+    sample = motion.sample(times)
     arrays = {
         "time": times,
-        **motion.coordinates(times),
+        "q": sample.q,
+        "v": sample.v,
+        "a": sample.a,
+        "tau": sample.tau,
         "gravity": motion.gravity,
         "joint_names": np.array(motion.joints),
     }
@@ -170,7 +175,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
     (N, 7 + J) is place, quaternion w x y z, joints; ``qvel`` (N, 6 + J) velocity in the world, angular velocity in the
     body, joints; ``ctrl`` (N, J) is ``torque``, as of actuators of gear 1.
     """
-    times = table.sample_times(motion.duration, rate)
+    times = sample_times(motion.duration, rate)
     whole = motion.at(times)
     names = motion.joints if motion.model is None else motion.model.joints
     order = [motion.joints.index(name) for name in names]
@@ -260,7 +265,7 @@ def unitree_content(motion: Exported, rate: float) -> str:
     As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
     flight is not a whole number of steps, the last row is the landing, less than a step early.
     """
-    whole = motion.at(table.sample_times(motion.duration, rate))
+    whole = motion.at(sample_times(motion.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((whole.base_position, whole.base_quaternion, whole.positions), axis=1)
     comments = [f"# column {number}: {' '.join(name.split())}\n" for number, name in enumerate(names)]
@@ -286,7 +291,7 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
         raise InputError(
             reason, source=motion.robot.source, element=f'robot "{motion.robot.name}"', advice="take csv-full"
         )
-    times = table.sample_times(motion.duration, rate)
+    times = sample_times(motion.duration, rate)
     whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
     columns = [("time", times)]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}

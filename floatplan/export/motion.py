@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,11 @@ from floatplan.errors import InputError
 from floatplan.export.model_names import ModelNames, own_names
 from floatplan.motion.flight import FullMotion
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import MotionSample, Trajectory, phase_of, sampled
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.forward import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
+from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
 from floatplan.stance.jump_motion import JumpMotion
-
-Exportable: TypeAlias = Plan | JumpMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +25,14 @@ class Exported:
 
     Attributes
     ----------
-    motion : Exportable
+    motion : Trajectory
     gains : (2, J), optional
         Stiffness and damping, N m/rad and N m s/rad, of all joints that move.
     model : ModelNames, optional
         Of the model that is to read the motion.
     """
 
-    motion: Exportable
+    motion: Trajectory
     gains: Array | None = None
     model: ModelNames | None = None
 
@@ -75,15 +74,14 @@ class Exported:
             about["phases"] = json.dumps([vars(phase) for phase in motion.phases])
         return about
 
-    def coordinates(self, times: Array) -> dict[str, Array]:
-        """Return ``q``, ``v``, ``a``, ``tau`` (N, ..) at times (N,), s; InputError where they are no numbers."""
-        motion, times = self.motion, np.minimum(times, self.duration)  # the last may be later by rounding
-        found = {"q": motion.q(times), "v": motion.v(times), "a": motion.a(times), "tau": motion.tau(times)}
-        self._check(*found.values())
-        return found
+    def sample(self, times: Array) -> MotionSample:
+        """Return the motion at times (N,), s, in Pinocchio's coordinates; InputError where they are no numbers."""
+        sample = sampled(self.motion, times)
+        self._check(sample.q, sample.v, sample.a, sample.tau)
+        return sample
 
     def at(self, times: Array) -> FullMotion:
-        """Return base and all joints at times (N,), s; errors as of :meth:`coordinates`."""
+        """Return base and all joints at times (N,), s; errors as of :meth:`sample`."""
         motion = self.motion.full_motion(np.minimum(times, self.duration))
         self._check(motion.positions, motion.velocities, motion.accelerations, motion.torques, motion.base_position)
         return motion
@@ -104,7 +102,7 @@ class Exported:
         if not phases:
             return {}
         times = np.minimum(times, motion.duration)
-        phase = np.searchsorted([each.end for each in phases[:-1]], times)
+        phase = phase_of(motion, times)
         forces, points = motion.forces(times), motion.contact_points(times)
         return {
             "phase": phase,
@@ -117,13 +115,13 @@ class Exported:
 
 
 def exported(
-    motion: Exportable, kp: Gain | None = None, kd: Gain | None = None, model: ModelNames | None = None
+    motion: Trajectory, kp: Gain | None = None, kd: Gain | None = None, model: ModelNames | None = None
 ) -> Exported:
     """Return a motion as exporters read it.
 
     Gains are there where one is given, or where the motion is a jump, which no motor follows without. Left out, those
     of a jump are the ones with which :func:`floatplan.replay_jump` begins to search,
-    :func:`floatplan.simulation.forward.first_gains`. Of a plan the stiffness of a joint is then ``BANDWIDTH**2``
+    :func:`floatplan.simulation.gains.first_gains`. Of a plan the stiffness of a joint is then ``BANDWIDTH**2``
     times the inertia that it turns at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and
     its damping the critical one, ``2 sqrt(kp inertia)``.
 

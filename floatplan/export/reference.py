@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.export.motion import Exported
-from floatplan.export.table import archive, check_size, frame_times, number_rows
+from floatplan.export.table import archive, check_size, number_rows
 from floatplan.motion.flight import free_flyer
+from floatplan.plans.trajectory import frame_times
 
 FREE, SLIDE, HINGE = 0, 2, 3  # MuJoCo's types of joints
 

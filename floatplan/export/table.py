@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,36 +16,14 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import sample_times
 
 if TYPE_CHECKING:
     from floatplan.export.motion import Exported
 
 SPACE = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
-MOST_ROWS = 100_000  # [-] of a file: 100 s at 1 kHz
 MOST_PLACES = 1_000_000  # [-] of links at instants, of a file
-
-
-def frame_times(duration: float, rate: float) -> Array:
-    """Instants 0, 1/rate, 2/rate, ... up to the end, s, which is one of them if it is a whole number of steps.
-
-    Raises
-    ------
-    InputError
-        The rate is not positive and finite, or gives more than ``MOST_ROWS`` instants.
-    """
-    if not (rate > 0 and math.isfinite(rate)):
-        raise InputError(f"{rate} Hz is not positive and finite", element="rate", advice="give rows per second")
-    if duration * rate > MOST_ROWS:
-        reason = f"{rate} Hz for {duration} s are more than {MOST_ROWS} rows"
-        raise InputError(reason, element="rate", advice="give a lower rate")
-    return np.arange(math.floor(duration * rate * (1 + 1e-12)) + 1) / rate
-
-
-def sample_times(duration: float, rate: float) -> Array:
-    """Instants of :func:`frame_times`, and the end itself, s; errors as there."""
-    frames = frame_times(duration, rate)
-    return np.append(frames[frames < duration * (1 - 1e-12)], duration)
 
 
 def check_size(instants: int, links: int, rate: float) -> None:

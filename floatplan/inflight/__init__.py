@@ -1,1 +1,19 @@
-"""While it flies: corrections of a plan's motion, from what is measured on the way."""
+"""While it flies: corrections of a plan's motion, from what is measured on the way.
+
+- `replanner.py`: :class:`~floatplan.inflight.replanner.Replanner`, the one public way in: a measurement goes in, the
+  joints' motion from now to the landing comes out.
+- `measurement.py`: what a measurement is, and whether it can be one; `estimate.py`: the state that follows from it.
+- `remaining_motion.py`: the rest of the flight; `prediction.py`: at which instants it is looked at, and the rows of the
+  problem's limits there; `update.py`: what the kernel is given, which computes all of an update.
+- `warm_starts.py`: where the first correction begins; `authority.py`: how much corrections can do.
+
+Symbols, in SI units and radians throughout; times are s since takeoff:
+
+- n joints are planned; m is the number of free polynomials of each joint, of motors where torques are meant.
+- q, q': positions and rates of the planned joints; theta0: orientation of the base, h: angular momentum, with
+  h = D(q) . (theta0', q').
+- p: polynomial of a joint, q = centre + amplitude sin(p); u: share of the remaining time, from 0 to 1.
+- y: changes of the free polynomials, scaled so that their size is that of the acceleration that they make.
+- the miss: orientation at landing less the goal.
+- a row: one limit at one instant, kept where it is at least zero.
+"""

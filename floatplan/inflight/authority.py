@@ -11,8 +11,9 @@ from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.estimate import Estimate, adapted
+from floatplan.inflight.remaining_motion import Rewriting
 from floatplan.inflight.replanner import REACHED, Replanner
-from floatplan.inflight.update import Rewriting, Update
+from floatplan.inflight.update import Update
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool import one_thread

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.constraints import QUANTITIES, Block, DistanceRows, can_write
 from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
+from floatplan.planning.kernel_rows import SUMMED, Block, DistanceRows, can_write
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares, shares_of_limits
@@ -72,7 +72,7 @@ def limit_rows(problem: Problem) -> list[LimitRows]:
     """
     rows = []
     for shares in shares_of_limits(problem):
-        for quantity in shares.used.keys() - QUANTITIES:
+        for quantity in shares.used.keys() - SUMMED:
             raise InputError(
                 f"corrections in flight do not know limits of {quantity}",
                 element=f"limits.{shares.key}",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,32 +13,20 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arguments import Outlined, optional, outline, positive
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.estimate import (
-    LARGEST_JUMP,
-    Estimate,
-    Identification,
-    Measurement,
-    Plausibility,
-    Recovery,
-    read,
-    unwrapped,
-)
+from floatplan.inflight.estimate import Estimate, Identification
+from floatplan.inflight.measurement import LARGEST_JUMP, Measurement, Plausibility, Recovery, read, unwrapped
 from floatplan.inflight.prediction import Views
-from floatplan.inflight.update import Corrected, RemainingMotion, Rewriting, Update
+from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
+from floatplan.inflight.update import Corrected, Update
+from floatplan.inflight.warm_starts import WarmStarts
 from floatplan.kernel.tolerances import CORRECTION_GAINS
-from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool import one_thread
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
-REACH = 0.15  # [-] of the plan's angular momentum, either way
-STEPS = 3  # [-] either way
-SHORTEST = 0.25  # [-] of them, where the goal is out of reach after a whole one
-EVALUATIONS = 30  # [-] of changed motions, for each
-WARM_PART = 0.1  # [-] of the flight: later corrections do not begin so
 
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
@@ -107,54 +94,6 @@ class Reference(Outlined):
     motors: Array
 
 
-class WarmStarts:
-    """Corrections at takeoff, by angular momentum; those between are made of the two nearest, beyond is the last.
-
-    There are as many as reach the goal within the limits.
-
-    Parameters
-    ----------
-    motion : RemainingMotion
-        The plan's, from takeoff.
-    corrected : callable
-        A motion from takeoff corrected for an angular momentum, kg m^2/s, with so many evaluations at most.
-    planned : kg m^2/s
-    """
-
-    def __init__(
-        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Corrected], planned: float
-    ) -> None:
-        self._latest = WARM_PART * motion.end
-        free = motion.coefficients[CONDITIONS:]
-        reach = abs(planned) * REACH
-
-        def changes(step: float) -> list[tuple[float, Array]]:
-            """Momenta one step further each, with their changes; shorter steps where the goal is out of reach."""
-            found, changed, momentum, least = [], motion, planned, SHORTEST * abs(step)
-            while abs(step) >= least > 0 and abs(momentum + step - planned) <= reach * (1 + 1e-9):
-                there = corrected(changed, momentum + step, EVALUATIONS)
-                if abs(there.miss) > CORRECTION_GAINS.far or (there.worst < -CORRECTION_GAINS.kept).any():
-                    step /= 2
-                    continue
-                changed, momentum = there.motion, momentum + step
-                found.append((momentum, changed.coefficients[CONDITIONS:] - free))
-            return found
-
-        known = [(planned, np.zeros_like(free)), *changes(-reach / STEPS), *changes(reach / STEPS)]
-        known.sort(key=lambda each: each[0])
-        self._momenta, self._changes = [momentum for momentum, _ in known], read_only([change for _, change in known])
-
-    def at(self, now: float, angular_momentum: float) -> Array | None:
-        """Change of the free coefficients (m, n) to begin with at ``now``, s; None where none is known."""
-        momenta, last = self._momenta, len(self._momenta) - 1
-        if not last or now > self._latest or not math.isfinite(angular_momentum):
-            return None
-        momentum = min(max(angular_momentum, momenta[0]), momenta[last])
-        below = min(bisect_right(momenta, momentum) - 1, last - 1)
-        share = (momentum - momenta[below]) / (momenta[below + 1] - momenta[below])
-        return np.asarray((1 - share) * self._changes[below] + share * self._changes[below + 1])
-
-
 class Replanner:
     """Corrects a plan's motion in flight, so that the robot lands as planned with what it really took off with.
 
@@ -181,11 +120,14 @@ class Replanner:
     def __init__(
         self, plan: Plan | str | Path, rate: float = 200.0, sigma: float = SIGMA, acceleration: float | None = None
     ) -> None:
-        plan, rate, sigma = given_plan(plan), positive(FASTEST, "Hz")(rate, "rate"), positive(LARGEST)(sigma, "sigma")
+        plan = given_plan(plan)
+        rate = positive(FASTEST, "Hz")(rate, "rate")
+        sigma = positive(LARGEST)(sigma, "sigma")
         acceleration = optional(positive(LARGEST))(acceleration, "acceleration")
         if not plan.ok:
             raise InputError("the plan does not reach its goal", element="plan", advice="plan again")
-        self.plan, self.rate = plan, float(rate)
+        self.plan = plan
+        self.rate = float(rate)
         rewriting = Rewriting(plan)
         self.views = Views(plan, rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
@@ -227,7 +169,7 @@ class Replanner:
         self._landing = plan.duration
         self._update.begin(self._estimate)
         corrected = self._update.predicted(self.motion)
-        self._last = _told("applied", "", corrected, plan.duration, momentum)
+        self._last = _correction("applied", "", corrected, plan.duration, momentum)
 
     def identification(self, angular_momentum: float) -> Identification:
         """Return what is known at takeoff, with an angular momentum, kg m^2/s."""
@@ -313,7 +255,8 @@ class Replanner:
 
     def _learned(self, measured: Measurement, now: float) -> str:
         """Take in a measurement; why not, where it cannot be one."""
-        estimate, plausible = self._estimate, self._plausible
+        estimate = self._estimate
+        plausible = self._plausible
         if measured.com_position is not None and not plausible.com(measured, *estimate.place(measured.time)):
             return FAR_OFF
         expected = self._update.expected(measured, now)
@@ -334,7 +277,8 @@ class Replanner:
         return ""
 
     def _correct(self, now: float) -> Correction:
-        first, self._corrected = self._corrected < 0.0, now
+        first = self._corrected < 0.0
+        self._corrected = now
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
@@ -343,7 +287,7 @@ class Replanner:
         evaluations = FIRST if first else CORRECTION_GAINS.evaluations_near
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
-        self._last = _told(*_judged(corrected), corrected, landing, momentum)
+        self._last = _correction(*_judged(corrected), corrected, landing, momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
@@ -367,8 +311,16 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _told(status: Status, reason: str, corrected: Corrected, landing: float, momentum: float) -> Correction:
-    return Correction(status, reason, landing, momentum, corrected.motion, corrected.miss, corrected.torque_peak)
+def _correction(status: Status, reason: str, corrected: Corrected, landing: float, momentum: float) -> Correction:
+    return Correction(
+        status=status,
+        reason=reason,
+        landing=landing,
+        angular_momentum=momentum,
+        motion=corrected.motion,
+        predicted_miss=corrected.miss,
+        torque_peak=corrected.torque_peak,
+    )
 
 
 def _judged(corrected: Corrected) -> tuple[Status, str]:

@@ -4,112 +4,32 @@ All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``pr
 read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from numpy.polynomial.chebyshev import chebval
 
-from floatplan.arrays import Array, IntArray, read_only
-from floatplan.compiled.bodies import Bodies, robot_struct
-from floatplan.compiled.constraints import CompiledConstraints
-from floatplan.inflight.estimate import Estimate, Expected, Measurement
+from floatplan.arrays import Array, IntArray
+from floatplan.inflight.estimate import Estimate
+from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.prediction import LimitRows, Views
+from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, integers
 from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import Form, WrittenMotion, basis
-from floatplan.plans.plan import Plan
+from floatplan.planning.bodies import Bodies, robot_struct
+from floatplan.planning.kernel_rows import PlanarRows
 from floatplan.robot.planar.tree import PlanarTree
 
-LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
 FILTER = ("state", "covariance", "surprises", "wander", "deviations")  # what is of an estimate
 STEPS = enumeration("Step").__members__
-
-
-@dataclass(eq=False)  # not frozen, for its speed: there is one per update
-class RemainingMotion:
-    """Joints from ``begin`` to ``end``, s since takeoff: ``centre + amplitude sin(p)``, p a polynomial of time.
-
-    Attributes
-    ----------
-    centre, amplitude : (n,) rad
-    begin, end : s
-        The landing is at ``end``.
-    coefficients : (6+m, n)
-        Of p in ``basis``: p and two derivatives by u = (t - begin) / (end - begin) at both ends, then those of the m
-        free polynomials.
-    table : (3, k+1, 6+m)
-        Of their values and two derivatives by u, in Chebyshev polynomials of 2 u - 1.
-    """
-
-    centre: Array
-    amplitude: Array
-    begin: float
-    end: float
-    coefficients: Array
-    table: Array
-
-    @property
-    def remaining(self) -> float:
-        """Time from ``begin`` to ``end``, s."""
-        return self.end - self.begin
-
-    def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities, accelerations (N, n) at times (N,), s since takeoff; at rest outside of its time."""
-        instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        inside = np.minimum(np.maximum(instants - self.begin, 0.0), self.remaining)
-        positions, velocities, accelerations = self._written.at(inside)
-        outside = (instants > self.end) | (instants < self.begin)
-        if outside.any():
-            velocities[outside] = accelerations[outside] = 0.0
-        return positions, velocities, accelerations
-
-    @cached_property
-    def _written(self) -> WrittenMotion:
-        """The same by time since ``begin``."""
-        p, rate, curvature = self.table @ self.coefficients
-        chebyshev = p, rate / self.remaining, curvature / self.remaining**2
-        return WrittenMotion(self.centre, self.amplitude, self.remaining, chebyshev)
-
-
-class Rewriting:
-    """What writes motions on a shorter time: the values at ``points``, Chebyshev's, fix all coefficients.
-
-    Exact while the landing time stays. Where it moves, p keeps p, p', p'' at both ends, by time, and its free part.
-    """
-
-    def __init__(self, plan: Plan) -> None:
-        size = max(plan.coefficients.shape[1], CONDITIONS + LEAST_FREE)
-        self.form = Form(size - CONDITIONS)
-        functions = basis(self.form)
-        self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
-        self.of_values = np.linalg.inv(functions.values(self.points)[0])
-        written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
-        coefficients = self.of_values @ chebval(2 * self.points - 1, written.chebyshev[0]).T
-        boundary = np.stack([chebval([-1.0, 1.0], part).T for part in written.chebyshev])
-        self.landing = read_only(boundary[:, 1])
-        scale = plan.duration ** np.arange(3.0)[:, None]  # from derivatives by time to those by u
-        coefficients[:3], coefficients[3:CONDITIONS] = boundary[:, 0] * scale, self.landing * scale
-        self.first = RemainingMotion(
-            np.array(plan.centre),
-            np.array(plan.amplitude),
-            0.0,
-            plan.duration,
-            read_only(coefficients),
-            functions.series,
-        )
 
 
 @dataclass(eq=False)
@@ -126,46 +46,6 @@ class Corrected:
     share: float
 
 
-@dataclass(frozen=True, eq=False)
-class _CalledArrays:
-    """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
-
-    measured_positions: Array
-    measured_velocities: Array
-    positions: Array
-    velocities: Array
-    map: Array
-    asked: Array
-    torques: Array
-    warm_start: Array
-    coefficients: Array
-    planned: Array
-    worst: Array
-    row_values: Array
-    torque_peak: Array
-
-    @classmethod
-    def empty(cls, constraints: CompiledConstraints, instants: int, width: int, motors: int) -> _CalledArrays:
-        """Return room for a flight with so many instants, free polynomials of each joint, and motors."""
-        n = constraints.flight.tree.turns.shape[1]
-        columns = CONDITIONS + width
-        return cls(
-            measured_positions=np.zeros(n),
-            measured_velocities=np.zeros(n),
-            positions=np.zeros(n),
-            velocities=np.zeros(n),
-            map=np.zeros(n + 1),
-            asked=np.zeros((3, n)),
-            torques=np.zeros(n + motors),
-            warm_start=np.zeros((width, n)),
-            coefficients=np.zeros((columns, n)),
-            planned=np.zeros((columns, n)),
-            worst=np.zeros(len(constraints.block_first) - 1),
-            row_values=np.zeros((constraints.rows, instants)),
-            torque_peak=np.zeros(motors),
-        )
-
-
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
@@ -178,8 +58,8 @@ class Update:
         self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants
-        constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
-        bodies = constraints.bodies
+        constraints = PlanarRows(tree, [rows.block for rows in blocks], flight=views.flight)
+        bodies = constraints.own_bodies
         n = tree.turns.shape[1]
         width = len(views.whitening)
         motors = tree.motor_turns.shape[1]
@@ -196,7 +76,7 @@ class Update:
         self._robot = robot_struct(bodies, n)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
-        self._called = _CalledArrays.empty(constraints, len(grid.s), width, motors)
+        self._called = _called_arrays(constraints, n, len(grid.s), width, motors)
         self._struct = Struct(
             "Flight",
             instants=len(grid.s),
@@ -222,7 +102,7 @@ class Update:
             **_of_limits(blocks, constraints.block_first),
             **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
             **self._of_instants(grid),
-            **vars(self._called),
+            **self._called,
         )
         room = kernel().flight_room(self._robot.pointer, self._constraints.pointer, self._flight)
         self._struct.point_to(room=np.zeros(room))
@@ -230,7 +110,7 @@ class Update:
     @property
     def row_values(self) -> Array:
         """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
-        return self._called.row_values
+        return self._called["row_values"]
 
     @property
     def _flight(self) -> Any:
@@ -250,7 +130,7 @@ class Update:
     def aim_as_planned(self) -> None:
         """Aim no further from limits than the motion predicted last is: it comes to the ground, as feet do."""
         landing, views = int(np.argmax(self._instants.s)), self.views
-        values = [self._called.row_values[begin:end] for begin, end in pairwise(self._block_first)]
+        values = [self._called["row_values"][begin:end] for begin, end in pairwise(self._block_first)]
         views.rows = [rows.as_planned(own, landing) for rows, own in zip(views.rows, values, strict=True)]
         self._struct.point_to(aim=doubles([rows.aim for rows in self.views.rows]))
 
@@ -258,12 +138,12 @@ class Update:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
         flight = self._flight
         flight.began, flight.measured, flight.now = self.estimate.time, measured.time, now
-        self._called.measured_positions[:] = measured.positions
-        self._called.measured_velocities[:] = measured.velocities
+        self._called["measured_positions"][:] = measured.positions
+        self._called["measured_velocities"][:] = measured.velocities
         self._step(STEPS["expect_state"])
         orientation = self.estimate.inertial.orientation + flight.turn_before
         base = orientation, flight.expected_rate, flight.aside, flight.variance, flight.noise
-        return Expected(self._called.positions, self._called.velocities, *base)
+        return Expected(self._called["positions"], self._called["velocities"], *base)
 
     def learn(self, measured: Measurement) -> None:
         """Take in a measurement that is as it was expected."""
@@ -272,9 +152,9 @@ class Update:
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
         """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the h and the masses found."""
-        self._called.asked[:] = positions, velocities, accelerations
+        self._called["asked"][:] = positions, velocities, accelerations
         self._step(STEPS["find_torques"])
-        return self._called.torques.copy()
+        return self._called["torques"].copy()
 
     @property
     def turned(self) -> float:
@@ -287,7 +167,7 @@ class Update:
         self._look_at(now, landing)
         flight.evaluations, flight.is_warm = evaluations, warm_start is not None
         if warm_start is not None:
-            self._called.warm_start[:] = warm_start
+            self._called["warm_start"][:] = warm_start
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
@@ -296,7 +176,7 @@ class Update:
     def predicted(self, motion: RemainingMotion) -> Corrected:
         """Return what comes of a motion as it is; the estimate is that when it begins."""
         self._look_at(motion.begin, motion.end)
-        self._called.coefficients[:] = motion.coefficients
+        self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["predict_motion"])
         return self._judged(motion)
 
@@ -320,7 +200,9 @@ class Update:
 
     def _judged(self, motion: RemainingMotion) -> Corrected:
         found = self._flight.corrected
-        return Corrected(motion, found.miss, self._called.worst.copy(), self._called.torque_peak.copy(), found.share)
+        return Corrected(
+            motion, found.miss, self._called["worst"].copy(), self._called["torque_peak"].copy(), found.share
+        )
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
@@ -332,12 +214,12 @@ class Update:
         """Take a motion as the present one."""
         self.motions.append(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
-        self._called.coefficients[:] = motion.coefficients
+        self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._first
-        coefficients = self._called.coefficients.copy()
+        coefficients = self._called["coefficients"].copy()
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
@@ -358,6 +240,26 @@ class Update:
             "first": doubles(first.T),
             "second": doubles(second.T),
         }
+
+
+def _called_arrays(constraints: PlanarRows, n: int, instants: int, width: int, motors: int) -> dict[str, Array]:
+    """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
+    coefficients = (CONDITIONS + width, n)
+    return {
+        "measured_positions": np.zeros(n),
+        "measured_velocities": np.zeros(n),
+        "positions": np.zeros(n),
+        "velocities": np.zeros(n),
+        "map": np.zeros(n + 1),
+        "asked": np.zeros((3, n)),
+        "torques": np.zeros(n + motors),
+        "warm_start": np.zeros((width, n)),
+        "coefficients": np.zeros(coefficients),
+        "planned": np.zeros(coefficients),
+        "worst": np.zeros(len(constraints.block_first) - 1),
+        "row_values": np.zeros((constraints.rows, instants)),
+        "torque_peak": np.zeros(motors),
+    }
 
 
 def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int) -> dict[str, Array | IntArray]:

@@ -12,9 +12,9 @@ from floatplan.errors import InputError
 from floatplan.initial.apart import kept_apart
 from floatplan.initial.robots import ChosenRobot
 from floatplan.motion.flight import tree_dynamics
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import proved_plan
-from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, Limits, Motion, Posture

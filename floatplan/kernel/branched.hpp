@@ -12,7 +12,8 @@ class BranchedMotions {
         arena.take(offset, free);
         arena.take(rates, plain.goal.knots * n);
         for (double **each : {&curvature, &bend}) arena.take(*each, n);
-        at.boundary = boundary, at.offset = offset;
+        at.boundary = boundary;
+        at.offset = offset;
         if (plain.goal.knots) at.goal = {plain.goal.knots, plain.goal.momenta, rates, curvature, bend};
     }
 
@@ -27,7 +28,10 @@ class BranchedMotions {
             own[plain.condition[3]] += branch[i] * 3.141592653589793;
             for (Index knot = 0; knot < plain.goal.knots; ++knot)
                 rates[knot * n + i] = sign * plain.goal.rates[knot * n + i];
-            if (plain.goal.knots) curvature[i] = sign * plain.goal.curvature[i], bend[i] = sign * plain.goal.bend[i];
+            if (plain.goal.knots) {
+                curvature[i] = sign * plain.goal.curvature[i];
+                bend[i] = sign * plain.goal.bend[i];
+            }
             for (Index r = plain.first[i]; offset_map && branch[i] && r < plain.first[i + 1]; ++r)
                 offset[r] = dot(offset_map + r * plain.given, own, plain.given);
         }

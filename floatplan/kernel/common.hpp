@@ -64,12 +64,12 @@ inline Arena aligned(double *memory) {
 
 // Memory for one call, most of it never touched. The last block is kept for the next one: fresh pages cost 0.2 ms a
 // search.
-struct Room {
+struct Workspace {
     static constexpr std::size_t HEAD = 64, MOST_KEPT = 1 << 26;  // bytes
     inline static std::atomic<std::size_t *> spare{nullptr};
     std::size_t *block = nullptr;  // it begins with its size
 
-    // Room for what a function takes of an arena.
+    // Memory for all that a function takes of an arena.
     template <typename LayOut> bool make(LayOut lay_out) {
         Arena measure{nullptr, HEAD};
         lay_out(measure);
@@ -84,5 +84,5 @@ struct Room {
         lay_out(arena);
         return true;
     }
-    ~Room() { std::free(block && *block <= MOST_KEPT ? spare.exchange(block) : block); }
+    ~Workspace() { std::free(block && *block <= MOST_KEPT ? spare.exchange(block) : block); }
 };

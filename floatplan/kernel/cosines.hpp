@@ -48,7 +48,8 @@ Index bound_boxes(const Cosines &of) {
                 if (low[n + j] * of.influence[j] > low[n + cut] * of.influence[cut]) cut = j;
             low[n + cut] /= 2;
             copy(high, low, size);
-            low[cut] -= low[n + cut], high[cut] += low[n + cut];
+            low[cut] -= low[n + cut];
+            high[cut] += low[n + cut];
             of.value[of.count + k] = raise_bound(of, high);
         }
         of.value[k] = raise_bound(of, low);

@@ -3,25 +3,25 @@
 
 template <typename Flight>
 static inline Index evaluate(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
-                             const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
+                             const Nodes *levels, const Settings &settings, const Exchange &rules, SearchProblem &problem,
                              Evaluation &at) {
-    Program<Flight> program(body, constraints, motions, levels, settings, rules, attempt);
-    Constrained<Flight> search(program, settings, rules, attempt);
+    Program<Flight> program(body, constraints, motions, levels, settings, rules, problem);
+    Sqp<Flight> search(program, settings, rules, problem);
     const Index nodes = levels[settings.levels - 1].nodes, size = program.size;
-    Room room;
+    Workspace room;
     if (!room.make([&](Arena &arena) {
             program.lay_out(arena, nodes);
-            search.lay_out(arena, attempt.rows * ((nodes + rules.most_instants + 7) / 8 * 8));
+            search.lay_out(arena, problem.rows * ((nodes + rules.most_instants + 7) / 8 * 8));
         }))
         return 1;
-    learn_from_plain(program, levels, settings, rules, attempt);
+    learn_from_plain(program, levels, settings, rules, problem);
     program.back_off = at.back_off;
     program.watch(at.level, at.others, at.extra);
     Evaluated<Flight> &now = *search.now;
     copy(now.x, at.x, size);
     program.evaluate(now);
     program.differentiate(now);
-    const Index entries = attempt.rows * program.stride;
+    const Index entries = problem.rows * program.stride;
     for (Index entry = 0; entry < entries; ++entry) {
         const double *slopes = program.pack_of(now, entry) + entry % 8;
         for (Index c = 0; c < size; ++c) at.slopes[entry * size + c] = slopes[8 * c];
@@ -38,12 +38,12 @@ static inline Index evaluate(const typename Flight::Body &body, const Constraint
 }
 
 Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
-                       const Settings &settings, const Exchange &rules, Attempt &attempt, Evaluation &at) {
-    return evaluate<PlanarFlight>(robot, constraints, motions, levels, settings, rules, attempt, at);
+                       const Settings &settings, const Exchange &rules, SearchProblem &problem, Evaluation &at) {
+    return evaluate<PlanarFlight>(robot, constraints, motions, levels, settings, rules, problem, at);
 }
 
 Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Constraints &constraints, const Motions &motions,
-                        const Nodes *levels, const Settings &settings, const Exchange &rules, Attempt &attempt,
+                        const Nodes *levels, const Settings &settings, const Exchange &rules, SearchProblem &problem,
                         Evaluation &at) {
-    return evaluate<SpatialFlight>({body, cells, body.joints}, constraints, motions, levels, settings, rules, attempt, at);
+    return evaluate<SpatialFlight>({body, cells, body.joints}, constraints, motions, levels, settings, rules, problem, at);
 }

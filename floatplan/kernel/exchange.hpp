@@ -5,16 +5,16 @@
 template <typename Flight> class Follower {
   public:
     Follower(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions, const Nodes *levels,
-             const Settings &settings, const Exchange &rules, Attempt &attempt)
-        : program(body, constraints, motions, levels, settings, rules, attempt),
-          search(program, settings, rules, attempt), set(settings), rules(rules), attempt(attempt),
-          most_nodes(levels[settings.levels - 1].nodes), has_rows(attempt.rows > 0) {}
+             const Settings &settings, const Exchange &rules, SearchProblem &problem)
+        : program(body, constraints, motions, levels, settings, rules, problem),
+          search(program, settings, rules, problem), set(settings), rules(rules), problem(problem),
+          most_nodes(levels[settings.levels - 1].nodes), has_rows(problem.rows > 0) {}
 
     void lay_out(Arena &arena) {
         const Index most = most_nodes + rules.most_instants;
         program.lay_out(arena, most_nodes);
-        search.lay_out(arena, attempt.rows * ((most + 7) / 8 * 8));
-        for (double **each : {&extra, &watched}) arena.take(*each, 2 * rules.most_instants + attempt.minima.instants);
+        search.lay_out(arena, problem.rows * ((most + 7) / 8 * 8));
+        for (double **each : {&extra, &watched}) arena.take(*each, 2 * rules.most_instants + problem.minima.instants);
         for (double **each : {&start, &restored, &best, &looked_at}) arena.take(*each, program.size);
     }
 
@@ -29,21 +29,22 @@ template <typename Flight> class Follower {
     // From x, once more from its end where that nearly holds, or is not known to be optimal.
     void follow(const double *x) {
         copy(best, x, program.size);
-        attempt.violation = HUGE_VAL;
+        problem.violation = HUGE_VAL;
         looked_level = -1;
         follow_best();
-        if (attempt.violation < rules.near_miss && attempt.status != optimal && !search.is_exhausted()) {
-            attempt.at_once = 1;
+        if (problem.violation < rules.near_miss && problem.status != optimal && !search.is_exhausted()) {
+            problem.at_once = 1;
             follow_best();
         }
-        attempt.iterations = search.iterations;
-        attempt.evaluations = program.evaluations;
-        attempt.work = program.work;
-        if (!is_best && attempt.violation <= worth) {  // what is done again does not count
-            finish(best, attempt.violation < HUGE_VAL ? attempt.judged_level : 0, attempt.status);
-            program.evaluations = attempt.evaluations, program.work = attempt.work;
+        problem.iterations = search.iterations;
+        problem.evaluations = program.evaluations;
+        problem.work = program.work;
+        if (!is_best && problem.violation <= worth) {  // what is done again does not count
+            finish(best, problem.violation < HUGE_VAL ? problem.judged_level : 0, problem.status);
+            program.evaluations = problem.evaluations;
+            program.work = problem.work;
         }
-        copy(attempt.x, best, program.size);
+        copy(problem.x, best, program.size);
     }
 
     // b of where it ended, in powers of seconds.
@@ -61,15 +62,16 @@ template <typename Flight> class Follower {
     double finest_objective() {
         program.watches = false;
         begin(set.levels - 1, search.now->x);
-        return attempt.objective_scale * search.now->objective;
+        return problem.objective_scale * search.now->objective;
     }
 
     // Whether nothing tells at x already that no motion holds.
     bool may_hold(const double *x) {
         program.watches = false;
-        begin(attempt.level, x);
+        begin(problem.level, x);
         const Chance chance = program.chance(*search.now);
-        attempt.ends_hold = chance.ends_hold, attempt.path_is_clear = chance.path_is_clear;
+        problem.ends_hold = chance.ends_hold;
+        problem.path_is_clear = chance.path_is_clear;
         return chance.ends_hold && chance.path_holds;
     }
 
@@ -77,30 +79,30 @@ template <typename Flight> class Follower {
     void judge_given(const double *x) {
         copy(best, x, program.size);
         program.watches = has_rows;
-        attempt.violation = HUGE_VAL;
+        problem.violation = HUGE_VAL;
         status = infeasible;
         looked_level = -1;
-        begin(attempt.level, x);
+        begin(problem.level, x);
         judge();
-        copy(attempt.x, best, program.size);
-        attempt.evaluations = program.evaluations;
-        attempt.work = program.work;
+        copy(problem.x, best, program.size);
+        problem.evaluations = program.evaluations;
+        problem.work = program.work;
     }
 
     // Judges again where a start ended, with nodes of that level.
     void finish(const double *x, Index level, Index ended_as) {
-        copy(attempt.x, x, program.size);
+        copy(problem.x, x, program.size);
         status = static_cast<Status>(ended_as);
-        attempt.violation = HUGE_VAL;
+        problem.violation = HUGE_VAL;
         looked_level = -1;
-        judge_at(level, attempt.x);
+        judge_at(level, problem.x);
     }
 
   private:
-    Constrained<Flight> search;
+    Sqp<Flight> search;
     const Settings &set;
     const Exchange &rules;
-    Attempt &attempt;
+    SearchProblem &problem;
     Index most_nodes, extra_count = 0, looked_level = -1;  // the last: of the minima found last
     Status status = infeasible;
     bool has_rows, is_best = false, is_bare = true;  // the last: no instants have joined those watched
@@ -114,14 +116,14 @@ template <typename Flight> class Follower {
         copy(start, best, program.size);
         is_best = false;
         program.watches = has_rows;
-        if (attempt.at_once || !has_rows) {
-            solve(start, attempt.level);
+        if (problem.at_once || !has_rows) {
+            solve(start, problem.level);
             judge();
         }
         if (!has_rows || is_over()) return;
-        const Index level = attempt.at_once ? attempt.level : attempt.closer_level;
+        const Index level = problem.at_once ? problem.level : problem.closer_level;
         restore_and_solve(level);
-        if (!attempt.at_once || is_over()) return;
+        if (!problem.at_once || is_over()) return;
         program.watches = false;
         solve(start, level);
         program.watches = true;
@@ -134,9 +136,9 @@ template <typename Flight> class Follower {
     void restore_and_solve(Index closer_level) {
         program.back_off = rules.back_off;
         extra_count = 0;
-        begin(attempt.level, start);
+        begin(problem.level, start);
         double squared = search.reduce_violations();
-        if (closer_level != attempt.level && !search.is_stuck && squared < rules.nearly_promising) {
+        if (closer_level != problem.level && !search.is_stuck && squared < rules.nearly_promising) {
             begin(closer_level, search.now->x);
             squared = search.reduce_violations();
         }
@@ -148,13 +150,13 @@ template <typename Flight> class Follower {
         judge();
     }
 
-    bool is_over() const { return attempt.violation <= 0 || search.is_exhausted(); }
+    bool is_over() const { return problem.violation <= 0 || search.is_exhausted(); }
 
     // Watches the nodes of a level, the instants that always are, and those that have joined; evaluates x there.
     void begin(Index level, const double *x) {
         Index count = 0;
-        for (const double *from : {attempt.instants, (const double *)extra})
-            for (Index k = 0; k < (from == extra ? extra_count : attempt.fixed); ++k) watched[count++] = from[k];
+        for (const double *from : {problem.instants, (const double *)extra})
+            for (Index k = 0; k < (from == extra ? extra_count : problem.fixed); ++k) watched[count++] = from[k];
         is_bare = !extra_count;
         std::sort(watched, watched + count);
         count = std::unique(watched, watched + count) - watched;
@@ -181,7 +183,7 @@ template <typename Flight> class Follower {
         Index stage = 0;
         for (Index round = 0; round < set.most_rounds; ++round) {
             const bool is_last = stage == last;
-            const bool is_free = !program.watches && attempt.at_once;
+            const bool is_free = !program.watches && problem.at_once;
             const double longest = is_free ? rules.longest_free_step : set.longest_step;
             status = search.minimise(set.stages[stages[stage]], longest, is_last);
             if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
@@ -248,20 +250,20 @@ template <typename Flight> class Follower {
         if (program.level == looked_level && std::equal(x, x + program.size, looked_at)) return;
         copy(looked_at, x, program.size);
         looked_level = program.level;
-        program.look(*search.now, attempt.minima);
+        program.look(*search.now, problem.minima);
     }
 
     // Whether no row is nearer to its limit between the instants; those where one is low join, and of the ones that had
     // joined before those stay that are beside a new one.
     bool look_between() {
-        Minima &minima = attempt.minima;
+        Minima &minima = problem.minima;
         look();
         bool holds = true;
         Index news = 0;
         for (Index found = 0; found < minima.found; ++found) {
             const double s = minima.s[found], least = minima.least[found];
             if (!(s > rules.given && s < 1 - rules.given)) continue;
-            const double room = program.back_off > 0 ? program.back_off : -attempt.tolerance[minima.row[found]];
+            const double room = program.back_off > 0 ? program.back_off : -problem.tolerance[minima.row[found]];
             if (least < rules.inside_enough * room) holds = false;
             if (least < rules.watched && news < rules.most_instants) watched[news++] = s;
         }
@@ -284,7 +286,7 @@ template <typename Flight> class Follower {
     void judge() {
         Index level = program.level_needed(*search.now, set.stages[2].quadrature_error);
         if (!has_rows) level = std::min(std::max(level, program.level) + set.finer, set.levels - 1);
-        judge_at(level < attempt.level ? attempt.level : level, search.now->x);
+        judge_at(level < problem.level ? problem.level : level, search.now->x);
     }
 
     void judge_at(Index level, const double *x) {
@@ -294,24 +296,24 @@ template <typename Flight> class Follower {
         const double at_instants = larger(missed, now.worst - program.back_off);
         // Between the instants nothing is looked at that is no candidate already. The work of a start must not hang on the
         // others: a look counts alike, whether it is taken or not.
-        const bool is_candidate = !(at_instants > smaller(worth, larger(attempt.violation, rules.near_miss)));
-        const double work = program.work + rules.evaluation + attempt.minima.instants * attempt.bodies;
+        const bool is_candidate = !(at_instants > smaller(worth, larger(problem.violation, rules.near_miss)));
+        const double work = program.work + rules.evaluation + problem.minima.instants * problem.bodies;
         if (is_candidate) look();
         program.work = work;
         is_best = false;
         if (!is_candidate) {
-            attempt.violation = smaller(attempt.violation, at_instants);
+            problem.violation = smaller(problem.violation, at_instants);
             return;
         }
         const double violation = largest_violation(missed);
         is_best = is_better(violation, now.objective);
         if (!is_best) return;
         copy(best, now.x, program.size);
-        attempt.violation = violation;
-        copy(attempt.missed, now.lacking, Flight::most_equalities);
-        attempt.judged_level = level;
+        problem.violation = violation;
+        copy(problem.missed, now.lacking, Flight::most_equalities);
+        problem.judged_level = level;
         objective = now.objective;
-        attempt.status = violation <= 0 && status == infeasible ? feasible : status;
+        problem.status = violation <= 0 && status == infeasible ? feasible : status;
     }
 
     // Evaluates x at the nodes of a level, or of the first one after it that resolves the motion, which is returned. Nothing
@@ -336,17 +338,17 @@ template <typename Flight> class Follower {
     // 0 where (14) and all rows hold, between the instants too, within their tolerances.
     double largest_violation(double missed) const {
         double violation = missed <= set.tolerance ? 0 : missed;
-        const Minima &minima = attempt.minima;
+        const Minima &minima = problem.minima;
         for (Index minimum = 0; minimum < minima.found; ++minimum) {
             const double least = minima.least[minimum];
-            if (least < -attempt.tolerance[minima.row[minimum]]) violation = larger(violation, -least);
+            if (least < -problem.tolerance[minima.row[minimum]]) violation = larger(violation, -least);
         }
         return violation;
     }
 
     bool is_better(double violation, double cost) const {
-        if (violation < attempt.violation || !(attempt.violation < HUGE_VAL)) return true;
-        if (violation != attempt.violation) return false;
+        if (violation < problem.violation || !(problem.violation < HUGE_VAL)) return true;
+        if (violation != problem.violation) return false;
         const double dearer = cost - objective;
         return dearer < 0 || (status == optimal && dearer <= rules.same * std::fabs(objective));
     }

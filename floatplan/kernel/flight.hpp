@@ -20,7 +20,8 @@ class FlightUpdate {
         f.newest = (f.newest + 1) % f.law.memory;
         if (f.known < f.law.memory) ++f.known;
         double *motion = f.motions + f.newest * motion_size();
-        motion[0] = begin, motion[1] = end;
+        motion[0] = begin;
+        motion[1] = end;
         multiply(f.table, 3 * columns, columns, coefficients, n, motion + 2);
         double scale = 1;
         for (Index order = 0; order < 3; ++order, scale /= end - begin)

@@ -197,7 +197,8 @@ typedef struct {
     double looked_ahead, value_kept;
 } Exchange;
 
-// Starts followed to their ends, by number: number 0 is the x given, others are drawn.
+// One search: starts followed to their ends, by number. Number 0 is the x given, others are drawn. What is asked stands
+// beside what comes of it.
 typedef struct {
     Index first, count, started;              // numbers: the first, how many at most (0: x is judged as it is); followed
     Index wanted, solved;                     // that hold, of which the best is chosen (0: the first); how many did
@@ -221,7 +222,7 @@ typedef struct {
     double objective;                         // of that: at the finest nodes, where it is one of sums, or |b|
     double *coefficients;                     // (joints, 6 + width): b of that, in powers of seconds; null: not wanted
     Index status, iterations, evaluations, judged_level;
-} Attempt;
+} SearchProblem;
 
 // A program at one x, at the nodes of a level and at other instants, all rows differentiated; and its elastic step, for a
 // penalty and with the Hessian that is guessed.
@@ -243,7 +244,7 @@ typedef struct {
     const double *fraction;                   // (fractions) of the reach of h: the x given, there, in turns with others
     const double *offset_map;                 // (m, given): by which the offset follows the boundary, or null
     Index *branch;                            // (joints), at landing, against the boundary given
-} Draws;
+} SamplingOptions;
 
 // What a correction leads to.
 typedef struct {
@@ -426,21 +427,21 @@ Index floatplan_quadratic(Quadratic *qp, Index instructions);
 // Follows starts of so many problems, one after the other; returns 0, or 1 where there was no memory.
 Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
                         const Nodes *levels, const Settings *settings, const Exchange *rules, const Powers *powers,
-                        Attempt *attempts, Draws *draws, Index count, Index instructions);
+                        SearchProblem *problems, SamplingOptions *sampling, Index count, Index instructions);
 
 // A program at one x; returns 0, or 1 where there was no memory for it.
 Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                         const Nodes *levels, const Settings *settings, const Exchange *rules, Attempt *attempt,
+                         const Nodes *levels, const Settings *settings, const Exchange *rules, SearchProblem *problem,
                          Evaluation *at, Index instructions);
 
 // The same two of flights in space.
 Index floatplan_attempt_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints,
                                  const Motions *motions, const Nodes *levels, const Settings *settings,
-                                 const Exchange *rules, const Powers *powers, Attempt *attempts, Draws *draws,
-                                 Index count, Index instructions);
+                                 const Exchange *rules, const Powers *powers, SearchProblem *problems,
+                                 SamplingOptions *sampling, Index count, Index instructions);
 Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *cells, const Constraints *constraints,
                                   const Motions *motions, const Nodes *levels, const Settings *settings,
-                                  const Exchange *rules, Attempt *attempt, Evaluation *at, Index instructions);
+                                  const Exchange *rules, SearchProblem *problem, Evaluation *at, Index instructions);
 
 // A lifted motion of one; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
 Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,

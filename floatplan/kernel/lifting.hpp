@@ -242,7 +242,7 @@ class LiftedMotion {
     SpatialAt at{};
     RateSlopes rates;
     CellsAtOnce at_once;
-    TurningRoom room;
+    TurningWorkspace room;
     double *coefficients, *basis, *relative, *weights;  // weights (9, K) of g, A q' (3, K)
     double *by, *pack, *slopes, *transitions;                      // the last two (C, 3, size), (C, 3, 3)
     double *stage_inertia, *stage_inverse, *stage_attitudes, *stage_weights, *stage_relative, *stage_rates;
@@ -416,7 +416,7 @@ class LiftedMotion {
 Index lift_motion(const SpatialBody &given, const Cells &cells, const Motions &motions, const Nodes &nodes, Lifted &of) {
     const InSpace body{given, &cells, given.joints};
     LiftedMotion lifted(body, motions, nodes, of);
-    Room room;
+    Workspace room;
     if (!room.make([&](Arena &arena) { lifted.lay_out(arena); })) return 2;
     return lifted.evaluate() ? 0 : 1;
 }

@@ -70,7 +70,12 @@ struct Narrowing {
     Index steps;
 
     void begin(double from, double to, double where, double least) {
-        low = from, high = to, x = w = v = wanted = where, fx = fw = fv = least, step = before = 0, steps = 0;
+        low = from;
+        high = to;
+        x = w = v = wanted = where;
+        fx = fw = fv = least;
+        step = before = 0;
+        steps = 0;
     }
 
     bool next() {
@@ -103,18 +108,28 @@ struct Narrowing {
         const double u = wanted;
         if (value <= fx) {
             (u < x ? high : low) = x;
-            v = w, fv = fw, w = x, fw = fx, x = u, fx = value;
+            v = w;
+            fv = fw;
+            w = x;
+            fw = fx;
+            x = u;
+            fx = value;
         } else {
             (u < x ? low : high) = u;
-            if (value <= fw || w == x)
-                v = w, fv = fw, w = u, fw = value;
-            else if (value <= fv || v == x || v == w)
-                v = u, fv = value;
+            if (value <= fw || w == x) {
+                v = w;
+                fv = fw;
+                w = u;
+                fw = value;
+            } else if (value <= fv || v == x || v == w) {
+                v = u;
+                fv = value;
+            }
         }
     }
 };
 
-template <typename Rows> struct MinimaRoom {
+template <typename Rows> struct MinimaWorkspace {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
     typename Rows::At whole{}, close{};
     double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
@@ -132,7 +147,7 @@ template <typename Rows> struct MinimaRoom {
 // Narrows down some of the minima found, at most as many as are narrowed at once.
 template <typename Rows>
 static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, Index count, typename Rows::At &close) {
-    constexpr int around = MinimaRoom<Rows>::around, half = around / 2, together = MinimaRoom<Rows>::together;
+    constexpr int around = MinimaWorkspace<Rows>::around, half = around / 2, together = MinimaWorkspace<Rows>::together;
     double s[together * around] = {}, low[together], high[together];
     auto value_at = [&](Index number, Index k) {
         double values[LANES];
@@ -157,7 +172,10 @@ static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, 
         const double middle = where, before = (middle - low[number]) / half, after = (high[number] - middle) / half;
         for (Index k = number * around; k < (number + 1) * around; ++k) {
             const double value = value_at(number, k);
-            if (value < least) least = value, where = s[k];
+            if (value < least) {
+                least = value;
+                where = s[k];
+            }
         }
         const double step_down = where > middle ? after : before, step_up = where < middle ? before : after;
         narrowing[number].begin(larger(where - step_down, low[number]), smaller(where + step_up, high[number]), where,
@@ -188,7 +206,7 @@ static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, 
 
 // Local minima, lower than near but for what a row falls between two instants of the grid, and where.
 template <typename Rows>
-static inline void find_minima(const Rows &of, Minima &minima, MinimaRoom<Rows> &room) {
+static inline void find_minima(const Rows &of, Minima &minima, MinimaWorkspace<Rows> &room) {
     const Index rows = of.count(), count = minima.instants;
     typename Rows::At &m = room.whole;
     copy(room.grid, minima.grid, count);
@@ -222,7 +240,7 @@ static inline void find_minima(const Rows &of, Minima &minima, MinimaRoom<Rows> 
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;
         }
-    const Index together = MinimaRoom<Rows>::together;
+    const Index together = MinimaWorkspace<Rows>::together;
     for (Index first = 0; first < minima.found; first += together) {
         const Index left = minima.found - first;
         narrow_minima(of, minima, first, left < together ? left : together, room.close);
@@ -231,8 +249,8 @@ static inline void find_minima(const Rows &of, Minima &minima, MinimaRoom<Rows> 
 
 // The same; 1 without memory.
 template <typename Rows> static inline Index find_minima(const Rows &rows, Minima &minima) {
-    MinimaRoom<Rows> at;
-    Room room;
+    MinimaWorkspace<Rows> at;
+    Workspace room;
     if (!room.make([&](Arena &arena) { at.lay_out(arena, rows, minima.instants); })) return 1;
     find_minima(rows, minima, at);
     return 0;

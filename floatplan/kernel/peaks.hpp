@@ -20,7 +20,8 @@ class Measured {
     void begin(Index row) {
         const Index n = robot.joints, columns = peaks.columns;
         momentum = peaks.momentum[row];
-        centre = peaks.centre + row * n, amplitude = peaks.amplitude + row * n;
+        centre = peaks.centre + row * n;
+        amplitude = peaks.amplitude + row * n;
         motion.per_second = close.per_second = 1 / peaks.duration[row];
         double power = 1;
         for (Index c = 0; c < columns; ++c, power *= peaks.duration[row])
@@ -76,7 +77,8 @@ class Measured {
         constraints.path = peaks.path + 5 * row;
         constraints.obstacles = peaks.obstacles + peaks.numbers * row;
         Minima minima = peaks.minima;
-        minima.low = peaks.low + row * constraints.rows, minima.high = peaks.high + row * constraints.rows;
+        minima.low = peaks.low + row * constraints.rows;
+        minima.high = peaks.high + row * constraints.rows;
         for (Index i = 0; i < n; ++i) {
             zero(at_nodes, N);
             for (Index c = 0; c < columns; ++c) add(b[c * n + i], at.value + c * N, N, at_nodes);
@@ -129,7 +131,9 @@ class Measured {
         double power = 1, before = 0, earlier = 0, there[LANES];
         for (Index c = 0; c < columns; ++c, earlier = before, before = power, power *= s) {
             double *of = powers + c * close.stride;
-            of[0] = power, of[apart] = c * before, of[2 * apart] = c * (c - 1) * earlier;
+            of[0] = power;
+            of[apart] = c * before;
+            of[2 * apart] = c * (c - 1) * earlier;
         }
         follow_powers(close, powers, powers + apart, powers + 2 * apart);
         look(close, quantity, there);
@@ -140,7 +144,7 @@ class Measured {
 Index measure_batch(const Robot &robot, const Interpolation *interpolations,
                     const Constraints *constraints, Peaks &peaks) {
     const Index last = peaks.levels - 1;
-    Room room;
+    Workspace room;
     Measured measured(robot, peaks);
     if (!room.make([&](Arena &arena) { measured.lay_out(arena, interpolations[last].nodes); })) return 1;
     const Index quantities = measured.quantities();

@@ -3,14 +3,14 @@
 // The level of grids that watches its rows: no link may jump over an obstacle between two nodes of it.
 template <typename Flight>
 static inline Index watching_level(Program<Flight> &program, const Nodes *levels,
-                                   const Settings &settings, const Exchange &rules, const Attempt &attempt) {
-    if (!attempt.rows) return 0;
-    if (!(attempt.thickness < HUGE_VAL)) return rules.constrained_level;
+                                   const Settings &settings, const Exchange &rules, const SearchProblem &problem) {
+    if (!problem.rows) return 0;
+    if (!(problem.thickness < HUGE_VAL)) return rules.constrained_level;
     program.watches = true;
     program.watch(rules.compiled_level, nullptr, 0);
     program.squares(program.two[0], HUGE_VAL);
     const double most = program.flight.longest_way(program.two[0].motion);
-    const double needed = most / larger(attempt.thickness, rules.smallest_step);
+    const double needed = most / larger(problem.thickness, rules.smallest_step);
     for (Index level = 0; level < settings.levels; ++level)
         if (levels[level].nodes >= needed) return std::max(level, rules.constrained_level);
     return rules.watched_at_most;
@@ -19,20 +19,21 @@ static inline Index watching_level(Program<Flight> &program, const Nodes *levels
 // That, and an objective that is 1 at the plain motion; (17) is scaled by its variables. Neither counts as work.
 template <typename Flight>
 static inline void learn_from_plain(Program<Flight> &program, const Nodes *levels,
-                                    const Settings &settings, const Exchange &rules, Attempt &attempt) {
+                                    const Settings &settings, const Exchange &rules, SearchProblem &problem) {
     const Index evaluations = program.evaluations;
     const double work = program.work;
     Evaluated<Flight> &at = program.two[0];
-    copy(at.x, attempt.plain, program.size);
-    attempt.level = watching_level(program, levels, settings, rules, attempt);
-    attempt.closer_level = std::min(attempt.level + rules.closer, rules.watched_at_most);
-    attempt.objective_scale = 1;
-    if (attempt.objective_sums) {
+    copy(at.x, problem.plain, program.size);
+    problem.level = watching_level(program, levels, settings, rules, problem);
+    problem.closer_level = std::min(problem.level + rules.closer, rules.watched_at_most);
+    problem.objective_scale = 1;
+    if (problem.objective_sums) {
         program.watches = false;
-        program.watch(attempt.level, nullptr, 0);
+        program.watch(problem.level, nullptr, 0);
         program.evaluate(at);
-        attempt.objective_scale = larger(at.objective, rules.least_scale);
+        problem.objective_scale = larger(at.objective, rules.least_scale);
         program.watches = true;
     }
-    program.evaluations = evaluations, program.work = work;
+    program.evaluations = evaluations;
+    program.work = work;
 }

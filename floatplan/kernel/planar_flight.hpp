@@ -225,8 +225,8 @@ class PlanarFlight {
     // Whether rows hold at takeoff and landing that x does not change there; whether the CM is never deeper in an obstacle
     // than the point of the robot that stays nearest to it can be away from it: at some instants, and at all times, as far
     // as its speed, which is largest at an end, tells.
-    Chance chance(const PlanarRows &rows, const Attempt &attempt, Motion &close) const {
-        const Minima &minima = attempt.minima;
+    Chance chance(const PlanarRows &rows, const SearchProblem &problem, Motion &close) const {
+        const Minima &minima = problem.minima;
         const double ends[LANES] = {0, 1};
         rows.follow(ends, LANES, close);
         if (constraints.needs_places) {
@@ -238,10 +238,10 @@ class PlanarFlight {
         for (Index row = 0; row < constraints.rows; ++row) {
             double value[LANES];
             rows.values(close, row, 0, LANES, value);
-            copy(attempt.end_values + 2 * row, value, 2);
-            for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
-                if (end >= attempt.low[row] && end <= attempt.high[row])
-                    found.ends_hold &= !(value[end] < -attempt.tolerance[row]);
+            copy(problem.end_values + 2 * row, value, 2);
+            for (Index end = 0; end < 2 && !problem.at_ends[row]; ++end)
+                if (end >= problem.low[row] && end <= problem.high[row])
+                    found.ends_hold &= !(value[end] < -problem.tolerance[row]);
             const Index kind = constraints.kind[row], second = constraints.second[row];
             if (kind <= share_row || kind == pair_row || (row && second == constraints.second[row - 1])) continue;
             const double *obstacle = constraints.obstacles + 7 * second;
@@ -252,8 +252,8 @@ class PlanarFlight {
                 const double s = minima.grid[k], t = s * duration, before = k ? minima.grid[k - 1] : s;
                 const Place com{all(path[0] + path[2] * t), all(path[1] + path[3] * t - path[4] / 2 * t * t)};
                 const double distance = to_obstacle(kind, obstacle, all(t), com, com).distance[0] - obstacle[6];
-                const double room = distance - constraints.least[row] + attempt.reach;
-                if (s >= attempt.low[row] && s <= attempt.high[row]) found.path_holds &= !(room < 0);
+                const double room = distance - constraints.least[row] + problem.reach;
+                if (s >= problem.low[row] && s <= problem.high[row]) found.path_holds &= !(room < 0);
                 found.path_is_clear &= room >= way * (s - before);
             }
         }

@@ -71,11 +71,11 @@ template <typename Flight> class Program {
     Flight flight;
 
     Program(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
-            const Nodes *levels, const Settings &settings, const Exchange &rules, const Attempt &attempt)
-        : size(motions.size), rows(attempt.rows), back_off(rules.back_off),
-          turns_alone(Flight::has_adjoint && !attempt.rows && !attempt.objective_sums),
+            const Nodes *levels, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
+        : size(motions.size), rows(problem.rows), back_off(rules.back_off),
+          turns_alone(Flight::has_adjoint && !problem.rows && !problem.objective_sums),
           flight(body, constraints, motions, levels, settings), constraints(constraints), motions(motions),
-          levels(levels), rules(rules), attempt(attempt), n(flight.joints), free(motions.first[n]) {}
+          levels(levels), rules(rules), problem(problem), n(flight.joints), free(motions.first[n]) {}
 
     void lay_out(Arena &arena, Index most_nodes) {
         const Index most = (most_nodes + rules.most_instants + 7) / 8 * 8, e = Flight::most_equalities;
@@ -85,7 +85,7 @@ template <typename Flight> class Program {
             for (double **some : {&each->lacking_row, &each->row}) arena.take(*some, e * size);
             arena.take(each->coefficients, motions.columns * n);
             arena.take(each->values, rows * most);
-            arena.take(each->used, attempt.objective_sums * most);
+            arena.take(each->used, problem.objective_sums * most);
             arena.take(each->of_axes, 3 * n * motions.axes * most);
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
@@ -111,7 +111,7 @@ template <typename Flight> class Program {
         arena.take(written, 2 * motions.terms * n);
         flight.lay_out(arena, most_nodes, most);
         Series none{};
-        between.lay_out(arena, flight.rows_of(none), attempt.minima.instants);
+        between.lay_out(arena, flight.rows_of(none), problem.minima.instants);
     }
 
     At two[2] = {};
@@ -125,7 +125,8 @@ template <typename Flight> class Program {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
         if (turns_alone && !extra && wanted == level && count == N) return;
-        level = wanted, count = N + extra;
+        level = wanted;
+        count = N + extra;
         stride = (count + 7) / 8 * 8;
         copy(s, grid.s, N);
         copy(s + N, others, extra);
@@ -153,9 +154,9 @@ template <typename Flight> class Program {
         move(at);
         at.differentiated = false;
         ++evaluations;
-        work += rules.evaluation + count * attempt.bodies;
+        work += rules.evaluation + count * problem.bodies;
         if (!is_known(at)) return nothing_known(at);
-        flight.move_links(at.motion, at.state, watches, attempt.objective_sums);
+        flight.move_links(at.motion, at.state, watches, problem.objective_sums);
         if (watches) evaluate_rows(at);
         at.objective = objective(at);
     }
@@ -167,7 +168,7 @@ template <typename Flight> class Program {
         double missed = 0;
         for (Index e = 0; e < equalities; ++e) missed += at.equality[e] * at.equality[e];
         if (missed >= enough) return missed;
-        flight.move_links(at.motion, at.state, watches, attempt.objective_sums);
+        flight.move_links(at.motion, at.state, watches, problem.objective_sums);
         evaluate_rows(at, enough - missed);
         return missed + at.squares;
     }
@@ -194,11 +195,11 @@ template <typename Flight> class Program {
             if (turns_alone) differentiate_backward(at);
         if (!turns_alone) flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
         flight.combine_rows(at.lacking_row, at.row);
-        differentiate_objective(at, nullptr);
+        differentiate_objective(at);
         at.packs = 0;
         if (!watches || !rows) return;
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
-        work += rules.differentiation + rules.entry * count * size * attempt.entries;
+        work += rules.differentiation + rules.entry * count * size * problem.entries;
     }
 
     // Rows that are below so much.
@@ -225,20 +226,8 @@ template <typename Flight> class Program {
         for (Index c = 0; c < size; ++c) result[c] += factor * slopes[8 * c];
     }
 
-    // A positive definite first guess (size, size) of the Lagrangian's Hessian.
-    void guess_hessian(At &at, double *hessian) {
-        differentiate(at);
-        zero(hessian, size * size);
-        if (!attempt.objective_sums && !motions.map) {
-            for (Index a = 0; a < size; ++a) hessian[a * size + a] = 1;
-            return;
-        }
-        differentiate_objective(at, hessian);
-        double most = 0;
-        for (Index a = 0; a < size; ++a) most = larger(most, hessian[a * size + a]);
-        const double least = attempt.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
-        for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : least;
-    }
+    // A positive definite first guess (size, size) of the Lagrangian's Hessian (objective.hpp).
+    void guess_hessian(At &at, double *hessian);
 
     // The x of free coefficients z (free), where the scaling of each joint is upper triangular, as that of (17) is.
     void variables(const double *z, double *x) const {
@@ -297,14 +286,14 @@ template <typename Flight> class Program {
         if (!rows || !is_known(at)) return;
         Series whole = series_of(at);
         find_minima(flight.rows_between(at.motion, at.state, whole), minima, between);
-        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * attempt.bodies;
+        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * problem.bodies;
     }
 
     // What at.x tells before a search.
     Chance chance(const At &at) {
         if (!is_known(at)) return {true, true, true};
         Series whole = series_of(at);
-        return flight.chance(flight.rows_between(at.motion, at.state, whole), attempt, between.close);
+        return flight.chance(flight.rows_between(at.motion, at.state, whole), problem, between.close);
     }
 
   private:
@@ -321,7 +310,7 @@ template <typename Flight> class Program {
     const Motions &motions;
     const Nodes *levels;
     const Exchange &rules;
-    const Attempt &attempt;
+    const SearchProblem &problem;
     Index n, free, count = 0;
     bool has_basis = false;
     const At *moved = nullptr;  // whose joints and base were moved last
@@ -332,7 +321,7 @@ template <typename Flight> class Program {
     double *of_boundary, *known_boundary;
     double *basis, *s, *outside, *plain, *boundary, *weights, *pack;
     double *slope, *series, *written;
-    MinimaRoom<typename Flight::Rows> between;
+    MinimaWorkspace<typename Flight::Rows> between;
 
     // Joints and base, and what the attitude at landing lacks.
     void move(At &at) {
@@ -412,8 +401,8 @@ template <typename Flight> class Program {
         for (Index row = 0; row < rows; ++row)
             for (Index k = 0; k < stride; k += LANES) {
                 const Vector at = load(s + k);
-                Bits applies = (at >= all(attempt.low[row])) & (at <= all(attempt.high[row]));
-                if (!attempt.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
+                Bits applies = (at >= all(problem.low[row])) & (at <= all(problem.high[row]));
+                if (!problem.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
                 store(outside + row * stride + k, select(applies, all(0), all(HUGE_VAL)));
             }
         for (Index row = 0; row < rows; ++row)
@@ -463,81 +452,10 @@ template <typename Flight> class Program {
         at.worst = larger(at.worst, largest(of_rows.worst));
     }
 
-    double objective(const At &at) {
-        if (!attempt.objective_sums && !motions.map) return dot(at.x, at.x, free) / 2;
-        if (!attempt.objective_sums) {
-            multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, written);
-            return dot(written, written, motions.terms * n) / 2;
-        }
-        Vector total = all(0);
-        for (Index number = 0; number < attempt.objective_sums; ++number) {
-            double *used = at.used + number * stride;
-            flight.write_sum(at.motion, at.state, attempt.objective_sum + number, used);
-            for (Index k = 0; k < nodes(); k += LANES)
-                total = multiply_add(load(levels[level].weights + k) * load(used + k), load(used + k), total);
-        }
-        return motions.duration / attempt.objective_scale * sum(total);
-    }
-
-    // Its gradient; or its Hessian, by Gauss and Newton, added.
-    void differentiate_objective(At &at, double *hessian) {
-        if (!hessian) zero(at.gradient, size);
-        if (!attempt.objective_sums && !motions.map) return copy(at.gradient, at.x, free);
-        if (!attempt.objective_sums) return differentiate_written(at, hessian);
-        const Index terms = flight.terms();
-        const Vector scale = all(2 * motions.duration / attempt.objective_scale);
-        Vector *of_terms = (Vector *)weights;
-        auto add_slopes = [&](Index k) {
-            flight.add_sum_slopes(at.motion, at.state, at.variables, k, of_terms, pack);
-        };
-        if (!hessian) zero(pack, 8 * size);
-        for (Index k = 0; k < nodes(); k += LANES) {
-            const Vector weight = scale * load(levels[level].weights + k);
-            for (Index term = 0; term < terms; ++term) of_terms[term] = all(0);
-            for (Index number = 0; number < attempt.objective_sums; ++number) {
-                const Index which = attempt.objective_sum + number;
-                const double *own = constraints.sums + which * terms;
-                if (!hessian) {
-                    const Vector used = weight * load(at.used + number * stride + k);
-                    for (Index term = 0; term < terms; ++term)
-                        of_terms[term] = add_product(own[term], used, of_terms[term]);
-                    continue;
-                }
-                for (Index term = 0; term < terms; ++term) of_terms[term] = all(own[term]);
-                zero(pack, 8 * size);
-                add_slopes(k);
-                add_normals(weight, hessian);
-            }
-            if (!hessian) add_slopes(k);
-        }
-        for (Index c = 0; !hessian && c < size; ++c) at.gradient[c] = sum(load(pack + 8 * c));
-    }
-
-    // Squares of the derivatives at the instants that are computed at once, times weights.
-    void add_normals(Vector weight, double *hessian) const {
-        for (Index a = 0; a < size; ++a)
-            for (Index b = 0; b <= a; ++b) {
-                const double part = sum(weight * load(pack + 8 * a) * load(pack + 8 * b));
-                hessian[a * size + b] += part;
-                if (b < a) hessian[b * size + a] += part;
-            }
-    }
-
-    // Of |b|^2 / 2 where the conditions follow h.
-    void differentiate_written(At &at, double *hessian) {
-        const double *by_axis = boundary + n * motions.given;
-        double *b = written + motions.terms * n;
-        multiply(motions.map, motions.terms, motions.columns, at.coefficients, n, b);
-        for (Index term = 0; term < motions.terms; ++term)
-            for (Index i = 0; i < n; ++i) {
-                const double *map = motions.map + term * motions.columns;
-                const Index begin = motions.first[i], end = motions.first[i + 1];
-                zero(slope, size);
-                for (Index r = begin; r < end; ++r)
-                    add(map[motions.given + r - begin], motions.scaling + r * free + begin, end - begin, slope + begin);
-                slope[free] = dot(map, by_axis + i * motions.given, motions.given);
-                if (!hessian) add(b[term * n + i], slope, size, at.gradient);
-                for (Index a = 0; hessian && a < size; ++a) add(slope[a], slope, size, hessian + a * size);
-            }
-    }
+    // objective.hpp
+    double objective(const At &at);
+    void differentiate_objective(At &at);
+    void add_gauss_newton(At &at, double *hessian);
+    void add_normals(Vector weight, double *hessian) const;
+    template <typename Visit> void each_slope_of_b(Visit visit);
 };

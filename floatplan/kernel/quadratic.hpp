@@ -60,12 +60,12 @@ class DualMethod {
     Index count = 0, held = 0;  // of the active ones: all, and equalities, which come first
     Index changes = 0;          // of rows that became active or left
     Index *active;              // (size): which equality or row each is
-    double *x, *pulls;          // (size): the solution; multipliers of the active ones, those of rows >= 0
+    double *x, *multipliers;          // (size): the solution; multipliers of the active ones, those of rows >= 0
 
     void lay_out(Arena &arena, Index size, Index most_rows) {
         for (double **each : {&j, &r, &factor}) arena.take(*each, size * size);
         arena.take(wide, size * across_of(size));
-        for (double **each : {&x, &pulls, &d, &z, &by, &normal}) arena.take(*each, size + 1);
+        for (double **each : {&x, &multipliers, &d, &z, &by, &normal}) arena.take(*each, size + 1);
         arena.take(active, size + 1);
         arena.take(idle, most_rows);
     }
@@ -73,7 +73,8 @@ class DualMethod {
     // Whether it is solved; where rows contradict one another it is not.
     bool solve(const Quadratic &qp) {
         OBSERVE_QUADRATIC(qp);
-        n = qp.size, count = held = changes = 0;
+        n = qp.size;
+        count = held = changes = 0;
         if (qp.equalities == 1 && !qp.rows && hold_alone(qp)) return true;
         if (!start(qp)) return false;
         copy(idle, qp.inequality, qp.rows);
@@ -160,14 +161,15 @@ class DualMethod {
                 of_gradient -= own[k] * x[k];
                 of_row -= own[k] * z[k];
             }
-            x[i] = of_gradient * per_pivot, z[i] = of_row * per_pivot;
+            x[i] = of_gradient * per_pivot;
+            z[i] = of_row * per_pivot;
         }
         const double value = qp.equality[0] + dot(row, x, n), curvature = dot(row, z, n);
         if (!std::isfinite(value) || !(curvature > dependent * dependent)) return false;
-        pulls[0] = -value / curvature;
+        multipliers[0] = -value / curvature;
         active[0] = 0;
         count = held = 1;
-        add(pulls[0], z, n, x);
+        add(multipliers[0], z, n, x);
         return true;
     }
 
@@ -191,7 +193,7 @@ class DualMethod {
         }
     }
 
-    void enter(Index row, double pull) {
+    void enter(Index row, double multiplier) {
         for (Index k = n - 1; k > count; --k) {
             const double length = std::sqrt(d[k - 1] * d[k - 1] + d[k] * d[k]);
             if (length == 0) continue;
@@ -200,13 +202,14 @@ class DualMethod {
         }
         for (Index i = 0; i <= count; ++i) r[i * n + count] = d[i];
         active[count] = row;
-        pulls[count++] = pull;
+        multipliers[count++] = multiplier;
     }
 
     void leave(Index place) {
         --count;
         for (Index c = place; c < count; ++c) {
-            active[c] = active[c + 1], pulls[c] = pulls[c + 1];
+            active[c] = active[c + 1];
+            multipliers[c] = multipliers[c + 1];
             for (Index i = 0; i <= c + 1; ++i) r[i * n + c] = r[i * n + c + 1];
         }
         for (Index c = place; c < count; ++c) {
@@ -219,7 +222,8 @@ class DualMethod {
                 upper = cosine * old + sine * lower;
                 lower = cosine * lower - sine * old;
             }
-            a = length, b = 0;
+            a = length;
+            b = 0;
             rotate(j, n, c, cosine, sine);
         }
     }
@@ -231,7 +235,7 @@ class DualMethod {
         if (left == 0) return std::fabs(value) <= qp.tolerance;
         const double step = -value / left;
         add(step, z, n, x);
-        add(-step, by, count, pulls);
+        add(-step, by, count, multipliers);
         enter(e, step);
         ++held;
         return true;
@@ -240,19 +244,22 @@ class DualMethod {
     // Makes a violated row active; false where the others forbid that, or it takes too many changes.
     bool hold_row(const Quadratic &qp, Index row) {
         for (Index k = 0; k < n; ++k) normal[k] = qp.inequality_rows[(row / 8 * n + k) * 8 + row % 8];
-        double pull = 0;
+        double multiplier = 0;
         for (; changes <= qp.changes; ++changes) {
             const double left = look(normal), value = qp.inequality[row] + dot(normal, x, n);
             double step = left > 0 ? -value / left : HUGE_VAL;
             Index first = -1;
             for (Index k = held; k < count; ++k)
-                if (by[k] > 0 && pulls[k] < step * by[k]) step = pulls[k] / by[k], first = k;
+                if (by[k] > 0 && multipliers[k] < step * by[k]) {
+                    step = multipliers[k] / by[k];
+                    first = k;
+                }
             if (!(step < HUGE_VAL)) return false;
             if (left > 0) add(step, z, n, x);
-            add(-step, by, count, pulls);
-            pull += step;
+            add(-step, by, count, multipliers);
+            multiplier += step;
             if (first < 0) {
-                enter(row, pull);
+                enter(row, multiplier);
                 idle[row] = HUGE_VAL;
                 return true;
             }
@@ -284,15 +291,15 @@ class DualMethod {
 // Whether it is solved; the direction and the multipliers are the solution, the active rows those that it needs.
 Index solve_quadratic(Quadratic &qp) {
     DualMethod method;
-    Room room;
+    Workspace room;
     const bool solved = room.make([&](Arena &arena) { method.lay_out(arena, qp.size, qp.rows); }) && method.solve(qp);
     qp.changes = method.changes;
     if (!solved) return 0;
     zero(qp.solution, qp.size + qp.equalities);
     copy(qp.solution, method.x, qp.size);
-    for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.pulls[k];
+    for (Index k = 0; k < method.held; ++k) qp.solution[qp.size + method.active[k]] = -method.multipliers[k];
     qp.count = method.count - method.held;
-    copy(qp.solution + qp.size + qp.equalities, method.pulls + method.held, qp.count);
+    copy(qp.solution + qp.size + qp.equalities, method.multipliers + method.held, qp.count);
     for (Index k = 0; k < qp.count; ++k) qp.active[k] = method.active[method.held + k];
     return 1;
 }

@@ -4,8 +4,9 @@
 
 template <typename Flight> class RankedStarts {
   public:
-    RankedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings, Draws &draws, Index joints)
-        : program(program), motions(motions), set(settings), draws(draws), n(joints), size(motions.at.size) {
+    RankedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings,
+                 SamplingOptions &sampling, Index joints)
+        : program(program), motions(motions), set(settings), sampling(sampling), n(joints), size(motions.at.size) {
         for (Index i = 0; i < n && all_branches <= set.candidates; ++i) all_branches *= 3;
     }
 
@@ -32,7 +33,7 @@ template <typename Flight> class RankedStarts {
     Program<Flight> &program;
     BranchedMotions &motions;
     const Settings &set;
-    Draws &draws;
+    SamplingOptions &sampling;
     const Index n, size;
     Index all_branches = 1;  // 3^n, or more than there are candidates
     Index ranked = -1;       // the round whose candidates are in order
@@ -43,7 +44,7 @@ template <typename Flight> class RankedStarts {
     // Takes the branches of a candidate, and writes its x. Where there are not more branches than candidates, each of these
     // has others; motions of the first round have no free part.
     void choose(Index candidate, double *x) {
-        Random random{draws.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(candidate + 1)};
+        Random random{sampling.seed + 0x632be59bd9b4e019u * static_cast<std::uint64_t>(candidate + 1)};
         Index digits = (candidate + 1) % all_branches;
         for (Index i = 0; i < n; ++i, digits /= 3) {
             Index way = digits % 3;
@@ -51,9 +52,9 @@ template <typename Flight> class RankedStarts {
                 const double drawn = random.uniform() / set.changed_branches;
                 way = drawn < 0.5 ? 1 : drawn < 1 ? 2 : 0;
             }
-            draws.branch[i] = way == 2 ? -1 : way;
+            sampling.branch[i] = way == 2 ? -1 : way;
         }
-        motions.land_on(draws.branch);
+        motions.land_on(sampling.branch);
         const double spread = candidate < set.candidates ? 0 : set.spreads_of_starts[(candidate + 1) % 6];
         const Index free = motions.at.first[n];
         for (Index k = 0; k < free; ++k) z[k] = spread * random.normal();

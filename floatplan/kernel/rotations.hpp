@@ -8,7 +8,10 @@ static inline Vector3 logarithm(const Matrix3 &rotation) {
     int largest = 3;
     double most = trace;
     for (int i = 0; i < 3; ++i)
-        if (r[4 * i] > most) most = r[4 * i], largest = i;
+        if (r[4 * i] > most) {
+            most = r[4 * i];
+            largest = i;
+        }
     if (largest == 3) {
         q[0] = r[7] - r[5];
         q[1] = r[2] - r[6];

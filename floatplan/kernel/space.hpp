@@ -138,7 +138,9 @@ static inline void move_bodies(const SpatialTree &tree, const Joints &joints, Sp
         at.before[j] = cross(at.velocity[from], of);
         at.twice_before[j] = cross(at.acceleration[from], of) + cross(at.velocity[from], at.before[j]);
         at.own[j] = at.before[j] + turning;
-        at.turned[to] = turned, at.place[to] = place, at.velocity[to] = v;
+        at.turned[to] = turned;
+        at.place[to] = place;
+        at.velocity[to] = v;
         at.acceleration[to] = at.acceleration[from] + speed * turning;
         if (joints.accelerate()) at.acceleration[to] = at.acceleration[to] + joints.acceleration(j) * of;
     }
@@ -254,7 +256,7 @@ static inline void torque_slopes(const SpatialTree &tree, SpatialBodies &at) {
 // What is asked at all instants; 1 where there was no memory.
 Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion) {
     SpatialBodies at;
-    Room room;
+    Workspace room;
     if (!room.make([&](Arena &arena) { at.lay_out(arena, tree.joints); })) return 1;
     for (Index k = 0; k < motion.instants; k += LANES) {
         const Instants instants(k, motion.instants);

@@ -305,17 +305,17 @@ class SpatialFlight {
     }
 
     // Whether rows hold at takeoff and landing that x does not change there.
-    Chance chance(const SpatialRows &rows, const Attempt &attempt, SpatialAt &close) const {
+    Chance chance(const SpatialRows &rows, const SearchProblem &problem, SpatialAt &close) const {
         const double ends[LANES] = {0, 1};
         rows.follow(ends, LANES, close, given.goal);
         Chance found{true, true, true};
         for (Index row = 0; row < constraints.rows; ++row) {
             double value[LANES];
             rows.values(close, row, 0, LANES, value);
-            copy(attempt.end_values + 2 * row, value, 2);
-            for (Index end = 0; end < 2 && !attempt.at_ends[row]; ++end)
-                if (end >= attempt.low[row] && end <= attempt.high[row])
-                    found.ends_hold &= !(value[end] < -attempt.tolerance[row]);
+            copy(problem.end_values + 2 * row, value, 2);
+            for (Index end = 0; end < 2 && !problem.at_ends[row]; ++end)
+                if (end >= problem.low[row] && end <= problem.high[row])
+                    found.ends_hold &= !(value[end] < -problem.tolerance[row]);
         }
         return found;
     }
@@ -335,7 +335,7 @@ class SpatialFlight {
     const double *instant;
     double combinations[9];  // (combined, 3) of what is lacking
     double *reached, *to_landing, *drifts, *turns, *pack, *by, *by_tree;  // the last two several instants at once
-    TurningRoom room;
+    TurningWorkspace room;
 
     Terms tally() const { return {joints, tree_joints}; }
 

@@ -265,7 +265,8 @@ static inline void swing_joints(Index n, Motion &m, const double *centre, const 
             const Index at = i * m.stride + k;
             Vector s, c, rate = load(m.p_rate + at);
             sine_cosine(load(m.sine + at), s, c);
-            s = all(amplitude[i]) * s, c = all(amplitude[i]) * c;
+            s = all(amplitude[i]) * s;
+            c = all(amplitude[i]) * c;
             store(m.sine + at, s);
             store(m.cosine + at, c);
             store(m.position + at, all(centre[i]) + s);
@@ -303,7 +304,8 @@ static inline void swing_joints(Index n, Motion &m, const double *of_first, cons
                 rate = add_product(coefficients[other * n + i], load(first + other * m.stride + k), rate);
             }
             sine_cosine(p, s, c);
-            s = all(amplitude[i]) * s, c = all(amplitude[i]) * c;
+            s = all(amplitude[i]) * s;
+            c = all(amplitude[i]) * c;
             store(m.sine + at, s);
             store(m.cosine + at, c);
             store(m.p_rate + at, rate);

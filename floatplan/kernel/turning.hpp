@@ -1,6 +1,6 @@
 // How a base turns in space: its attitude by Gauss collocation in cells; see floatplan/motion/spatial/attitude.py.
 
-struct TurningRoom {
+struct TurningWorkspace {
     double *matrix, *right, *mu, *seen, *border, *grown;  // the last two (3, columns)
 
     void lay_out(Arena &arena, Index stages, Index columns) {
@@ -28,7 +28,7 @@ static inline void collocate(const Turning &t, double step, Index size, double *
 // Quaternions' rates (stages, 4) of a rotation from the identity by body rates, and the rotation at the cell's end;
 // false where it cannot be integrated. p' = spin p of a quaternion x, y, z, w.
 template <typename Rate>
-static inline bool spin(const Turning &t, double step, TurningRoom &room, Rate rate, double *rates, Matrix3 &end) {
+static inline bool spin(const Turning &t, double step, TurningWorkspace &room, Rate rate, double *rates, Matrix3 &end) {
     const auto block = [&](Index k, double *of) {
         const Vector3 w = 0.5 * rate(k);
         const double filled[] = {0, w.z, -w.y, w.x, -w.z, 0, w.x, w.y, w.y, -w.x, 0, w.z, -w.x, -w.y, -w.z, 0};
@@ -58,7 +58,7 @@ static inline Matrix3 spun(const Turning &t, double step, const double *rates, I
 }
 
 // Solves mu' = mu x (J mu), mu (stages, 3) from `start` on, by Newton's method; false where it does not end.
-static inline bool carry_momentum(const Turning &t, double step, TurningRoom &room, Vector3 start) {
+static inline bool carry_momentum(const Turning &t, double step, TurningWorkspace &room, Vector3 start) {
     const Index stages = t.stages;
     const double size = std::sqrt(dot(start, start));
     for (Index k = 0; k < stages; ++k) store(room.mu + 3 * k, start);
@@ -85,7 +85,7 @@ static inline bool carry_momentum(const Turning &t, double step, TurningRoom &ro
 }
 
 // One cell from the attitude at its border on; false where it cannot be integrated.
-static inline bool turn_cell(const Turning &t, Index cell, TurningRoom &room) {
+static inline bool turn_cell(const Turning &t, Index cell, TurningWorkspace &room) {
     const Index stages = t.stages, first = cell * stages;
     const double step = t.duration / t.cells;
     const Matrix3 border = matrix3(t.borders + 9 * cell);
@@ -128,7 +128,7 @@ static inline Matrix3 pulled(const Turning &t, Index stage) {
 
 // How small turns go on in a cell: the transition (3, 3), and weights (stages, 3, 3) of g at the stages; false where
 // that has no solution.
-static inline bool carry_turns(const Turning &t, Index cell, TurningRoom &room) {
+static inline bool carry_turns(const Turning &t, Index cell, TurningWorkspace &room) {
     const Index stages = t.stages, first = cell * stages, n = 3 * stages;
     const double step = t.duration / t.cells;
     double *matrix = room.matrix, *through = room.right;  // (n, 3): transposed
@@ -152,7 +152,7 @@ static inline bool carry_turns(const Turning &t, Index cell, TurningRoom &room) 
 
 // Small turns (instants, 3, columns) that drifts (cells stages, 3, columns) make, from none at takeoff on; each instant in
 // a cell, after integrals from its beginning; false where that has no solution.
-static inline bool carry_drifts(const Turning &t, Index cell, TurningRoom &room, double *border) {
+static inline bool carry_drifts(const Turning &t, Index cell, TurningWorkspace &room, double *border) {
     const Index stages = t.stages, columns = t.columns, of_stage = 3 * columns;
     const double step = t.duration / t.cells, *drifts = t.drifts + cell * stages * of_stage;
     double *inner = room.right;
@@ -182,7 +182,7 @@ static inline bool carry_drifts(const Turning &t, Index cell, TurningRoom &room,
 
 // What is asked in all cells: the attitude, each from its border, or from where the last one ended; how small turns go
 // on; or those that drifts make. False where it cannot be integrated.
-static inline bool turn_cells(const Turning &t, Asked asked, TurningRoom &at) {
+static inline bool turn_cells(const Turning &t, Asked asked, TurningWorkspace &at) {
     zero(at.border, 3 * t.columns);
     for (Index cell = 0; cell < t.cells; ++cell) {
         if (asked == Asked::attitudes && t.is_chained && cell) copy(t.borders + 9 * cell, t.ends + 9 * (cell - 1), 9);
@@ -196,8 +196,8 @@ static inline bool turn_cells(const Turning &t, Asked asked, TurningRoom &at) {
 
 // The same; 0, or 1 where it cannot be integrated, 2 without memory.
 Index turn_in_space(const Turning &t, Asked asked) {
-    TurningRoom at;
-    Room room;
+    TurningWorkspace at;
+    Workspace room;
     if (!room.make([&](Arena &arena) { at.lay_out(arena, t.stages, t.columns > 3 ? t.columns : 3); })) return 2;
     return turn_cells(t, asked, at) ? 0 : 1;
 }

@@ -8,18 +8,18 @@ of the motion's free part along motions without gaps.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.in_space import cells_and_stages, spatial_body
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.motion.spatial.attitude import (
+    LEVELS,
     OUT_OF_MEMORY,
     Cells,
     IntegrationError,
@@ -30,10 +30,13 @@ from floatplan.motion.spatial.attitude import (
     turn,
 )
 from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.motion.spatial.goal import wrong_way as wrong_turns
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
-from floatplan.planning.transcription.compiled_attempt import motions_struct
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.kernel_problem import motions_struct
+from floatplan.planning.kernel_space import cells_and_stages, spatial_body
+from floatplan.planning.result import AttemptResult, Work
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import DecisionVariables
 
 CELLS, STAGES = 16, 5  # of the grid that is searched on
 FINE_STAGES, FINER = 8, (16, 32, 64)  # [-] of the cells that a plan is closed in
@@ -61,11 +64,18 @@ FINENESS = 401  # [-] instants by which a bump is integrated
 
 @dataclass(frozen=True, eq=False)
 class LiftedFlight:
-    """What is asked: the joints' motions of a class, in a flight, with the choice of h."""
+    """What is asked: the joints' motions of a class, in a flight, with the choice of h; and the work done with them."""
 
-    model: FlightModel
-    flight: SpatialFlight
+    spec: FlightSpec
     variables: DecisionVariables
+    work: Work = field(default_factory=Work)
+
+    @cached_property
+    def flight(self) -> SpatialFlight:
+        """What the problem fixes of every motion."""
+        flight = self.spec.flight
+        assert isinstance(flight, SpatialFlight), "the robot flies in space"
+        return flight
 
     @property
     def polynomials(self) -> SinePolynomials:
@@ -88,12 +98,12 @@ class LiftedFlight:
 
     @cached_property
     def _motions(self) -> Struct:
-        return motions_struct(self.flight, self.variables, of_coefficients=False)
+        return motions_struct(self.spec.problem, self.variables, of_coefficients=False)
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
-        self.model.evaluated(len(cells.s))
-        self.model.differentiated(3 * cells.count * len(x))
+        self.work.evaluated(len(cells.s) * self.flight.bodies)
+        self.work.differentiated(3 * cells.count * len(x))
         count, size = cells.count, len(x)
         ends = np.empty((count, 3, 3))
         gaps = np.empty((count, 3))
@@ -139,7 +149,7 @@ class LiftedFlight:
 
     def flown(self, cells: Cells, x: Array) -> Turning:
         """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
-        self.model.evaluated(len(cells.s))
+        self.work.evaluated(len(cells.s) * self.flight.bodies)
         flight, h = self.flight, self.variables.angular_momentum(x)
         values = basis(self.polynomials.form).values(cells.s)
         motion = self.polynomials.motion(self.variables.free_coefficients(x), values)
@@ -390,3 +400,10 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
         bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
         z[:, 2:] *= 0.15
         y = rng.uniform(-0.5, 0.5, momentum.free)
+
+
+def wrong_way(result: AttemptResult) -> str:
+    """What is wrong with the way to the goal, its turns or its tilt; empty for nothing."""
+    lifted = LiftedFlight(result.spec, result.variables)
+    way = lifted.flown(cells(*LEVELS[result.level]), result.x).way
+    return wrong_turns(lifted.flight.start, lifted.flight.goal, way)

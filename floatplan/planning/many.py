@@ -13,14 +13,16 @@ import numpy as np
 from floatplan.arguments import flag, many
 from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.attempts import INFEASIBLE, STATUS
-from floatplan.compiled.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.errors import InputError
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.batch import Batch, follow_batch, follow_unconstrained
+from floatplan.planning.kernel_problem import INFEASIBLE, STATUS
+from floatplan.planning.numbers import Numbers, goes_together, is_plain, is_together, key
+from floatplan.planning.options import JOBS, Allowance, SearchOptions
 from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.search import JOBS, Allowance, SearchOptions, SearchResult, search
-from floatplan.planning.together import BatchedStarts, follow_batch, follow_unconstrained
+from floatplan.planning.result import SearchResult
+from floatplan.planning.search import Search
+from floatplan.planning.spec import FlightSpec
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
@@ -183,7 +185,7 @@ def _plan_plain(plans: Plans, indices: IntArray, options: SearchOptions, jobs: i
     """Plan plain problems in chunks; those with doubtful numbers, which a Problem checks, are returned."""
     like, problems = _like(plans.problems, int(indices[0])), plans.problems
 
-    def followed(chunk: IntArray) -> tuple[BoolArray, BatchedStarts | None]:
+    def followed(chunk: IntArray) -> tuple[BoolArray, Batch | None]:
         numbers, good = _numbers(problems, chunk)
         return good, follow_unconstrained(like, numbers, options.starts, options.seed) if good.any() else None
 
@@ -207,7 +209,7 @@ def _alone(indices: Iterable[int], plans: Plans | None = None) -> list[_Task]:
     return [_Task(each.tolist(), known=[plans.answer(i) for i in each.tolist()] if plans else ()) for each in parts]
 
 
-def _keep(plans: Plans, indices: IntArray, followed: BatchedStarts) -> None:
+def _keep(plans: Plans, indices: IntArray, followed: Batch) -> None:
     """Take the solutions of a chunk."""
     numbers = followed.attempts.numbers
     status, started = followed.status, numbers["started"]
@@ -215,7 +217,7 @@ def _keep(plans: Plans, indices: IntArray, followed: BatchedStarts) -> None:
     for code, word in STATUS.items():
         plans.status[indices[status == code]] = "not_found" if code == INFEASIBLE else word
     plans.objective[indices[solved]] = numbers["objective"][solved]
-    plans.angular_momentum[indices] = followed.rows.momentum
+    plans.angular_momentum[indices] = followed.motions.momentum
     plans.residual[indices] = followed.residual
     _, n, columns = followed.coefficients.shape
     plans.coefficients[indices, :n, :columns] = followed.coefficients
@@ -244,12 +246,12 @@ def _answering(
     """Return what answers a task, its problems with a seed each; one that is wrong has an answer too."""
 
     @cache
-    def prepared(index: int) -> Attempts:
-        return Attempts(_like(problems, index), options.seed)
+    def spec(index: int) -> FlightSpec:
+        return FlightSpec(_like(problems, index))
 
     def made(task: _Task, seeds: Sequence[int]) -> list[Answer]:
         if task.like is not None:
-            return _made_together(prepared(task.like), problems, options, task.indices, seeds)
+            return _made_together(spec(task.like), problems, options, task.indices, seeds)
         known: Sequence[Answer | None] = task.known or [None] * len(seeds)
         how = [replace(options, seed=seed) for seed in seeds]
         return [_made(_made_alone, problems, *each) for each in zip(task.indices, how, known, strict=True)]
@@ -273,7 +275,7 @@ def _made_alone(
 
 
 def _made_together(
-    like: Attempts,
+    like: FlightSpec,
     problems: Sequence[Problem] | Family,
     options: SearchOptions,
     indices: Sequence[int],
@@ -285,17 +287,16 @@ def _made_together(
     enough = set(found.solved.tolist()) if found and options.starts == 1 else set()
     places = iter(range(len(indices)))
 
-    def begin(index: int, seed: int, is_good: bool) -> Answer | Attempts:
+    def begin(index: int, seed: int, is_good: bool) -> Answer | Search:
+        seeded = replace(options, seed=seed)
         if not (is_good and found):
-            return _made_alone(problems, index, replace(options, seed=seed))
+            return _made_alone(problems, index, seeded)
         place = next(places)
-        return found.answer(place) if place in enough else found.prepared(place, problems[index], seed)
-
-    def go_on(prepared: Attempts) -> SearchResult:
-        return search(prepared, replace(options, seed=prepared.seed))
+        answer = found.answer(place) if place in enough else None
+        return answer or found.search(place, problems[index], seeded)
 
     made: list[Any] = [_made(begin, *each) for each in zip(indices, seeds, good.tolist(), strict=True)]
-    for step in (go_on, _told):  # each for all, which is quicker than one after the other
+    for step in (Search.run, _told):  # each for all, which is quicker than one after the other
         made = [each if isinstance(each, Answer) else _made(step, each) for each in made]
     return made
 

@@ -1,10 +1,8 @@
-"""The one way from a problem to a plan: a batch of one where there are no inequalities, else one search.
+"""The one way from a problem to a plan: a batch of one where there are no inequalities, else one search."""
 
-Where there is no plan it says why: what is violated least in the nearest motion, and what no motion could mend.
-"""
+from __future__ import annotations
 
 import logging
-import math
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,28 +11,23 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.compiled.attempts import is_planar
-from floatplan.compiled.numbers import Numbers, is_plain
 from floatplan.errors import refuse
-from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.search import SearchOptions, SearchResult, expiry, search
-from floatplan.planning.starts import Start
-from floatplan.planning.together import BatchedStarts, follow_unconstrained
-from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.variables import decision_variables
+from floatplan.planning.batch import Batch, follow_unconstrained
+from floatplan.planning.numbers import Numbers, is_plain
+from floatplan.planning.options import SearchOptions, expiry
+from floatplan.planning.result import AttemptResult, SearchResult
+from floatplan.planning.search import Search
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import Start
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
 from floatplan.pool import one_thread
 from floatplan.problem.problem import Problem
-from floatplan.tables import ORIENTATION
 
 LOG = logging.getLogger(__name__)
 LOGGED = ("starts", "solved", "iterations")
 SHARE = 0.5  # [-] of the budget that the motion at hand may take before another is searched, and that this has at least
-INTERRUPTED = "The search was interrupted before it found a plan; there may be one."
-NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +44,7 @@ class SearchedPlan:
     """
 
     plan: Plan
-    result: AttemptResult | BatchedStarts
+    result: AttemptResult | Batch
     others: tuple[AttemptResult, ...] = ()
     gave_up: bool = False
     work: float = 0.0
@@ -66,7 +59,7 @@ class SearchedPlan:
         """The attempt that the plan was made of."""
         if isinstance(self.result, AttemptResult):
             return self.result
-        return self.result.result(0, self.plan.problem, self.plan.solver["seed"])
+        return self.result.result(0, self.plan.problem)
 
 
 def searched_answer(result: SearchResult) -> Answer:
@@ -81,22 +74,30 @@ def searched_answer(result: SearchResult) -> Answer:
         residual=float(np.linalg.norm(best.missed)),
         coefficients=best.written,
         **counts,
-        message=explain(result),
+        message=_explanation(result),
     )
+
+
+def _explanation(result: SearchResult) -> str:
+    """Say, in sentences for a person, what a search found."""
+    if result.best.holds:
+        return ALL_HOLDS if result.spec.constraints else GOAL_MET
+    from floatplan.planning.explanation import explain  # here, since plans do without
+
+    return explain(result)
 
 
 def searched_plan(result: SearchResult) -> SearchedPlan:
     """Return what a search ended with, as a plan."""
     best = result.best
-    prepared = result.prepared
     unsolved = "interrupted" if result.interrupted and not result.impossible else "infeasible"
     plan = Plan.of_motion(
-        prepared.problem,
+        result.spec.problem,
         *motion_of(best),
         status=best.status if best.holds else unsolved,
         ok=best.holds,
-        explanation=explain(result),
-        solver={**result.counts, "seconds": result.seconds, "seed": prepared.seed},
+        explanation=_explanation(result),
+        solver={**result.counts, "seconds": result.seconds, "seed": result.seed},
     )
     return SearchedPlan(
         plan=plan,
@@ -126,62 +127,57 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
 def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | SearchResult:
     """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
     began = time.perf_counter()
-    prepared = None
+    search = None
     if is_plain(problem) and not problem.raises_degree:
-        followed = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
-        if followed.holds(0):
-            plan = followed.answer(0).plan(problem, options.seed, time.perf_counter() - began)
+        batch = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
+        if answer := batch.answer(0):
+            plan = answer.plan(problem, options.seed, time.perf_counter() - began)
             LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
-            return SearchedPlan(plan, followed, work=followed.attempts.row(0).work)
-        prepared = followed.prepared(0, problem, options.seed)
-    result = _searched(prepared or Attempts(problem, options.seed), options, near, began)
+            return SearchedPlan(plan, batch, work=batch.attempts.row(0).work)
+        search = batch.search(0, problem, options)
+    elif problem.robot.in_plane is None:
+        from floatplan.planning.in_space import SpatialSearch  # here, since most problems do without
+
+        search = SpatialSearch(problem, options)
+    result = _searched(search or Search(problem, options), near, began)
     return replace(result, seconds=time.perf_counter() - began)
 
 
 @one_thread
-def _searched(prepared: Attempts, options: SearchOptions, near: Plan | None, began: float) -> SearchResult:
+def _searched(search: Search, near: Plan | None, began: float) -> SearchResult:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
-    problem = prepared.problem
-    if not prepared.momentum.free:
-        refuse(flight_of(problem).motion_into_ground(prepared.momentum.centre))
-    result = _followed_from(near, prepared, options.budget) if near and problem.has_inequalities else None
-    if result is not None:
-        return result
-    if near and options.budget is not None:
-        left = options.budget - (time.perf_counter() - began)
-        options = replace(options, budget=max(left, SHARE * options.budget))
-    if problem.robot.in_plane is None:
-        from floatplan.planning.in_space import search_in_space  # here, since most problems do without
+    spec, budget = search.spec, search.options.budget
+    if not spec.momentum.free:
+        refuse(spec.flight.motion_into_ground(spec.momentum.centre))
+    if near and spec.problem.has_inequalities:
+        start = _start_near(near, spec)
+        stop = expiry(None if budget is None else SHARE * budget)
+        result = search.follow_near(start, stop) if start else None
+        if result and result.holds:
+            return SearchResult(spec, search.options.seed, [result])
+    if near and budget is not None:
+        left = budget - (time.perf_counter() - began)
+        search.options = replace(search.options, budget=max(left, SHARE * budget))
+    return search.run()
 
-        return search_in_space(prepared, options)
-    return search(prepared, options)
 
+def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
+    """The motion of a plan, between the ends of the problem; None where its degree is not allowed.
 
-def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> SearchResult | None:
-    """Where the motion of a plan leads, between the ends of the problem: None where that is no plan.
-
-    It begins on the same branches of the arcsine, with the same free coefficients.
+    It has the same branches of the arcsine, and the same free coefficients.
     """
-    degrees, powers = prepared.problem.degrees, np.arange(near.coefficients.shape[1])
-    if prepared.problem.raises_degree:
+    degrees, powers = spec.problem.degrees, np.arange(near.coefficients.shape[1])
+    if spec.problem.raises_degree:
         degrees = (max(powers[-1].item(), *degrees),) * len(degrees)
     if powers[-1] > max(degrees):
         return None
     of_share = near.coefficients * near.duration**powers  # of p, by powers of t / T
     branches = np.floor(np.array([of_share[:, 0], of_share.sum(axis=1)]) / np.pi + 0.5).astype(np.int64)
-    variables = decision_variables(prepared.problem, degrees, branches, prepared.momentum)
+    variables = spec.variables(degrees, branches)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).given) :]
-    start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
-    stop = expiry(None if budget is None else SHARE * budget)
-    if prepared.problem.robot.in_plane is None:
-        from floatplan.planning.in_space import follow_motion  # here, since most problems do without
-
-        result = follow_motion(prepared, start, stop)
-    else:
-        result = prepared.attempt(start, stop)
-    return SearchResult(prepared, [result]) if result and result.holds else None
+    return Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
 
 
 def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Array | None]:
@@ -189,110 +185,3 @@ def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Arr
     variables, x = result.variables, result.x
     h = variables.angular_momentum(x)
     return variables.motion_class(h), variables.free_coefficients(x), h, result.coefficients
-
-
-def explain(found: SearchResult) -> str:
-    """Say, in sentences for a person, what the search found and why it is no plan where it is none."""
-    prepared = found.prepared
-    if found.best.holds:
-        return ALL_HOLDS if prepared.constraints else GOAL_MET
-    problem = prepared.problem
-    reasons = found.impossible
-    interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
-    flight = flight_of(problem)
-    sentences = [*interrupted, *reasons, *flight.difficulties(), *_nearest(found)]
-    momentum = found.best.start_variables.angular_momentum(found.best.x)
-    sentences += [
-        f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in flight.motion_into_ground(momentum)
-    ]
-    if found.interrupted:
-        return " ".join(sentences)
-    if found.ran_out_of_time and not found.ran_out_of_patience:
-        sentences.append("The search ran out of time; a larger budget may help.")
-    if found.momentum_found is not None:
-        h = _numbers(found.momentum_found, ".6g")
-        sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
-    elif not reasons and found.best.start_variables.coefficients:
-        sentences += _hardly_missed(found) or _more_freedom(problem)
-    return " ".join(sentences)
-
-
-def _wrong_way(best: AttemptResult) -> str:
-    """What is wrong with the way to the goal in space, its turns or its tilt; empty for nothing."""
-    if is_planar(best.model.flight) or not np.isfinite(best.missed).all():
-        return ""
-    from floatplan.planning.in_space import wrong_way  # here, since most problems do without
-
-    return wrong_way(best)
-
-
-def _hardly_missed(found: SearchResult) -> list[str]:
-    """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that.
-
-    All of it is said: of each limit that the motion exceeds, by how much, so that with these it is a plan.
-    """
-    best, missed = found.best, _missed_turn(found)
-    if not best.violation < NEARLY:
-        return []
-    wishes = [f"the goal's orientation {_numbers(missed, '+.6g')} rad further"] if missed.any() else []
-    for number, block in enumerate(found.prepared.constraints):
-        violated = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
-        amounts: dict[str, float] = {}  # in the block's unit; a limit has a row for either sign
-        for at in violated.tolist():
-            row = int(best.worst.row[at])
-            label = block.labels[row]
-            amounts[label] = max(amounts.get(label, 0.0), float(-best.worst.value[at] * block.scale[row]))
-        for label, amount in amounts.items():
-            wishes.append(block.relaxed.format(label=label, amount=f"{_rounded_up(amount)} {block.unit}"))
-    if not wishes:
-        return []
-    listed = f"{', '.join(wishes[:-1])} and {wishes[-1]}" if len(wishes) > 1 else wishes[0]
-    return [f"It would be a plan with {listed}; another seed, or more starts, may find one without that."]
-
-
-def _rounded_up(amount: float) -> str:
-    """A positive number in two digits, not below it."""
-    return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
-
-
-def _missed_turn(found: SearchResult) -> Array:
-    """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    missed = found.best.missed
-    return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
-
-
-def _numbers(values: Array, form: str) -> str:
-    return ", ".join(format(value, form) for value in values.tolist())
-
-
-def _more_freedom(problem: Problem) -> list[str]:
-    """Advice on what the problem fixes of the motion without need."""
-    freedom = [] if problem.raises_degree else ['motion.degree = "auto"']
-    if problem.flight.angular_momentum != "free":
-        freedom.append('flight.angular_momentum = "free"')
-    return [f"More freedom may help: {' or '.join(freedom)}."] if freedom else []
-
-
-def _nearest(found: SearchResult) -> list[str]:
-    """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
-    prepared = found.prepared
-    best, missed, sentences = found.best, _missed_turn(found), []
-    tried = found.counts["starts"]
-    if not tried:
-        return []
-    wrong = _wrong_way(best)
-    if missed.any():
-        off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
-        sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")
-    elif wrong:
-        sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
-    if best.worst.least < 0:
-        number, row, value, s = best.worst.lowest
-        block, time = prepared.constraints[number], s * prepared.problem.flight.duration
-        amount = f"{-value * block.scale[row]:.4g} {block.unit}"
-        violated = f"{block.labels[row]} is violated by {amount}"
-        sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")
-    if not best.start_variables.coefficients:
-        sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
-    counted = "1 start was" if tried == 1 else f"{tried} starts were"
-    return [*sentences, f"{counted} tried, up to degree {max(best.start_variables.degrees)}."]

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from floatplan.arguments import flag
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import FLIGHT_ALONE
@@ -55,15 +55,11 @@ def plan(
         moves down at takeoff.
     """
     found = planned(given_problem(problem), SearchOptions(seed, starts, budget, progress))
-    if not flag(prove, "prove") or found.plan.robot.in_plane is None:
-        return _noted(found.plan)
-    from floatplan.planning.repair import proved_plan  # here, because most plans do without
+    plan = found.plan
+    if flag(prove, "prove") and plan.robot.in_plane:
+        from floatplan.planning.repair import proved_plan  # here, because most plans do without
 
-    return _noted(proved_plan(found))
-
-
-def _noted(plan: Plan) -> Plan:
-    """The plan, which says so where it is but the flight of a jump."""
-    if plan.problem.jump is None:
-        return plan
-    return plan.with_record(replace(plan.record, explanation=f"{plan.explanation} {FLIGHT_ALONE}"))
+        plan = proved_plan(found)
+    if plan.problem.jump:
+        return plan.with_record(replace(plan.record, explanation=f"{plan.explanation} {FLIGHT_ALONE}"))
+    return plan

@@ -15,11 +15,12 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import SearchedPlan, motion_of
-from floatplan.planning.search import SearchOptions, search
-from floatplan.planning.starts import Start
-from floatplan.planning.transcription.result import AttemptResult
+from floatplan.planning.result import AttemptResult
+from floatplan.planning.search import Search
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import Start
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
 from floatplan.pool import one_thread
@@ -98,7 +99,7 @@ def _not_kept(found: SearchedPlan) -> tuple[AttemptResult, ...]:
     if not best.is_exhaustive or solver["solved"] < 2:
         return ()
     options = SearchOptions(solver["seed"], solver["solved"])
-    again = search(Attempts(found.plan.problem, solver["seed"]), options, solver["starts"])
+    again = Search(found.plan.problem, options).run(solver["starts"])
     return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + EXCHANGE.same))
 
 
@@ -108,8 +109,8 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     The plan answers the problem that it answered before.
     """
     plan, best = found.plan, found.best
-    prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
-    result = prepared.attempt(Start(best.variables, best.x, at_once=True))
+    search = Search(tighter, SearchOptions(plan.solver["seed"]), FlightSpec(tighter, best.variables.momentum))
+    result = search.follow(Start(best.variables, best.x, at_once=True))
     if not result.holds:
         return None
     more = {name: plan.solver[name] + getattr(result, name) for name in ("iterations", "evaluations")}

@@ -1,37 +1,32 @@
-"""The search for a motion: attempts from many starts, at rising degrees; the best is kept.
+"""The search for a motion: starts are followed, at rising degrees; the best motion is kept.
 
-The attempts are a sequence that the problem and the seed settle: the number of solutions wanted does not change it.
-More solutions wanted make it longer, so that its best is never worse. Unless a budget of seconds is given, it ends by
-the work done in its order.
+Where a start leads depends on the problem, the degrees, the seed and its number alone: the number of solutions wanted
+does not change it. More solutions wanted make the search longer, so that its best is never worse. Unless a budget of
+seconds is given, it ends by the work done in its order.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
-from typing import ClassVar
+from typing import TypeAlias
 
 import numpy as np
 
-from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
-from floatplan.arrays import Array
 from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
-from floatplan.planning.attempt import ATTEMPTS, Attempts
-from floatplan.planning.starts import Start
-from floatplan.planning.transcription.compiled_attempt import MOMENTUM_FRACTIONS
-from floatplan.planning.transcription.result import AttemptResult, best
+from floatplan.planning.kernel_problem import MOMENTUM_FRACTIONS, KernelProblem
+from floatplan.planning.options import ATTEMPTS, Allowance, SearchOptions, expiry
+from floatplan.planning.result import AttemptResult, SearchResult, Work
+from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
-from floatplan.tables import Range
 
 LOG = logging.getLogger(__name__)
-DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 1 to 2 s
-MOST_JOBS = 64  # [-] processes
+Stop: TypeAlias = Callable[[], bool]
 MOST_ATTEMPTS = 10**6  # [-] at all degrees
-MOST_SOLVED = 1000  # [-] solved starts to choose the best from
-JOBS = whole(Range(1, MOST_JOBS, ""))
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
 ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
 RAISED = 2  # [-] nearest motions of one degree that are starts at the next
@@ -47,227 +42,268 @@ ANNOUNCED_EVERY = 1.0  # [s] words about the progress
 STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
 
 
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """What came of a search: its attempts, and why there were no more of them.
+class Search:
+    """A search for a motion of a problem.
 
     Attributes
     ----------
-    prepared : Attempts
-        The problem.
-    results : sequence of AttemptResult
-        In the order of the attempts.
-    ran_out_of_time, ran_out_of_patience, interrupted : bool
-        Why there are no more.
-    momentum_found : (e,) kg m^2/s, optional
-        An h with which there is a plan, where the given one led to none.
-    seconds : float
-        What the search took.
+    spec : FlightSpec
+        The problem; of a ``spec`` that is given, the ``problem`` need not be.
+    options : SearchOptions
+    followed : KernelProblem, optional
+        The problem with the structs of a batch, in which starts of it have been followed: what came of these is the
+        first attempt.
+    work : Work
+        That was done.
     """
 
-    prepared: Attempts
-    results: Sequence[AttemptResult]
-    ran_out_of_time: bool = False
-    ran_out_of_patience: bool = False
-    interrupted: bool = False
-    momentum_found: Array | None = None
-    seconds: float = 0.0
+    def __init__(
+        self,
+        problem: Problem,
+        options: SearchOptions | None = None,
+        spec: FlightSpec | None = None,
+        followed: KernelProblem | None = None,
+    ) -> None:
+        self.spec = spec or FlightSpec.of(problem)
+        self.options = options or SearchOptions()
+        self.work = Work()
+        self._ends_hold = False  # as far as is known
+        self._path_is_clear = False
+        self._kernel_problem = followed
+        self._first: AttemptResult | None = None
+        if followed:
+            self.plain_start = followed.start
+            self._learn(followed)
+            self._first = followed.result(self.spec)
 
     @cached_property
-    def best(self) -> AttemptResult:
-        """The best of them, the first of equals."""
-        return best(self.results)
+    def plain_start(self) -> Start:
+        """The plain motion of the problem's own degrees."""
+        return plain_start(self.spec, self.spec.problem.degrees)
+
+    def run(self, most_starts: int = MOST_ATTEMPTS) -> SearchResult:
+        """Follow starts until so many of them are solved, the budget is used up, or no start is left.
+
+        The budget is of seconds, or of the default work where it is None. Where the first start fails and the problem
+        is known to have no solution, at most a near miss is wanted. Of starts that were followed together the best
+        alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where there is none.
+        """
+        options = self.options
+        expired = expiry(options.budget)
+        allowance = Allowance.of(options)
+        results: list[AttemptResult] = []
+        interrupted = False
+        announced = time.monotonic()
+        try:
+            for result in self._results(expired, allowance, most_starts):
+                results.append(result)
+                log_attempt(results)
+                if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
+                    announced = time.monotonic()
+                    solved = sum(each.solved for each in results if each.holds)
+                    tried = f"{_count(results)} starts tried, {solved} solved"
+                    options.progress(f"{tried}, degree {max(result.variables.degrees)}")
+                if self._are_enough(results) or expired():
+                    break
+                tried_enough = not options.near_miss or len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
+                if tried_enough and not results[0].holds and self.impossible:
+                    if options.near_miss:
+                        break
+                    untried = self._untried() if results[0].starts else results[0]
+                    return SearchResult(self.spec, options.seed, [untried], self.impossible)
+        except KeyboardInterrupt:
+            interrupted = True
+        if not results:
+            results.append(self._untried())
+            results[0].starts = int(interrupted)
+        return SearchResult(
+            spec=self.spec,
+            seed=options.seed,
+            results=results,
+            impossible=[] if any(result.holds for result in results) else self.impossible,
+            ran_out_of_time=allowance.is_used_up or expired(),
+            ran_out_of_patience=allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0),
+            interrupted=interrupted,
+        )
+
+    def _results(self, expired: Stop, allowance: Allowance, most_starts: int) -> Iterator[AttemptResult]:
+        """Yield results of the attempts, in their order; of so many starts at most.
+
+        The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left
+        is none: how far it came would depend on what was done before.
+        """
+        options = self.options
+        tried: list[AttemptResult] = []
+        is_first = True
+        for degrees, attempts in _stages(self.spec.problem):
+            nearest = _nearest(tried)
+            raised = [self.spec.raised(each.variables, each.x, degrees) for each in nearest]
+            raised[:1] = [replace(start, at_once=True) for start in raised[:1]]
+            tried = []
+            number = 0
+            last = min(attempts, most_starts)
+            while number < last:
+                numbers = range(number, min(number + self._how_many(tried), last))
+                result = self.follow_numbered(degrees, raised, numbers, expired, allowance.left, not options.near_miss)
+                if result is None:  # there are not so many starts
+                    break
+                if not allowance.grants(result, is_first):
+                    return
+                is_first = False
+                number += result.starts
+                most_starts -= result.starts
+                yield result
+                tried.append(result)
+                allowance.gave_up = options.attempts is not None and _are_hopeless(tried, options.attempts)
+                if allowance.gave_up:
+                    break
+
+    def _how_many(self, tried: list[AttemptResult]) -> int:
+        """How many starts the kernel may follow in one call, after those tried at a degree.
+
+        One, as long as it matters where each ends: it may be the best, or tell that the problem is impossible, or its
+        end be raised to the next degree. Else as many as are left before it is asked whether to give up.
+        """
+        options = self.options
+        first = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 1
+        each_matters = len(tried) < first or any(result.holds for result in tried)
+        if each_matters or self.spec.problem.raises_degree:
+            return 1
+        most = ATTEMPTS
+        if options.attempts:
+            most = min(options.attempts, FEW if _count(tried) < FEW else ATTEMPTS)
+        return most - _count(tried)
+
+    def _are_enough(self, results: list[AttemptResult]) -> bool:
+        """Whether as many starts are solved as are wanted, and more of them promise little."""
+        solved = [result for result in results if result.holds]
+        if solved and results[0].is_exhaustive:
+            return True
+        if len(solved) < self.options.starts:
+            return False
+        first_is_easy = _is_easy(results[0])
+        constrained = self.spec.problem.has_inequalities
+        if constrained and self.spec.momentum.free:
+            # Each h may have a best motion of its own: several must lead to the same, or h has been tried throughout.
+            values = np.sort([result.objective_value for result in solved])
+            agreeing = int((values - values[0] <= AGREEMENT * values).sum())
+            all_agree = agreeing == len(values) and all(_is_easy(result) for result in solved)
+            enough = AGREEING if all_agree else AGREEING_BEST
+            return agreeing >= enough or _count(results) >= STARTS_OF_FREE_MOMENTUM
+        if first_is_easy or len(solved) >= SETTINGS.wanted_after_failure:
+            return True
+        if not constrained:
+            return False
+        after_the_first = len(results) - results.index(solved[0])
+        return any(result.is_optimal for result in results) or after_the_first > STARTS_AFTER_THE_FIRST
+
+    def _untried(self) -> AttemptResult:
+        """Return the plain motion as it is."""
+        result = self.follow(self.plain_start, lambda: True)
+        result.starts = 0
+        return result
 
     @cached_property
-    def holding(self) -> tuple[AttemptResult, ...]:
-        """All that hold, in the order of their objectives, which a single one need not have evaluated."""
-        holding = [result for result in self.results if result.holds]
-        return tuple(sorted(holding, key=lambda result: result.objective_value) if len(holding) > 1 else holding)
-
-    @property
     def impossible(self) -> list[str]:
-        """Sentences about why no motion whatever can be a plan, where none was found."""
-        return [] if self.best.holds else self.prepared.impossible
+        """Sentences about why no motion whatever meets the problem, as far as that is known."""
+        reasons: list[str] = []
+        if self.spec.problem.has_inequalities:
+            if not self._ends_hold:
+                from floatplan.planning.explanation import impossible_ends  # here, since most searches need none
 
-    @property
-    def work(self) -> float:
-        """What all attempts took, instants of one body."""
-        return sum(result.work for result in self.results)
+                kernel_problem = self._of_start(self.plain_start)
+                kernel_problem.follow(range(0), np.inf, 0, reach=self.spec.reach)
+                reasons += impossible_ends(self.spec, self.plain_start, kernel_problem.end_values.copy())
+            reasons += self.spec.flight.impossibilities(self._path_is_clear)
+        for reason in reasons:
+            LOG.info("impossible: %s", reason)
+        return reasons
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
-        return {
-            "iterations": sum(result.iterations for result in self.results),
-            "evaluations": sum(result.evaluations for result in self.results),
-            "starts": _starts(self.results),
-            "solved": sum(result.solved for result in self.results if result.holds),
-        }
+    def follow(self, start: Start, stop: Stop = lambda: False, most_work: float = np.inf) -> AttemptResult:
+        """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
+        return self._call_kernel(start, range(1), most_work, expired=stop())
 
+    def follow_near(self, start: Start, stop: Stop) -> AttemptResult | None:
+        """Follow a motion that is nearly one to the goal; None where it leads to none."""
+        return self.follow(start, stop)
 
-@dataclass(frozen=True)
-class SearchOptions(Checked):
-    """How to search; see :func:`floatplan.plan`.
+    def follow_numbered(
+        self,
+        degrees: tuple[int, ...],
+        given: Sequence[Start],
+        numbers: range,
+        stop: Stop,
+        most_work: float = np.inf,
+        asks: bool = False,
+    ) -> AttemptResult | None:
+        """Follow starts by number, the given ones first; None where there are not so many.
 
-    Attributes
-    ----------
-    seed : of the random starts
-    starts : solved starts to choose the best from
-    budget : s, or None: the usual work
-    progress : told in a few words what the search is doing
-    patience : instants of one body, how much of the usual work may be done before a start is solved; None: all of it
-        A search that ends sooner is otherwise the same.
-    attempts : unsolved starts at a degree, after which no more are tried there, or five where none comes near a plan;
-        None: as many as the work allows
-    near_miss : whether a motion is searched that nearly meets a problem which is proved impossible
+        They are followed until one holds: by the kernel as many as take a moment, else one alone. Where it ``asks``
+        first, and the problem is known to have no solution, the result is the plain motion as it is, of no start.
+        """
+        if numbers.start < len(given):
+            return self.follow(given[numbers.start], stop, most_work)
+        numbers = range(numbers.start - len(given), numbers.stop - len(given))
+        own = degrees == self.spec.problem.degrees
+        plain = self.plain_start if own else plain_start(self.spec, degrees)
+        if numbers.start and not plain.variables.size:
+            return None
+        expired = stop()
+        before = self.work.done
+        result = self._call_kernel(plain, numbers, most_work, asks=asks, expired=expired)
+        if not result.starts and not self.impossible:
+            result = self._call_kernel(plain, numbers, most_work, expired=expired)
+        result.work = self.work.done - before
+        return result
 
-    Raises
-    ------
-    InputError
-        A number is none, or out of its range; or ``progress`` cannot be called.
-    """
+    def judge(self, start: Start, status: str) -> AttemptResult:
+        """Check the attitude at landing and the constraints of a motion as it is, between the instants too.
 
-    seed: int = 0
-    starts: int = 1
-    budget: float | None = None
-    progress: Callable[[str], None] | None = None
-    patience: float | None = None
-    attempts: int | None = None
-    near_miss: bool = True
+        ``status`` is why it was stopped at; one that holds is "feasible" at least.
+        """
+        kernel_problem = self._of_start(start)
+        kernel_problem.follow(range(0), np.inf, 0)
+        result = kernel_problem.result(self.spec)
+        self.work.done += result.work
+        result.starts = 1
+        result.status = status
+        if not result.holds:
+            result.status = "infeasible"
+        elif status == "infeasible":
+            result.status = "feasible"
+        return result
 
-    checks: ClassVar[Mapping[str, Check]] = {
-        "seed": SEED,
-        "starts": whole(Range(1, MOST_SOLVED, "")),
-        "budget": optional(positive(unit="s")),
-        "progress": optional(function),
-        "attempts": optional(whole(Range(1, ATTEMPTS, ""))),
-    }
+    def _call_kernel(
+        self, start: Start, numbers: range, most_work: float, *, asks: bool = False, expired: bool = False
+    ) -> AttemptResult:
+        """Follow starts by number, of which 0 is the given one, unless the first one has been followed in a batch."""
+        result = self._first
+        self._first = None
+        if result is None:
+            kernel_problem = self._of_start(start)
+            reach = self.spec.reach if asks else 0.0
+            kernel_problem.follow(numbers, most_work, self.options.seed, reach=reach, expired=expired)
+            self._learn(kernel_problem)
+            result = kernel_problem.result(self.spec)
+        self.work.done += result.work
+        return result
 
-    @property
-    def work(self) -> float:
-        """Most work of a search, instants of one body: the usual, unless a budget is given."""
-        return DEFAULT_WORK if self.budget is None else np.inf
+    def _of_start(self, start: Start) -> KernelProblem:
+        """The problem as the kernel takes it, with this start as number 0: filled anew for another one."""
+        if not (self._kernel_problem and self._kernel_problem.start.x is start.x):
+            self._kernel_problem = KernelProblem.of(self.spec, start)
+        return self._kernel_problem
 
-
-def search(prepared: Attempts, options: SearchOptions, most: int = MOST_ATTEMPTS) -> SearchResult:
-    """Try starts until so many of them are solved, the budget is used up, or no start is left.
-
-    The budget is of seconds, or of the default work where it is None. ``most`` limits the starts; where the first fails
-    and the problem is known to have no solution, at most a near miss is wanted. The first starts may have been followed
-    together: of these the best alone is kept. Ctrl-C ends the search with the best motion so far; the plain one where
-    there is none.
-    """
-    expired = expiry(options.budget)
-    allowance = Allowance.of(options)
-    results: list[AttemptResult] = []
-    interrupted = False
-    announced = time.monotonic()
-    try:
-        for result in _results(prepared, options, expired, allowance, most):
-            results.append(result)
-            log_attempt(prepared, results)
-            if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
-                announced, counts = time.monotonic(), SearchResult(prepared, results).counts
-                tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
-                options.progress(f"{tried}, degree {max(result.variables.degrees)}")
-            if _are_enough(results, options.starts, prepared) or expired():
-                break
-            tried_enough = not options.near_miss or len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
-            if tried_enough and not results[0].holds and prepared.impossible:
-                if not options.near_miss:
-                    return SearchResult(prepared, [_untried(prepared) if results[0].starts else results[0]])
-                break
-    except KeyboardInterrupt:
-        interrupted = True
-    if not results:
-        results.append(_untried(prepared))
-        results[0].starts = int(interrupted)
-    out_of_patience = allowance.gave_up or (allowance.is_used_up and allowance.held_back > 0)
-    return SearchResult(
-        prepared=prepared,
-        results=results,
-        ran_out_of_time=allowance.is_used_up or expired(),
-        ran_out_of_patience=out_of_patience,
-        interrupted=interrupted,
-    )
+    def _learn(self, kernel_problem: KernelProblem) -> None:
+        """Keep what the kernel said before it followed starts."""
+        attempt = kernel_problem.attempt.pointer
+        self._ends_hold |= bool(attempt.ends_hold)
+        self._path_is_clear |= bool(attempt.path_is_clear)
 
 
-def _untried(prepared: Attempts) -> AttemptResult:
-    """Return the plain motion as it is."""
-    result = prepared.attempt(prepared.plain_start, lambda: True)
-    result.starts = 0
-    return result
-
-
-def log_attempt(prepared: Attempts, results: Sequence[AttemptResult]) -> None:
-    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
-    if LOG.isEnabledFor(logging.INFO):
-        LOG.info("%s", _said(prepared, results))
-
-
-def _said(prepared: Attempts, results: Sequence[AttemptResult]) -> str:
-    result = results[-1]
-    degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
-    start = _starts(results)
-    steps = f"start {start}, degree {degrees}, {result.iterations} steps"
-    least = f"best violation {min(each.violation for each in results):.3g}"
-    if result.holds:
-        return f"{steps}; {result.status}, {result.objective} {result.objective_value:.6g}; {least}"
-    if result.violation == np.inf:
-        return f"{steps}; no motion to the goal"
-    of = " rad of the goal's orientation"
-    if -result.worst.least >= result.violation:
-        block, row, _, s = result.worst.lowest
-        of = f" of {prepared.constraints[block].labels[row]} at {s * prepared.problem.flight.duration:.3g} s"
-    return f"{steps}; violation {result.violation:.3g}{of}; {least}"
-
-
-@dataclass
-class Allowance:
-    """Work that the attempts of a search may do together, counted in their order; some of it once one is solved.
-
-    ``gave_up`` says that at the last degree as many starts as are wanted were not solved.
-    """
-
-    left: float
-    held_back: float = 0.0
-    is_used_up: bool = False
-    gave_up: bool = False
-
-    @classmethod
-    def of(cls, options: SearchOptions) -> Allowance:
-        """As the options of a search say."""
-        work, patience = options.work, np.inf if options.patience is None else options.patience
-        return cls(min(work, patience), held_back=work - patience if patience < work else 0.0)
-
-    def grants(self, result: AttemptResult, is_first: bool) -> bool:
-        """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
-        self.left -= result.work
-        self.is_used_up = self.left < 0
-        if result.holds and not self.is_used_up:
-            self.left, self.held_back = self.left + self.held_back, 0.0
-        return is_first or not self.is_used_up
-
-
-def _are_enough(results: list[AttemptResult], wanted: int, prepared: Attempts) -> bool:
-    """Whether ``wanted`` starts are solved and more of them promise little."""
-    solved = [index for index, result in enumerate(results) if result.holds]
-    if solved and results[0].is_exhaustive:
-        return True
-    if len(solved) < max(wanted, 1):
-        return False
-    constrained = prepared.problem.has_inequalities
-    easy = [result.is_optimal and result.iterations <= SETTINGS.easy_iterations for result in results]
-    if constrained and prepared.momentum.free:
-        values = np.sort([results[index].objective_value for index in solved])
-        agreeing = int((values - values[0] <= AGREEMENT * values).sum())
-        enough = AGREEING if agreeing == len(values) and all(easy[index] for index in solved) else AGREEING_BEST
-        return _starts(results) >= STARTS_OF_FREE_MOMENTUM or agreeing >= enough
-    if easy[0] or len(solved) >= SETTINGS.wanted_after_failure:
-        return True
-    return constrained and (
-        any(result.is_optimal for result in results) or len(results) - solved[0] > STARTS_AFTER_THE_FIRST
-    )
+def _is_easy(result: AttemptResult) -> bool:
+    """Whether a start led quickly to an optimum."""
+    return result.is_optimal and result.iterations <= SETTINGS.easy_iterations
 
 
 def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
@@ -280,61 +316,14 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
     yield (HIGHEST_AUTOMATIC_DEGREE,) * len(problem.degrees), ATTEMPTS
 
 
-def _results(
-    prepared: Attempts,
-    options: SearchOptions,
-    expired: Callable[[], bool],
-    allowance: Allowance,
-    most: int,
-) -> Iterator[AttemptResult]:
-    """Results of the attempts, in their order; of so many starts at most.
-
-    The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
-    none: how far it came would depend on what was done before.
-    """
-    tried: list[AttemptResult] = []
-    is_first = True
-
-    def in_turn(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[AttemptResult | None]:
-        """One after the other as long as it matters where each ends, then together."""
-        number = numbers.start
-        while number < numbers.stop:
-            alone = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 1
-            matters = len(tried) < alone or any(each.holds for each in tried)
-            most = min(options.attempts, FEW if _starts(tried) < FEW else ATTEMPTS) if options.attempts else ATTEMPTS
-            count = 1 if matters or prepared.problem.raises_degree else most - _starts(tried)
-            these = range(number, min(number + count, numbers.stop))
-            result = prepared.attempts(degrees, given, these, expired, allowance.left, not options.near_miss)
-            yield result
-            number += result.starts if result else 1
-
-    for degrees, attempts in _stages(prepared.problem):
-        nearest = _nearest(tried)
-        raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
-        numbers = range(min(attempts, most))
-        tried = []
-        for result in in_turn(degrees, raised, numbers):
-            if result is None:  # there are not so many starts
-                break
-            if not allowance.grants(result, is_first):
-                return
-            is_first = False
-            most -= result.starts
-            yield result
-            tried.append(result)
-            allowance.gave_up = options.attempts is not None and _are_hopeless(tried, options.attempts)
-            if allowance.gave_up:
-                break
-
-
 def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
     """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
-    nearest, starts = min(each.violation for each in tried), _starts(tried)
+    nearest, starts = min(each.violation for each in tried), _count(tried)
     return nearest > 0 and (starts == most or (starts >= FEW and nearest > FAR))
 
 
-def _starts(results: Sequence[AttemptResult]) -> int:
-    """How many were followed."""
+def _count(results: Sequence[AttemptResult]) -> int:
+    """How many starts were followed."""
     return sum(result.starts for result in results)
 
 
@@ -348,9 +337,25 @@ def _nearest(results: list[AttemptResult]) -> list[AttemptResult]:
     return distinct[:RAISED]
 
 
-def expiry(budget: float | None) -> Callable[[], bool]:
-    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
-    if budget is None:
-        return lambda: False
-    end = time.monotonic() + budget
-    return lambda: time.monotonic() > end
+def log_attempt(results: Sequence[AttemptResult]) -> None:
+    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
+    if LOG.isEnabledFor(logging.INFO):
+        LOG.info("%s", _said(results))
+
+
+def _said(results: Sequence[AttemptResult]) -> str:
+    result = results[-1]
+    spec = result.spec
+    degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
+    start = _count(results)
+    steps = f"start {start}, degree {degrees}, {result.iterations} steps"
+    least = f"best violation {min(each.violation for each in results):.3g}"
+    if result.holds:
+        return f"{steps}; {result.status}, {spec.problem.motion.objective} {result.objective_value:.6g}; {least}"
+    if result.violation == np.inf:
+        return f"{steps}; no motion to the goal"
+    of = " rad of the goal's orientation"
+    if -result.worst.least >= result.violation:
+        block, row, _, s = result.worst.lowest
+        of = f" of {spec.constraints[block].labels[row]} at {s * spec.problem.flight.duration:.3g} s"
+    return f"{steps}; violation {result.violation:.3g}{of}; {least}"

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from floatplan.arguments import flag, function, optional, positive, text
 from floatplan.arguments import path as as_path
+from floatplan.plans.trajectory import MotionSample, Trajectory, sample_times, sampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Loaded by name when they are asked for: the one place where a lower room calls upper ones.
 OUTPUTS = {
-    "JumpView": "floatplan.view.jumps",
     "figures": "floatplan.view.figures.figures",
     "animate": "floatplan.view.figures.animation",
     "write_report": "floatplan.view.report.report",
@@ -28,14 +28,30 @@ OUTPUTS = {
 class Outputs:
     """What every motion, a plan or a jump, can be shown and written as."""
 
-    @property
-    def view(self) -> Any:
-        """The motion as pictures take it."""
-        return self
+    def refuse_unless_shown(self) -> None:
+        """Raise InputError where there is no motion that pictures could show."""
+
+    def sample(self: Trajectory, rate: float) -> MotionSample:
+        """Return the motion at even instants, from its beginning to its end, which is always the last.
+
+        Parameters
+        ----------
+        rate : float
+            Instants per second, Hz.
+
+        Raises
+        ------
+        InputError
+            The rate is not positive and finite, or gives more than 100 000 instants; as of :meth:`at`; or a joint is
+            called ``root_joint``, as Pinocchio calls the free flyer.
+        """
+        rate = positive(unit="Hz")(rate, "rate")
+        return sampled(self, sample_times(self.duration, rate))
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures by name, as matplotlib figures; see :func:`floatplan.view.figures.figures.figures`."""
-        found: dict[str, Figure] = output("figures")(self.view)
+        self.refuse_unless_shown()
+        found: dict[str, Figure] = output("figures")(self)
         return found
 
     def animate(
@@ -48,12 +64,15 @@ class Outputs:
         path = as_path(path, "path")
         speed = positive()(speed, "speed")
         progress = optional(function)(progress, "progress")
-        return Path(output("animate")(self.view, path, speed=speed, progress=progress))
+        self.refuse_unless_shown()
+        return Path(output("animate")(self, path, speed=speed, progress=progress))
 
     def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
         """Write the report, a page that plays the motion, and open it in the browser unless ``browse`` is false."""
         browse = flag(browse, "browse")
-        page = Path(output("write_report")(self.view, as_path(path, "path")))
+        path = as_path(path, "path")
+        self.refuse_unless_shown()
+        page = Path(output("write_report")(self, path))
         if browse:
             webbrowser.open(page.resolve().as_uri())
         return page
@@ -99,7 +118,8 @@ class Outputs:
 
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""
-        return str(output("notebook_frame")(self.view))
+        self.refuse_unless_shown()
+        return str(output("notebook_frame")(self))
 
 
 def output(name: str) -> Callable[..., Any]:

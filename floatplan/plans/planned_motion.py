@@ -109,6 +109,15 @@ class PlannedMotion(flight.MotionInFile):
         return found
 
     @property
+    def whole_problem(self) -> Problem:
+        """The problem: a flight begins and ends where that does."""
+        return self.problem
+
+    def state(self, times: npt.ArrayLike) -> FlightState:
+        """State of the robot as pictures and files of every motion ask for it: :meth:`at`."""
+        return self.at(times)
+
+    @property
     def phases(self) -> tuple[()]:
         """None: nothing of a flight alone is about contacts, as :attr:`floatplan.Jump.phases` are."""
         return ()

@@ -216,6 +216,10 @@ def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
         return read_only(np.full(len(robot.joints), math.inf))
     if not isinstance(given, Mapping | int | float):
         return read_only(_in_order(robot, given, f"limits.{row.key}"))
+    scales_by_ratio = row.quantity in ("velocities", "accelerations")
+    if not scales_by_ratio and np.count_nonzero(robot.motor_ratios) > len(robot.joints):
+        reason = "is not known of each motor where joints follow others"
+        raise InputError(reason, element=f"limits.{row.key}", advice="give a list, a number for each planned joint")
     return read_only(least_of_motors(robot, motor_limits(robot, row, given)))
 
 

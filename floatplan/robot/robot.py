@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypedDict, Unpack, get_args
-from xml.etree.ElementTree import fromstring
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -41,6 +41,8 @@ from floatplan.robot.urdf.inertias import Payload, payloads
 from floatplan.robot.urdf.srdf import reference_posture, with_rotors
 from floatplan.robot.urdf.tree import UrdfText, UrdfTree, urdf_path
 from floatplan.tables import Base, RobotKind, Unit
+
+ROOT_JOINT = "root_joint"  # Pinocchio's name of the free flyer
 
 
 def _coupled(value: Any, element: str) -> Any:
@@ -374,6 +376,46 @@ class Robot:
     def up(self) -> Array:
         """Unit vector (3,) against gravity, in the root link's axes where it is not turned."""
         return read_only((0.0, 0.0, 1.0) if self.in_plane is None else self.in_plane.plane.vertical)
+
+    def free_flyer(self) -> pin.Model:
+        """Return the Pinocchio model in whose order :meth:`floatplan.Plan.q`, ``v``, ``a`` and ``tau`` are.
+
+        It is the one of ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``: a base that floats in
+        space, and every joint that the file lets move. Joints by which the file lets its own base float are fixed in
+        it. Each call returns a model of its own, whose ``gravity`` may be set.
+
+        Raises
+        ------
+        InputError
+            A joint is called ``root_joint``, as Pinocchio calls the free flyer.
+        """
+        return self._free_flyer.copy()
+
+    @cached_property
+    def _free_flyer(self) -> pin.Model:
+        if ROOT_JOINT in self.joint_tree.joint:
+            raise InputError(
+                "Pinocchio gives this name to the free flyer, and so has no free-flyer model of the file",
+                source=self.path,
+                element=f'joint "{ROOT_JOINT}"',
+                advice="rename it",
+            )
+        root = fromstring(self.xml)
+        for link_or_joint in root:
+            # Neither matters to the model, and Pinocchio's parser does not take all that files have here.
+            for ignored in (*link_or_joint.findall("collision"), *link_or_joint.findall("dynamics")):
+                link_or_joint.remove(ignored)
+        return pin.buildModelFromXML(tostring(root, encoding="unicode"), pin.JointModelFreeFlyer())
+
+    @property
+    def nq(self) -> int:
+        """Size of a configuration of :meth:`free_flyer`: place, quaternion, joints, of ``continuous`` ones cos, sin."""
+        return int(self._free_flyer.nq)
+
+    @property
+    def nv(self) -> int:
+        """Size of a velocity of :meth:`free_flyer`: six of the base, one of each joint."""
+        return int(self._free_flyer.nv)
 
     @property
     def frame_names(self) -> list[str]:

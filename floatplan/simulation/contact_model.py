@@ -5,7 +5,6 @@ Links touch the ground alone, not one another.
 """
 
 from math import atan2, pi, remainder
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,8 +12,9 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import compiled, inertial_spec, scale_bodies
-from floatplan.simulation.perturbation import Drawn
+from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec
+from floatplan.simulation.perturbation import Sample
+from floatplan.simulation.reduced_model import ReducedModel
 from floatplan.stance.check import LIGHT
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import BASE, point_in_joint
@@ -35,24 +35,20 @@ class ContactRobot:
 
     Attributes
     ----------
-    positions, velocities : (J,) entries in ``qpos`` and ``qvel`` of all joints of ``robot.model`` but its base's
-        The free joint comes first, in the axes of the file.
+    mujoco_robot : of the joints of ``robot.model`` in its order, on a free joint in the axes of the file
     feet : (C) names of the points that stand at some time
     touched : geoms that touched the ground
     forces, points : (C, 3) N, m, of the feet; NaN where one is in the air
     slips : (C,) m/s, of those that press on the ground
-    balanced : bodies whose inertia MuJoCo refuses, as of :func:`floatplan.simulation.mujoco_model.inertial_spec`
     """
 
-    def __init__(self, jump: JumpMotion, friction: float, drawn: Drawn) -> None:
+    def __init__(self, jump: JumpMotion, reduced: ReducedModel, friction: float, sample: Sample) -> None:
         self.robot = jump.problem.robot
-        self.model, self.balanced = contact_model(jump, friction, drawn)
+        self.mujoco_robot = MujocoRobot(contact_spec(jump, reduced, friction, sample))
+        self.model = self.mujoco_robot.model
+        self.data = self.mujoco_robot.data
+        self.axes = reduced.axes
         self.light = LIGHT * self.robot.mass * jump.problem.flight.gravity
-        self.data = import_mujoco().MjData(self.model)
-        joints = [self.model.joint(f"joint{joint}") for joint in range(BASE + 1, self.robot.model.njoints)]
-        self.positions, self.velocities = (
-            np.array([getattr(each, key)[0] for each in joints]) for key in ("qposadr", "dofadr")
-        )
         self.feet = tuple(_feet(jump))
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
@@ -61,39 +57,46 @@ class ContactRobot:
 
     def begin(self, base: Array, positions: Array) -> None:
         """Stand at a place (3,) m of the base with its quaternion w x y z, and positions as of ``robot.model``."""
-        self.data.qpos[:7], self.pitch = base, float(positions[BASE - 1])
-        self.data.qpos[self.positions] = positions[BASE:]
-        import_mujoco().mj_forward(self.model, self.data)
+        self.data.qpos[:7] = base
+        self.data.qpos[self.mujoco_robot.positions] = positions[BASE:]
+        self.pitch = float(positions[BASE - 1])
+        self.mujoco_robot.mujoco.mj_forward(self.model, self.data)
 
-    def state(self) -> tuple[Array, ...]:
-        """Positions, velocities, accelerations (BASE + J,) of all coordinates of ``robot.model``, in its plane."""
-        data, plane = self.data, self.robot.plane
-        self.pitch += remainder(2 * atan2(data.qpos[4:7] @ plane.normal, data.qpos[3]) - self.pitch, 2 * pi)
-        axes = np.stack((plane.horizontal, plane.vertical))
-        return (
-            np.concatenate((axes @ data.qpos[:3], [self.pitch], data.qpos[self.positions])),
-            *(
-                np.concatenate((axes @ each[:3], [each[3:6] @ plane.normal], each[self.velocities]))
-                for each in (data.qvel, data.qacc)
-            ),
-        )
+    def state(self) -> tuple[Array, Array]:
+        """Positions and velocities (BASE + J,) of all coordinates of ``robot.model``, in its plane."""
+        quaternion = self.data.qpos[3:7]
+        pitch = 2 * atan2(quaternion[1:] @ self.robot.plane.normal, quaternion[0])
+        self.pitch += remainder(pitch - self.pitch, 2 * pi)  # whole turns included
+        positions = (self.axes @ self.data.qpos[:3], [self.pitch], self.data.qpos[self.mujoco_robot.positions])
+        return np.concatenate(positions), self._in_plane(self.data.qvel)
 
-    def move(self, torques: Array, steps: int) -> bool:
-        """Take steps under torques (J,), N m, and look at the ground; whether the motion is one still."""
-        mujoco, data = import_mujoco(), self.data
-        data.qfrc_applied[self.velocities] = torques
-        for _ in range(steps):
-            mujoco.mj_step(self.model, data)
+    def accelerations(self) -> Array:
+        """Accelerations (BASE + J,) of the same coordinates."""
+        return self._in_plane(self.data.qacc)
+
+    def _in_plane(self, rates: Array) -> Array:
+        normal = self.robot.plane.normal
+        return np.concatenate((self.axes @ rates[:3], [rates[3:6] @ normal], rates[self.mujoco_robot.velocities]))
+
+    def move(self, torques: Array, duration: float) -> bool:
+        """Go on for a duration, s, under torques (J,), N m, and look at the ground; whether the motion is one still."""
+        data = self.data
+        data.qfrc_applied[self.mujoco_robot.velocities] = torques
+        for _ in range(round(duration / self.model.opt.timestep)):
+            self.mujoco_robot.mujoco.mj_step(self.model, data)
             self.touched.update(data.contact.geom[: data.ncon, 1].tolist())
         count = len(self.feet)
-        self.forces, self.points, self.slips = np.zeros((count, 3)), np.full((count, 3), np.nan), np.zeros(count)
+        self.forces = np.zeros((count, 3))
+        self.points = np.full((count, 3), np.nan)
+        self.slips = np.zeros(count)
         contacts = data.contact
         listed = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
         for index, (geom, row) in enumerate(listed):
             foot = self.foot_of.get(geom)
             if foot is not None and row >= 0:
                 force = data.efc_force[row : row + 3]
-                self.forces[foot], self.points[foot] = force @ contacts.frame[index].reshape(3, 3), contacts.pos[index]
+                self.forces[foot] = force @ contacts.frame[index].reshape(3, 3)
+                self.points[foot] = contacts.pos[index]
                 if force[0] > self.light:
                     self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
         return bool(np.isfinite(data.qpos).all())
@@ -108,17 +111,18 @@ class ContactRobot:
 
         Arguments are those of :meth:`begin`, of the end.
         """
-        up, both = np.asarray(self.robot.plane.vertical), (self.data.qpos[:7], base)
-        level = np.prod([pin.Quaternion(*each[3:]).matrix().T @ up for each in both], axis=0).sum()
-        heights = [each[:3] @ up - self.ground for each in both]
+        up = np.asarray(self.robot.plane.vertical)
+        up_now = pin.Quaternion(*self.data.qpos[3:7]).matrix().T @ up
+        up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
+        height_now = self.data.qpos[:3] @ up - self.ground
+        height_planned = base[:3] @ up - self.ground
         turned = abs(self.pitch - orientation) < TIPPED
-        return bool(turned and level > np.cos(TIPPED) and heights[0] > LOW * heights[1])
+        level = (up_now * up_planned).sum() > np.cos(TIPPED)
+        return bool(turned and level and height_now > LOW * height_planned)
 
 
-def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> tuple[Any, dict[str, float]]:
-    """Return the ``mujoco.MjModel`` of a jump's robot on its ground, and which bodies were balanced.
-
-    Errors are those of :func:`planar_model`.
+def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sample: Sample) -> MujocoSpec:
+    """Return a jump's robot on its ground; of ``reduced`` nothing is rigid.
 
     Feet are spheres about their frames, as large as these are high above the ground where they stand; each end of a
     sole is one of ``SMALLEST``.
@@ -126,44 +130,52 @@ def contact_model(jump: JumpMotion, friction: float, drawn: Drawn) -> tuple[Any,
     Parameters
     ----------
     friction : of the ground
-    drawn : factors of the links' masses and inertias, and the rotors that come on top of the problem's
+    sample : factors of the links' masses and inertias, and the rotors that come on top of the problem's
     """
-    mujoco, robot = import_mujoco(), jump.problem.robot
-    spec, balanced = inertial_spec(robot, robot.file_tree, {}, in_plane=False)
-    up, kinds = np.asarray(robot.plane.vertical, dtype=np.float64), mujoco.mjtGeom
-    spec.option.gravity = -jump.problem.flight.gravity * up
+    mujoco = import_mujoco()
+    geoms = mujoco.mjtGeom
+    robot = jump.problem.robot
+    up = np.asarray(robot.plane.vertical, dtype=np.float64)
+    parts = MujocoSpec(robot, reduced, sample, free=True)
+    spec = parts.spec
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, SLIPLESS
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = SLIPLESS
     spec.compiler.degree = False
-    names = {f"joint{joint}": robot.model.names[joint] for joint in range(BASE + 1, robot.model.njoints)}
     stops = np.stack((robot.model.lowerPositionLimit, robot.model.upperPositionLimit), axis=1)[BASE:]
-    for (own, name), stop in zip(names.items(), stops, strict=True):
-        joint = spec.joint(own)
+    for number, (name, stop) in enumerate(zip(reduced.joints, stops, strict=True), BASE + 1):
+        joint = spec.joint(f"joint{number}")
         if np.isfinite(stop).all():
-            joint.range, joint.solref_limit = stop, STIFF
-        joint.armature = robot.armature.get(name, 0.0) + drawn.armature
-        joint.damping[0], joint.frictionloss = robot.damping.get(name, 0.0), robot.friction.get(name, 0.0)
-    carriers = {joint: spec.joint(own).parent for joint, own in enumerate(names, BASE + 1)}
-    carriers[BASE] = next(each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE).parent
-    floor = {"name": "floor", "type": kinds.mjGEOM_PLANE, "size": [0, 0, 1], "pos": jump.ground * up}
-    spec.worldbody.add_geom(**floor, zaxis=up, solref=STIFF, contype=1, friction=[friction, 0, 0])
+            joint.range = stop
+            joint.solref_limit = STIFF
+        joint.armature += sample.armature
+        joint.damping[0] = robot.damping.get(name, 0.0)
+        joint.frictionloss = robot.friction.get(name, 0.0)
+    spec.worldbody.add_geom(
+        name="floor",
+        type=geoms.mjGEOM_PLANE,
+        size=[0, 0, 1],
+        pos=jump.ground * up,
+        zaxis=up,
+        solref=STIFF,
+        contype=1,
+        friction=[friction, 0, 0],
+    )
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
-    for name, (joint, place, radius) in _feet(jump).items():
-        carriers[joint].add_geom(name=name, type=kinds.mjGEOM_SPHERE, size=[radius, 0, 0], pos=place, **touching)
+    for name, (number, place, radius) in _feet(jump).items():
+        parts.bodies[number].add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=place, **touching)
     frames = {frame for stance in jump.stances for contact in stance.contacts for frame in contact.frames}
     standing = {robot.contact_link(robot.frames[frame].link) for frame in frames}
     for link in robot.link_hulls:
         prism = None if link in standing else _prism(robot, link)
         if prism is not None:
+            number, corners = prism
             shape = f"{LINK}{link}"
-            spec.add_mesh(name=shape, uservert=prism[1].ravel())
-            carriers[prism[0]].add_geom(name=shape, type=kinds.mjGEOM_MESH, meshname=shape, **touching)
-    model = compiled(robot, spec)
-    entries = [0, *(int(model.joint(own).qposadr[0]) for own in names)]
-    scale_bodies(model, np.array(entries), drawn.mass, drawn.inertia)
-    return model, balanced
+            spec.add_mesh(name=shape, uservert=corners.ravel())
+            parts.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
+    return parts
 
 
 def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:

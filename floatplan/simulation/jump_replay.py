@@ -4,7 +4,7 @@ import itertools
 import math
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ from floatplan.errors import InputError
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
-from floatplan.simulation.forward import Gains, first_gains, joint_inertia
-from floatplan.simulation.jump_flight import Flown, JumpControl
-from floatplan.simulation.jump_landings import AFTER, PERIOD, JumpLandings, JumpReplay
+from floatplan.simulation.flown_jump import STANDING, FlownJump
+from floatplan.simulation.gains import Gains, first_gains, joint_inertia
+from floatplan.simulation.jump_flight import PERIOD, JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
+from floatplan.simulation.results import Flight, JumpLandings, JumpReplay
 from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 
@@ -52,8 +53,8 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
         ends = []
         for rotors, mass, correct in itertools.product((0.0, heaviest), (1 - MASSES, 1 + MASSES), (False, True)):
             chosen: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
-            end = control.fly(late, friction, (SEARCH, 0), correct, **chosen)
-            ends.append((end.stands and not end.touched, -(min(end.tilt, FALLEN) ** 2)))
+            end = control.fly(late, friction, (SEARCH, 0), correct, **chosen).landing
+            ends.append((end["stands"] and not end["touched"], -(min(end["tilt"], FALLEN) ** 2)))
         found.append(np.sum(ends, axis=0))
         if progress is not None:
             progress("gains", trial, len(MULTIPLES))
@@ -123,19 +124,20 @@ def replay_jump(
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
     jump.refuse_unless_ok("fly")
-    if jump.duration + AFTER > MOST_PERIODS * PERIOD:
+    if jump.duration + STANDING > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
     chosen, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
     control = JumpControl(jump, chosen, replan)
-    corrected: list[Flown] = []
-    uncorrected: list[Flown] = []
+    corrected: list[Flight[FlownJump]] = []
+    uncorrected: list[Flight[FlownJump]] = []
     for flight in range(flights):
         if budget is not None and flight and clock.perf_counter() - began > budget:
             break
-        for correct, ends in ((False, uncorrected), *([(True, corrected)] if replan is not None else [])):
-            ends.append(control.fly(perturbation, friction, (seed, flight), correct, record=not flight))
+        uncorrected.append(control.fly(perturbation, friction, (seed, flight), correct=False, record=not flight))
+        if replan is not None:
+            corrected.append(control.fly(perturbation, friction, (seed, flight), correct=True, record=not flight))
         if progress is not None:
             progress("flight", flight + 1, flights)
     return JumpReplay(
@@ -144,25 +146,16 @@ def replay_jump(
         seed=seed,
         perturbation=perturbation,
         friction=friction,
+        period=PERIOD,
         joints=control.joints,
         kp=read_only(chosen[0]),
         kd=read_only(chosen[1]),
         tried=tried,
         rate=replan,
-        uncorrected=_landings(uncorrected),
-        corrected=_landings(corrected) if corrected else None,
+        uncorrected=JumpLandings.of(uncorrected),
+        corrected=JumpLandings.of(corrected) if corrected else None,
         statuses=dict(sum((each.statuses for each in corrected), Counter[str]())),
         balanced=uncorrected[0].balanced,
         motion=(corrected or uncorrected)[0].motion,
         seconds=clock.perf_counter() - began,
     )
-
-
-def _landings(flown: Sequence[Flown]) -> JumpLandings:
-    touched = tuple(each.touched for each in flown)
-    columns = [
-        [each.stands for each in flown],
-        *([getattr(each, name) for each in flown] for name in ("pitch", "torque", "slid")),
-    ]
-    stands, *others = map(read_only, columns)
-    return JumpLandings(stands.astype(bool), touched, *others)

@@ -1,209 +1,191 @@
-"""The robot for MuJoCo: the URDF's links and joints, on slide, slide, hinge at the base, or on a free joint."""
+"""The robot for MuJoCo, on slides and a hinge in its plane or on a free joint, from its reduced model in Pinocchio.
+
+Nothing is in it but inertia, gravity, rotors and joints; :mod:`floatplan.simulation.contact_model` adds the ground.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import count
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import import_mujoco
-from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import Inertial, UrdfJoint, UrdfTree, rigid_body
-from floatplan.simulation.recorded_motion import ReducedModel
+from floatplan.simulation.perturbation import Sample
+from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.spatial_motion import quaternion_rate
 
-BASE = ("base_horizontal", "base_vertical", "base_orientation")
 LEAST = 1e-14  # [kg m^2] moment of inertia, or [kg] mass, of a body that moves: MuJoCo refuses 1e-15
 GYRATION = 1e-3  # [m] least radius of gyration of a body that is free in space, where a point or a line is given
 EDGE = 1e-9  # [-] of the largest moment: by how much less than the sum of the others it is at least
 ROUNDING = 1e-6  # [-] of the largest moment: what changes by less is not said
 
 
-def planar_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> tuple[Any, IntArray]:
-    """Return the ``mujoco.MjModel``, and which of its coordinates (3 + m,) each of the reduced model's is.
+class MujocoSpec:
+    """The ``mujoco.MjSpec`` of a perturbed robot of m moving joints.
 
-    ``mass, inertia`` (njoints,) are factors of the links that each joint of the reduced model carries.
-
-    Raises
-    ------
-    InputError
-        MuJoCo is not installed, or refuses the robot, such as for a link that moves and has no mass.
-    """
-    model, _ = _compiled(robot, reduced, robot.layout.tree, robot.locked)
-    joints = [model.joint(name).id for name in (*BASE, *_names(robot, reduced))]
-    coordinates = np.asarray(model.jnt_qposadr[joints], dtype=np.int64)
-    scale_bodies(model, coordinates[BASE_COORDINATES - 1 :], mass, inertia)
-    return model, coordinates
-
-
-@dataclass(frozen=True, eq=False)
-class SpatialModel:
-    """A robot of m moving joints on a free joint.
+    On a planar base a body has its moment about the normal about all axes: the others do not count. On a free one the
+    axes of the joints are the file's, and moments that MuJoCo refuses are balanced.
 
     Attributes
     ----------
-    model : mujoco.MjModel
-    base_position, base_velocity : int
-        First entry of the free joint in ``qpos`` and ``qvel``.
+    spec : mujoco.MjSpec
+        Joints are called ``joint`` and their number in the reduced model.
+    bodies : number of a joint of the reduced model -> its body
+    balanced : name of a body's first link -> the largest change of a principal moment, kg m^2
+    """
+
+    def __init__(self, robot: Robot, reduced: ReducedModel, sample: Sample, free: bool) -> None:
+        mujoco = import_mujoco()
+        kinds = mujoco.mjtJoint
+        self.robot = robot
+        self.reduced = reduced
+        self.free = free
+        self.spec = mujoco.MjSpec()
+        self.spec.option.gravity = reduced.model.gravity.linear
+        self.spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+        self.balanced: dict[str, float] = {}
+        model = reduced.model
+        tree = robot.file_tree if free else robot.layout.tree
+        base = self.spec.worldbody.add_body()
+        if free:
+            base.add_joint(name="base", type=kinds.mjJNT_FREE)
+        else:
+            plane = robot.plane
+            base.add_joint(name="horizontal", type=kinds.mjJNT_SLIDE, axis=plane.horizontal)
+            base.add_joint(name="vertical", type=kinds.mjJNT_SLIDE, axis=plane.vertical)
+            base.add_joint(name="orientation", type=kinds.mjJNT_HINGE, axis=plane.normal)
+        self.bodies = {reduced.base_joint: base}
+        links = {reduced.base_joint: tree.root}
+        for number in range(reduced.base_joint + 1, model.njoints):
+            joint = tree.joint[model.names[number]]
+            place = model.jointPlacements[number]
+            body = self.bodies[model.parents[number]].add_body(
+                pos=place.translation, quat=_quaternion_wxyz(place.rotation)
+            )
+            body.add_joint(
+                name=f"joint{number}",
+                type=kinds.mjJNT_HINGE if joint.turns else kinds.mjJNT_SLIDE,
+                axis=joint.axis,
+                armature=robot.armature.get(joint.name, 0.0),
+            )
+            self.bodies[number] = body
+            links[number] = joint.child
+        data = model.createData()
+        pin.forwardKinematics(model, data, np.array(reduced.reference))
+        for number, body in self.bodies.items():
+            normal = None if free else data.oMi[number].rotation.T @ robot.plane.normal
+            change = _set_inertia(body, model.inertias[number], normal, sample.mass[number], sample.inertia[number])
+            if change:
+                self.balanced[links[number]] = change
+
+    def compiled(self) -> Any:
+        """The ``mujoco.MjModel``; InputError where MuJoCo refuses it, such as for a link that moves and has no mass."""
+        try:
+            return self.spec.compile()
+        except ValueError as error:
+            reason = f"MuJoCo refuses the robot: {error}"
+            raise InputError(reason, source=self.robot.source, element="engine") from None
+
+
+class MujocoRobot:
+    """A robot of m moving joints in MuJoCo, and the engine of its flight: accelerations in MuJoCo's coordinates.
+
+    Attributes
+    ----------
+    model, data : mujoco.MjModel, mujoco.MjData
     positions, velocities : (m,) int
-        Entry of each joint of a reduced model in ``qpos`` and ``qvel``.
-    balanced : name of a body's first link -> change of its inertia, as of :func:`inertial_spec`
+        Entry of each joint of the reduced model in ``qpos`` and ``qvel``; the base's entries come first.
+    balanced : as of :class:`MujocoSpec`
+
+    MuJoCo's own integrator takes torques from a callback that is one for all threads of the process; it is not used.
     """
 
-    model: Any
-    base_position: int
-    base_velocity: int
-    positions: IntArray
-    velocities: IntArray
-    balanced: dict[str, float]
+    def __init__(self, parts: MujocoSpec) -> None:
+        self.mujoco = import_mujoco()
+        self.model = parts.compiled()
+        self.data = self.mujoco.MjData(self.model)
+        self.balanced = parts.balanced
+        self.free = parts.free
+        joints = [self.model.joint(f"joint{number}") for number in list(parts.bodies)[1:]]
+        self.positions = np.array([joint.qposadr[0] for joint in joints], dtype=np.int64)
+        self.velocities = np.array([joint.dofadr[0] for joint in joints], dtype=np.int64)
 
+    def accelerations(self, q: Array, v: Array, forces: Array) -> Array:
+        """Return accelerations (nv,) under forces (nv,)."""
+        data = self.data
+        data.qpos[:] = q
+        data.qvel[:] = v
+        data.qfrc_applied[:] = forces
+        self.mujoco.mj_forward(self.model, data)
+        return np.array(data.qacc)
 
-def spatial_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> SpatialModel:
-    """Return the robot on a free joint, its axes as the file has them; what the reduced model has not made rigid moves.
+    def moved(self, q: Array, v: Array, duration: float) -> Array:
+        """Return the configuration after a duration, s, at a velocity; the base turns along the geodesic."""
+        if not self.free:  # quicker
+            return np.asarray(q + duration * v)
+        q = q.copy()
+        self.mujoco.mj_integratePos(self.model, q, v, duration)
+        return q
 
-    Factors and errors as of :func:`planar_model`.
-    """
-    rigid = {name: position for name, position in robot.locked.items() if name not in set(reduced.model.names)}
-    model, balanced = _compiled(robot, reduced, robot.file_tree, rigid, in_plane=False)
-    joints = [model.joint(name).id for name in ("free", *_names(robot, reduced))]
-    positions, velocities = (np.asarray(each[joints], dtype=np.int64) for each in (model.jnt_qposadr, model.jnt_dofadr))
-    scale_bodies(model, positions, mass, inertia)
-    return SpatialModel(model, int(positions[0]), int(velocities[0]), positions[1:], velocities[1:], balanced)
+    def rate(self, q: Array, v: Array) -> Array:
+        """Return the derivative of a configuration by time, of a free base."""
+        rate = np.empty_like(q)
+        rate[:3] = v[:3]
+        rate[3:7] = np.roll(quaternion_rate(np.roll(q[3:7], -1), v[3:6]), 1)
+        rate[self.positions] = v[self.velocities]
+        return rate
 
+    def own_state(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return MuJoCo's configuration and velocity for the reduced model's on the same base."""
+        own_q = np.zeros(self.model.nq)
+        own_v = np.zeros(self.model.nv)
+        own_q[:3] = q[:3]
+        own_v[:3] = v[:3]
+        if self.free:
+            own_q[3:7] = np.roll(q[3:7], 1)
+            own_v[:3] = pin.Quaternion(q[3:7]).matrix() @ v[:3]
+            own_v[3:6] = v[3:6]
+        own_q[self.positions] = q[len(q) - len(self.positions) :]
+        own_v[self.velocities] = v[len(v) - len(self.velocities) :]
+        return own_q, own_v
 
-def _names(robot: Robot, reduced: ReducedModel) -> list[str]:
-    """Names that the joints of a reduced model have in MuJoCo."""
-    return [f"joint{robot.model.getJointId(name)}" for name in reduced.joints]
-
-
-def _compiled(
-    robot: Robot, reduced: ReducedModel, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool = True
-) -> tuple[Any, dict[str, float]]:
-    """The model of a tree as of :func:`inertial_spec`, and which bodies were balanced."""
-    mujoco, (spec, balanced) = import_mujoco(), inertial_spec(robot, tree, rigid, in_plane)
-    # nothing but inertia, gravity and joint torques, which damping and friction are taken off
-    spec.option.gravity = reduced.model.gravity.linear
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    for name, armature in robot.armature.items():
-        spec.joint(f"joint{robot.model.getJointId(name)}").armature = armature
-    return compiled(robot, spec), balanced
-
-
-def compiled(robot: Robot, spec: Any) -> Any:
-    """The ``mujoco.MjModel`` of an ``MjSpec`` of a robot; InputError where MuJoCo refuses it."""
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine") from None
-
-
-def scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) -> None:
-    """Scale each body by the factors of the joint that carries it; ``entries`` (1 + m,) of base and joints in qpos."""
-    mujoco = import_mujoco()
-    joint_of = dict(zip(entries.tolist(), count(len(mass) - len(entries))))
-    for body in range(1, model.nbody):
-        last = int(model.body_jntadr[body] + model.body_jntnum[body] - 1)
-        joint = joint_of[int(model.jnt_qposadr[last])]
-        model.body_mass[body] *= mass[joint]
-        model.body_inertia[body] *= inertia[joint]
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    def reduced_state(self, own_q: Array, own_v: Array) -> tuple[Array, Array]:
+        """Return the reduced model's configuration and velocity for MuJoCo's: the inverse of :meth:`own_state`."""
+        base_q = own_q[:3]
+        base_v = own_v[:3]
+        if self.free:
+            quaternion = pin.Quaternion(np.roll(own_q[3:7], -1)).normalized()
+            base_q = np.concatenate((base_q, quaternion.coeffs()))
+            base_v = np.concatenate((quaternion.matrix().T @ base_v, own_v[3:6]))
+        return np.append(base_q, own_q[self.positions]), np.append(base_v, own_v[self.velocities])
 
 
 def rigid_joints(robot: Robot) -> set[str]:
     """Locked joints that must be rigid in MuJoCo, where a body that a joint turns must have inertia about its axis."""
-    tree, rigid = robot.file_tree, set[str]()
+    rigid: set[str] = set()
     while True:
-        carried = _carried(tree, {name: robot.locked[name] for name in rigid})
-        solid = {body: rigid_body(parts) for body, parts in _parts(tree, carried).items()}
-        light = {joint.child for joint in tree.joints if joint.child in solid and _light(joint, *solid[joint.child])}
-        found = {name for name in robot.locked if {tree.joint[name].child, carried[tree.joint[name].parent][0]} & light}
-        if found <= rigid:
+        model = reduced_model(robot, 0.0, rigid).model
+        light = set()
+        for number, name in enumerate(model.names):
+            joint = robot.file_tree.joint.get(name)
+            if joint is None:  # of the base
+                continue
+            body = model.inertias[number]
+            arm = np.cross(joint.axis, body.lever)
+            moment = joint.axis @ body.inertia @ joint.axis + body.mass * arm @ arm
+            if moment <= body.mass * GYRATION**2 if joint.turns else body.mass == 0:
+                light.add(number)
+        too_light = {
+            name
+            for number, name in enumerate(model.names)
+            if name in robot.locked and {number, model.parents[number]} & light
+        }
+        if not too_light:
             return rigid
-        rigid |= found
-
-
-def _light(joint: UrdfJoint, mass: float, lever: Array, inertia: Array) -> bool:
-    """Whether a joint turns no more than a point on its axis, or slides no mass."""
-    arm = np.cross(joint.axis, lever)
-    moment = joint.axis @ inertia @ joint.axis + mass * arm @ arm
-    return bool(moment <= mass * GYRATION**2 if joint.turns else mass == 0)
-
-
-def _carried(tree: UrdfTree, rigid: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
-    """Of each link the first link of the body that it is part of, and its placement in it; rigid joints stay."""
-    found = {tree.root: (tree.root, pin.SE3.Identity())}
-    for joint in tree.joints:
-        body, place = found[joint.parent]
-        if joint.moves and joint.name not in rigid:
-            found[joint.child] = joint.child, pin.SE3.Identity()
-        else:
-            found[joint.child] = body, place * joint.origin.placement * joint.motion(rigid.get(joint.name, 0.0))
-    return found
-
-
-def _parts(tree: UrdfTree, carried: Mapping[str, tuple[str, Any]]) -> dict[str, list[tuple[Inertial, Any]]]:
-    """What has inertia of each body, by first link."""
-    parts: dict[str, list[tuple[Inertial, Any]]] = {body: [] for body, _ in carried.values()}
-    for link, (body, place) in carried.items():
-        own = tree.links[link].inertial
-        if own is not None:
-            parts[body].append((own, place))
-    return parts
-
-
-def inertial_spec(
-    robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool
-) -> tuple[Any, dict[str, float]]:
-    """Return the ``mujoco.MjSpec`` of inertias and joints alone, these called ``joint`` and their number in the model.
-
-    The base moves in the plane alone, or is free; rigid joints stay where they are, and what they carry is one body.
-    In the plane a body has its moment about the normal about all axes: the others do not count. In space moments that
-    MuJoCo refuses are balanced: what is told, by body, is the largest change of one, kg m^2.
-    """
-    mujoco = import_mujoco()
-    spec, kinds = mujoco.MjSpec(), mujoco.mjtJoint
-    base = spec.worldbody.add_body()
-    if in_plane:
-        plane = robot.plane
-        for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
-            base.add_joint(name=name, type=kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE, axis=axis)
-    else:
-        base.add_joint(name="free", type=kinds.mjJNT_FREE)
-    bodies, carried = {tree.root: base}, _carried(tree, rigid)
-    for joint in (joint for joint in tree.joints if carried[joint.child][0] == joint.child):
-        carrier, place = carried[joint.parent]
-        place = place * joint.origin.placement
-        body = bodies[carrier].add_body(pos=place.translation, quat=_quaternion(place.rotation))
-        name, kind = f"joint{robot.model.getJointId(joint.name)}", "HINGE" if joint.turns else "SLIDE"
-        body.add_joint(name=name, type=getattr(kinds, f"mjJNT_{kind}"), axis=joint.axis)
-        bodies[joint.child] = body
-    placements, changed = tree.placements(rigid), dict[str, float]()
-    for name, parts in _parts(tree, carried).items():
-        body = bodies[name]
-        body.mass, body.ipos, inertia = rigid_body(parts)
-        body.mass = body.mass if in_plane else max(body.mass, LEAST)  # between the joints of a shoulder there is none
-        if in_plane:
-            normal = placements[name].rotation.T @ plane.normal
-            inertia = normal @ inertia @ normal * np.eye(3)
-        moments, axes = np.linalg.eigh(inertia)
-        axes[:, 0] *= np.linalg.det(axes)  # right-handed
-        least = LEAST if in_plane else max(LEAST, body.mass * GYRATION**2)
-        body.inertia, body.iquat, body.explicitinertial = _balanced(moments, least), _quaternion(axes), True
-        change = np.abs(body.inertia - moments).max()
-        if change > max(ROUNDING * moments[-1], LEAST):
-            changed[name] = float(change)
-    return spec, changed
-
-
-def _balanced(moments: Array, least: float) -> Array:
-    """Principal moments (3,), rising, as MuJoCo takes them: none less than ``least`` or more than the others' sum."""
-    moments = np.maximum(moments, least)
-    moments[:2] += max(moments[2] * (1 + EDGE) - moments[0] - moments[1], 0.0) / 2
-    return moments
+        rigid |= too_light
 
 
 def balanced_in_words(balanced: Mapping[str, float]) -> str:
@@ -211,6 +193,33 @@ def balanced_in_words(balanced: Mapping[str, float]) -> str:
     return f"of {', '.join(balanced)}, which no body can have: moments changed by {max(balanced.values()):.2g} kg m^2"
 
 
-def _quaternion(rotation: Array) -> Array:
-    """Return the quaternion w x y z of a rotation matrix."""
+def _set_inertia(body: Any, given: Any, normal: Array | None, mass_factor: float, inertia_factor: float) -> float:
+    """Give a body its inertia, a ``pinocchio.Inertia``, scaled by factors; how much of a moment was balanced, kg m^2.
+
+    With a normal (3,) its moment about that alone counts. Else principal moments are made such as MuJoCo takes them:
+    none less than a small one, or more than the sum of the others.
+    """
+    mass = given.mass
+    inertia = given.inertia
+    least = LEAST
+    if normal is None:
+        mass = max(mass, LEAST)  # between the joints of a shoulder there is none
+        least = max(LEAST, mass * GYRATION**2)
+    else:
+        inertia = normal @ inertia @ normal * np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)  # rising
+    axes[:, 0] *= np.linalg.det(axes)  # right-handed
+    balanced = np.maximum(moments, least)
+    balanced[:2] += max(balanced[2] * (1 + EDGE) - balanced[0] - balanced[1], 0.0) / 2
+    body.mass = mass * mass_factor
+    body.ipos = given.lever
+    body.inertia = balanced * inertia_factor
+    body.iquat = _quaternion_wxyz(axes)
+    body.explicitinertial = True
+    change = float(np.abs(balanced - moments).max())
+    return change if normal is None and change > max(ROUNDING * moments[-1], LEAST) else 0.0
+
+
+def _quaternion_wxyz(rotation: Array) -> Array:
+    """Return the quaternion w, x, y, z of a rotation matrix."""
     return np.roll(pin.Quaternion(rotation).coeffs(), 1)

@@ -1,4 +1,4 @@
-"""What a plan or a jump does not know: another momentum, other masses, friction, noise and delay; drawn by seed."""
+"""What a plan or a jump does not know: another momentum, other masses, friction, noise and delay; sampled by seed."""
 
 from __future__ import annotations
 
@@ -79,8 +79,8 @@ class Perturbation(Checked):
         """Standard deviation of measured rates, rad/s."""
         return NOISE_PER_SECOND * self.noise if self.rate_noise is None else self.rate_noise
 
-    def drawn(self, seed: int, flight: int, joints: int, bodies: int) -> Drawn:
-        """Draw one flight's; the same for the same numbers."""
+    def sampled(self, seed: int, flight: int, joints: int, bodies: int) -> Sample:
+        """Sample what one flight meets; the same for the same numbers."""
         rng = np.random.default_rng((seed, flight))
 
         def coins(size: float, count: int) -> Array:
@@ -91,7 +91,7 @@ class Perturbation(Checked):
         together = coins(self.mass, bodies) if self.mass else np.ones(bodies)
         friction = float(coins(self.friction, 1)[0]) if self.friction else 1.0
         armature = float(rng.uniform(0.0, self.armature)) if self.armature else 0.0
-        return Drawn(momentum, mass * together, inertia * together, torque, rise, friction, armature, rng)
+        return Sample(momentum, mass * together, inertia * together, torque, rise, friction, armature, rng)
 
     def in_words(self) -> list[str]:
         """Each of them that is not zero, with its size in the unit that is named first."""
@@ -107,10 +107,10 @@ class Perturbation(Checked):
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class Sample:
     """Factors of one flight: of h, of the bodies' masses and inertias (njoints,), of torques (m,), rise and friction.
 
-    ``armature`` is in kg m^2; ``noise`` draws the measurements' noise from here on.
+    ``armature`` is in kg m^2; ``noise`` is the generator of the measurements' noise.
     """
 
     momentum: float

@@ -5,118 +5,36 @@ matrix, torques from RNEA. In flight the torques do not depend on gravity, on th
 so all of this is computed with the centre of mass at rest, the base at the origin and without gravity.
 """
 
-from collections.abc import Collection
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import flint
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
-from floatplan.robot.robot import Robot
+from floatplan.simulation.reduced_model import ReducedModel
 
-NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
-SLOW = 0.5  # [rad/s] about which friction changes its sign: a step could not be integrated
-
-
-@dataclass(frozen=True, eq=False)
-class ReducedModel:
-    """A robot of m moving joints, the locked ones rigid; its configuration is ``reference + selection @ positions``.
-
-    Attributes
-    ----------
-    model : pinocchio.Model with nq = nv = 3 + m, gravity on; 7 + m and 6 + m in space
-    reference : (nq,) rad
-    selection : (nv, n)
-        With zeros for the base.
-    axes : (2, 3)
-        The plane's horizontal and vertical axis; the identity in space.
-    losses : (2, m) damping and friction of the joints, N m s/rad and N m
-    """
-
-    model: Any
-    reference: Array
-    selection: Array
-    axes: Array
-    losses: Array
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names (m,) of the joints that move."""
-        return tuple(self.model.names)[-len(self.losses[0]) or len(self.model.names) :]
-
-    @property
-    def of_joints(self) -> tuple[slice, slice]:
-        """Entries of configurations and of velocities that are joints; the others are the base's."""
-        m = len(self.losses[0])
-        return slice(self.model.nq - m, None), slice(self.model.nv - m, None)
-
-    def lost(self, velocities: Array) -> Array:
-        """Torques (m,) N m that the joints lose by damping and friction at velocities (m,), rad/s."""
-        return np.asarray(self.losses[0] * velocities + self.losses[1] * np.tanh(velocities / SLOW))
-
-    def off_goal(self, joints: Array, goal: Any) -> tuple[Array, Array]:
-        """Magnitudes of errors at a goal (n,), rad, of joints (m,).
-
-        The largest (n,) of each planned joint and those that follow it, and of each joint that follows none.
-        """
-        of_positions, of_velocities = self.of_joints
-        selection = self.selection[of_velocities]
-        off = np.abs(joints - (self.reference[of_positions] + selection @ np.asarray(goal, np.float64)))
-        follows = selection != 0.0
-        return read_only((off[:, None] * follows).max(axis=0, initial=0.0)), off[~follows.any(axis=1)]
-
-
-def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = None) -> ReducedModel:
-    """Return the robot's model falling with ``gravity`` (m/s^2) down the plane.
-
-    Its locked joints, or those that ``rigid`` names, are made rigid where the reference has them. Built joint by joint:
-    ``buildReducedModel`` fails where a link and a joint share a name.
-    """
-    source = robot.model
-    rigid = robot.locked if rigid is None else rigid
-    data = source.createData()
-    pin.forwardKinematics(source, data, np.array(robot.reference))
-    model = pin.Model()
-    model.gravity = pin.Motion(-gravity * robot.up, np.zeros(3))
-    carrier = {0: (0, pin.SE3.Identity())}  # joint of the source -> joint here, and where in its frame
-    kept: list[int] = []  # entries of velocities
-    kept_positions: list[int] = []
-    for joint in range(1, source.njoints):
-        parent, placement = carrier[source.parents[joint]]
-        name = source.names[joint]
-        if name in rigid:
-            carrier[joint] = (parent, placement * data.liMi[joint])
-        else:
-            added = model.addJoint(parent, source.joints[joint], placement * source.jointPlacements[joint], name)
-            carrier[joint] = (added, pin.SE3.Identity())
-            own = source.joints[joint]
-            kept += range(own.idx_v, own.idx_v + own.nv)
-            kept_positions += range(own.idx_q, own.idx_q + own.nq)
-        model.appendBodyToJoint(carrier[joint][0], source.inertias[joint], carrier[joint][1])
-    model.armature = source.armature[kept]
-    plane = robot.in_plane and robot.plane
-    axes = np.stack([plane.horizontal, plane.vertical]) if plane else np.eye(3)
-    names = [name for name in robot.model_joints if name not in rigid]
-    losses = [[each.get(name, 0.0) for name in names] for each in (robot.damping, robot.friction)]
-    arrays: Any = (robot.reference[kept_positions], robot.selection[kept], axes, losses)
-    return ReducedModel(model, *map(read_only, arrays))
+NODES = 96  # [-] of Gauss-Legendre quadrature on each part of the flight: to rounding, of motions of any plan
 
 
 @dataclass(frozen=True, eq=False)
 class ModelState:
-    """Coordinates of the reduced model at one instant and their rates, (3 + m,) each, the base's first."""
+    """Coordinates (nq,) of the reduced model at one instant and two rates (nv,), the base's first."""
 
     positions: Array
     velocities: Array
     accelerations: Array
 
 
-class RecordedMotion:
+class RecordedMotion(ABC):
     """The motion of a record, evaluated at any time; holds Pinocchio's scratch data, so use one per thread."""
+
+    place: ClassVar[slice]  # entries of a configuration: where the base is
+    turn: ClassVar[slice]  # and how it is turned
 
     def __init__(self, record: PlanRecord, reduced: ReducedModel) -> None:
         self.record = record
@@ -124,34 +42,64 @@ class RecordedMotion:
         self._model = reduced.model.copy()
         self._model.gravity = pin.Motion.Zero()
         self._data = self._model.createData()
+        self._position_selection = np.zeros((reduced.model.nq, reduced.selection.shape[1]))
+        self._position_selection[reduced.of_joints[0]] = reduced.joint_selection
+        self._below = np.tril_indices(reduced.of_joints[1].start, -1)
         self._middle = 0.5 * record.duration
         p = _recentred(record.coefficients, self._middle)
         self._exponents = np.arange(len(p))
         self._polynomials = np.concatenate((p, _derivative(p), _derivative(_derivative(p))), axis=1)
 
+    @property
+    @abstractmethod
+    def start_attitude(self) -> Array:
+        """The base's attitude at takeoff, as configurations have it."""
+
+    @abstractmethod
+    def in_base_axes(self, attitude: Array, vector: Any) -> Any:
+        """A vector of the world in the axes that the base's velocities have at an attitude."""
+
+    @abstractmethod
+    def momentum_in_base(self, time: float) -> Any:
+        """The record's angular momentum at a time, s, in those axes."""
+
+    @abstractmethod
+    def off_goal(self, landed: Array) -> float:
+        """By how much a configuration misses the goal's attitude, rad."""
+
+    @abstractmethod
+    def off_path(self, times: Array, flown: Array) -> tuple[Array, float]:
+        """By how much (N,) configurations miss the path's attitude at times (N,), rad, and its sensitivity to h."""
+
     def planned(self, time: float) -> tuple[Array, Array, Array]:
         """Positions, rates and accelerations (n,) of the planned joints at a time, s: (12) and its derivatives."""
         p, rate, curvature = ((time - self._middle) ** self._exponents @ self._polynomials).reshape(3, -1)
-        sine, cosine = self.record.amplitude * np.sin(p), self.record.amplitude * np.cos(p)
+        sine = self.record.amplitude * np.sin(p)
+        cosine = self.record.amplitude * np.cos(p)
         return self.record.centre + sine, cosine * rate, cosine * curvature - sine * rate**2
 
     def joints(self, time: float) -> ModelState:
-        """All joints at a time, s, the base's coordinates zero."""
-        (positions, rates, curvatures), selection = self.planned(time), self.reduced.selection
-        return ModelState(self.reduced.reference + selection @ positions, selection @ rates, selection @ curvatures)
+        """All joints at a time, s; the base where the reference has it, and at rest."""
+        planned, rates, curvatures = self.planned(time)
+        selection = self.reduced.selection
+        positions = self.reduced.reference + self._position_selection @ planned
+        return ModelState(positions, selection @ rates, selection @ curvatures)
 
-    def base_velocity(self, state: ModelState, angular_momentum: float) -> tuple[Array, Array, Array]:
-        """Velocity (3,) of the base that gives no momentum but the angular.
+    def base_velocity(self, state: ModelState, angular_momentum: Any) -> tuple[Array, Array, Array]:
+        """Velocity of the base that gives no momentum but this angular one, in the base's axes.
 
-        Also the first rows of the inertia matrix, which give the momenta along the plane's axes and about the base's
-        origin: the inverse of the base's part (3, 3), and the joints' part (3, m).
+        Also of the inertia matrix's first rows, which give the momenta: the inverse of the base's part, and the joints'
+        part.
         """
-        rows = pin.crba(self._model, self._data, state.positions)[:BASE_COORDINATES]  # only its upper triangle counts
-        base = rows[:, :BASE_COORDINATES].copy()
-        base[1, 0], base[2, 0], base[2, 1] = base[0, 1], base[0, 2], base[1, 2]
-        inverse, coupling = np.linalg.inv(base), rows[:, BASE_COORDINATES:]
-        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
-        return inverse @ momentum, inverse, coupling
+        of_joints = self.reduced.of_joints[1]
+        rows = pin.crba(self._model, self._data, state.positions)[: of_joints.start]
+        base = rows[:, : of_joints.start].copy()
+        base[self._below] = base.T[self._below]  # what is below the diagonal is not set
+        inverse = np.linalg.inv(base)
+        coupling = rows[:, of_joints]
+        momentum = np.zeros(of_joints.start)
+        momentum[self.place.stop :] = angular_momentum
+        return inverse @ (momentum - coupling @ state.velocities[of_joints]), inverse, coupling
 
     def torques(self, time: float) -> Array:
         """Torques (m,) of all joints, coupled ones each with their own, N m.
@@ -159,34 +107,55 @@ class RecordedMotion:
         The base accelerates as the momenta's constancy demands: RNEA gives no wrench on it.
         """
         state = self.joints(time)
-        base, inverse, coupling = self.base_velocity(state, self.record.angular_momentum)
-        state.velocities[:BASE_COORDINATES] = base
+        velocity, inverse, coupling = self.base_velocity(state, self.momentum_in_base(time))
+        base = len(velocity)
+        state.velocities[:base] = velocity
         forces = pin.rnea(self._model, self._data, state.positions, state.velocities, state.accelerations)
-        return np.asarray(forces[BASE_COORDINATES:] - coupling.T @ (inverse @ forces[:BASE_COORDINATES]))
+        return np.asarray(forces[base:] - coupling.T @ (inverse @ forces[:base]))
 
-    def takeoff(self, angular_momentum: float) -> tuple[Array, Array]:
-        """Positions and velocities (3 + m,) at time zero, in the world."""
+    def takeoff(self, angular_momentum: Any, rise: float = 1.0) -> tuple[Array, Array]:
+        """Configuration and velocity at time zero; ``rise`` is a factor of the planned vertical velocity."""
         state = self.joints(0.0)
-        state.positions[BASE_COORDINATES - 1] = self.record.orientation["start"]
-        state.velocities[:BASE_COORDINATES] = self.base_velocity(state, angular_momentum)[0]
-        state.velocities[: BASE_COORDINATES - 1] += np.asarray(self.record.com["velocity0"])
+        velocity = np.array(self.record.com["velocity0"])
+        velocity[-1] *= rise
+        attitude = self.start_attitude
+        state.positions[self.turn] = attitude
+        base = self.base_velocity(state, self.in_base_axes(attitude, angular_momentum))[0]
+        state.velocities[: len(base)] = base
+        state.velocities[self.place] += self.in_base_axes(attitude, velocity)
         com = self.reduced.axes @ pin.centerOfMass(self._model, self._data, state.positions)
-        state.positions[: BASE_COORDINATES - 1] = np.asarray(self.record.com["position0"]) - com
+        state.positions[self.place] = np.asarray(self.record.com["position0"]) - com
         return state.positions, state.velocities
 
     def com_position(self, time: float) -> Array:
         """Where the centre of mass (2,), (3,) in space, is on its parabola, m."""
         com = self.record.com
-        path: Array = np.asarray(com["position0"]) + time * np.asarray(com["velocity0"])
-        path[-1] -= 0.5 * com["gravity"] * time**2
-        return path
+        position: Array = np.asarray(com["position0"]) + time * np.asarray(com["velocity0"])
+        position[-1] -= 0.5 * com["gravity"] * time**2
+        return position
 
-    def moved_at(self, positions: Array, velocities: Array) -> Array:
-        """Derivative of a configuration by time at a velocity: the velocity itself in a plane."""
-        return velocities
+
+class PlanarMotion(RecordedMotion):
+    """The motion of a record in a plane; configurations and velocities are (3 + m,), in the world's axes."""
+
+    place = slice(0, BASE_COORDINATES - 1)
+    turn = slice(BASE_COORDINATES - 1, BASE_COORDINATES)
+
+    @property
+    def start_attitude(self) -> Array:
+        """Orientation (1,) at takeoff, rad."""
+        return np.array([self.record.orientation["start"]])
+
+    def in_base_axes(self, attitude: Array, vector: Any) -> Any:
+        """The same: they are the world's."""
+        return vector
+
+    def momentum_in_base(self, time: float) -> Any:
+        """The record's h at any time."""
+        return self.record.angular_momentum
 
     def off_goal(self, landed: Array) -> float:
-        """By how much a configuration misses the goal's orientation, rad."""
+        """Distance of the orientation of a configuration from the goal's, whole turns included, rad."""
         return abs(float(landed[BASE_COORDINATES - 1]) - float(self.record.orientation["goal"]))
 
     def off_path(self, times: Array, flown: Array) -> tuple[Array, float]:
@@ -201,15 +170,18 @@ class RecordedMotion:
         ``1 / D_0``, and so is, integrated, that of the orientation (its variational equation has no other term).
         """
         nodes, weights = np.polynomial.legendre.leggauss(NODES)
-        orientation, sensitivity, began = float(self.record.orientation["start"]), 0.0, 0.0
+        turn = BASE_COORDINATES - 1
+        orientation = float(self.record.orientation["start"])
+        sensitivity = 0.0
+        began = 0.0
         orientations = []
         for time in times.tolist():
             half = (time - began) / 2
             for node, weight in zip(nodes, weights, strict=True):
                 state = self.joints(began + half * (1 + node))
                 velocity, inverse, _ = self.base_velocity(state, self.record.angular_momentum)
-                orientation += half * weight * velocity[BASE_COORDINATES - 1]
-                sensitivity += half * weight * inverse[BASE_COORDINATES - 1, BASE_COORDINATES - 1]
+                orientation += half * weight * velocity[turn]
+                sensitivity += half * weight * inverse[turn, turn]
             began = time
             orientations.append(orientation)
         return np.array(orientations), float(sensitivity)
@@ -224,10 +196,13 @@ def _derivative(powers: Array) -> Array:
 
 def _recentred(coefficients: Array, middle: float) -> Array:
     """Powers (k+1, n) of ``t - middle`` from those of t (n, k+1): far fewer digits cancel in their sums."""
-    line = flint.fmpq_poly([_fraction(middle), 1])
-    rows = [flint.fmpq_poly([_fraction(value) for value in row])(line).coeffs() for row in coefficients.tolist()]
-    size = coefficients.shape[1]
-    return np.array([[int(c.p) / int(c.q) for c in row] + [0.0] * (size - len(row)) for row in rows]).T
+    shift = flint.fmpq_poly([_fraction(middle), 1])
+    powers = np.zeros(coefficients.shape[::-1])
+    for joint, row in enumerate(coefficients.tolist()):
+        shifted = flint.fmpq_poly([_fraction(value) for value in row])(shift)
+        for power, value in enumerate(shifted.coeffs()):
+            powers[power, joint] = int(value.p) / int(value.q)
+    return powers
 
 
 def _fraction(value: float) -> Any:

@@ -24,16 +24,18 @@ from floatplan.plans.record import PlanRecord
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation import forward
-from floatplan.simulation.forward import MOST_STEPS, Engine, JointTorques, critical_gains, joint_inertia
-from floatplan.simulation.mujoco_model import balanced_in_words, spatial_model
+from floatplan.simulation.engines import Engine, JointTorques, check_engine, flying_robot
+from floatplan.simulation.free_flight import SpatialLanding, fly_with_free_base
+from floatplan.simulation.gains import FASTEST, critical_gains, joint_inertia
+from floatplan.simulation.integration import LOOSE, MOST_STEPS, TIGHT, fly_finely, fly_in_steps, whole_step
+from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, reduced_model
-from floatplan.simulation.spatial import SpatialLanding, fly_in_space
-from floatplan.simulation.takeoff import perturbed_takeoff, recorded_motion
+from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.reduced_model import reduced_model
+from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
-PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
+PARTS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
 STEP = 5e-4  # [s] of MuJoCo's fixed steps
 LONGEST_STEP = 1e3  # [s]
 
@@ -182,9 +184,9 @@ def replay(
         The robot is missing or another; the engine is unknown or not installed; a number is wrong.
     """
     began = clock.perf_counter()
-    forward.check_engine(engine)
+    check_engine(engine)
     step = positive(LONGEST_STEP, "s")(step, "step")
-    feedback = optional(positive(forward.FASTEST, "rad/s"))(feedback, "feedback")
+    feedback = optional(positive(FASTEST, "rad/s"))(feedback, "feedback")
     perturbation = given_perturbation(perturb)
     seed = SEED(seed, "seed")
     record, file, own = recorded(plan)
@@ -197,31 +199,30 @@ def replay(
     perturbation.refuse(OF_JUMPS, "is for jumps")
     perturbation.refuse(MEASURED, "is for flights with corrections", "add --replan")
     reduced = reduced_model(robot, float(record.com["gravity"]))
-    drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
+    sample = perturbation.sampled(seed, 0, len(reduced.joints), reduced.model.njoints)
     motion = recorded_motion(record, reduced)
-    takeoff = perturbed_takeoff(record, reduced, drawn)
-    control = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
-    free = None
-    if record.in_space and engine == "mujoco":
-        free = spatial_model(robot, reduced, drawn.mass, drawn.inertia)
-    accelerations = forward.accelerations_of(engine, robot, reduced, drawn, free)
-    dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations)
-    times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
-    if not in_steps:
-        tolerance = forward.LOOSE if perturbation.any else forward.TIGHT
-        flown = forward.fly_finely(dynamics, takeoff, times, tolerance, motion.moved_at)
+    takeoff = perturbed_takeoff(record, reduced, sample)
+    gains = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
+    flying = flying_robot(engine, robot, reduced, sample)
+    dynamics = JointTorques(motion, sample.torque, gains).dynamics(flying)
+    times = record.duration * np.arange(1, PARTS + 1) / PARTS
+    spatial = None
+    if in_steps:
+        whole = whole_step(record.duration, step, PARTS)
+        states = fly_in_steps(dynamics, flying.moved, flying.own_state(*takeoff), times, whole)
+        spatial = fly_with_free_base(robot, record, perturbation, seed, feedback, step)
     else:
-        flown = forward.fly_in_steps(dynamics, takeoff, times, forward.whole_step(float(times[-1]), step, PANELS))
-        spatial = fly_in_space(robot, record, perturbation, seed, feedback, step)
-    states = (takeoff, *zip(*flown, strict=True))
-    growth, sensitivity = _growth(motion, flown[0], times)
-    landed = flown[0][-1]
+        tolerance = LOOSE if perturbation.any else TIGHT
+        states = fly_finely(dynamics, flying.rate, flying.own_state(*takeoff), times, tolerance)
+    states = [flying.reduced_state(*state) for state in states]
+    growth, sensitivity = _growth(motion, np.array([q for q, _ in states]), times)
+    landed = states[-1][0]
     return Replay(
         engine=engine,
         orientation_error=motion.off_goal(landed),
         position_error=reduced.off_goal(landed[reduced.of_joints[0]], record.problem["goal"]["positions"])[0],
         com_error=float(growth.com[-1]),
-        momentum_drift=_momentum_drift(drawn.perturbed(reduced.model), states),
+        momentum_drift=_momentum_drift(sample.perturbed(reduced.model), [takeoff, *states]),
         orientation_sensitivity=sensitivity,
         growth=growth,
         perturbation=perturbation,
@@ -229,7 +230,7 @@ def replay(
         step=step if in_steps else None,
         seconds=clock.perf_counter() - began,
         spatial=spatial,
-        balanced=getattr(free or spatial, "balanced", {}),
+        balanced=flying.balanced if spatial is None else spatial.balanced,
     )
 
 
@@ -245,7 +246,8 @@ def replays(
 
     ``progress`` is told how many are flown, and of how many.
     """
-    began, flown = clock.perf_counter(), list[Replay]()
+    began = clock.perf_counter()
+    flown: list[Replay] = []
     while len(flown) < flights and (not flown or clock.perf_counter() - began < budget):
         flown.append(replay(plan, seed=seed + len(flown), **options))
         if progress is not None:

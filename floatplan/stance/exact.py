@@ -182,7 +182,9 @@ class OnePoint:
         k2 = rate(state + step / 2 * k1, 1)
         k3 = rate(state + step / 2 * k2, 1)
         k4 = rate(state + step * k3, 2)
-        forward = ca.Function("step", [state, joints, step], [state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        forward = ca.Function(
+            "step", [state, joints, step], [state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True}
+        )
         self._steps = forward.mapaccum(SUBSTEPS * (len(times) - 1))
 
     @property
@@ -316,15 +318,17 @@ def _one_point(
 
     sampled = stance.sampled
     planned = [nodes.at(times)[:, 1:] for times in sampled]
+    # Quintics (3, 3, N) of value, first and second derivative 1 at the junction, alone, and 0 at the other end.
+    shapes = [quintic(times, ends, *(np.eye(3), np.zeros((3, 3)))[::way]) for times in sampled]
 
     def follow(unknown: Array) -> Array:
         changed = []
-        for times, joints in zip(sampled, planned, strict=True):
+        for times, joints, shape in zip(sampled, planned, shapes, strict=True):
             if beyond is None:
                 changed.append(joints + _bumps(times, ends, unknown.reshape(n, 2)))
                 continue
             change, found = scale * unknown.reshape(3, -1), joints.copy()
-            found[:, rows] += quintic(times, ends, *(change, 0 * change)[::way])
+            found[:, rows] += change.T @ shape
             changed.append(found)
         return stance.follow(changed, meeting)
 
@@ -334,10 +338,11 @@ def _one_point(
             return np.array([last[0, 0, 0] - home[0], last[1, 0, 0] * span])
         return np.asarray(((beyond.close(*last) - last)[:, beyond.dependent, 0] / scale).ravel())
 
-    if beyond is None:
-        return follow(_least_change(residual, np.zeros(2 * n)))
-    start = np.zeros(3 * len(beyond.dependent))
-    return follow(root(residual, start, method="hybr", options={"xtol": 1e-13}).x)
+    start = np.zeros(2 * n if beyond is None else 3 * len(beyond.dependent))
+    unknown, is_met = _least_change(residual, start)
+    if beyond is not None and not is_met:  # too far for whole steps
+        unknown = root(residual, start, method="hybr", options={"xtol": 1e-13}).x
+    return follow(unknown)
 
 
 def _bumps(times: Array, span: Array, sizes: Array) -> Array:
@@ -348,13 +353,15 @@ def _bumps(times: Array, span: Array, sizes: Array) -> Array:
     return np.asarray(sizes @ np.array(found))
 
 
-def _least_change(residual: Any, start: Array) -> Array:
-    """Newton's steps of least norm to a root of fewer equations than unknowns."""
+def _least_change(residual: Any, start: Array) -> tuple[Array, bool]:
+    """Newton's steps of least norm to a root of no more equations than unknowns; and whether they came there."""
     unknown, step = start, 1e-6
     for _ in range(12):
         value = residual(unknown)
         if np.abs(value).max() < MET:
+            return unknown, True
+        if not np.isfinite(value).all():
             break
         jacobian = np.stack([(residual(unknown + step * way) - value) / step for way in np.eye(len(start))], axis=1)
         unknown = unknown - np.linalg.pinv(jacobian) @ value
-    return unknown
+    return unknown, False

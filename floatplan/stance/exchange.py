@@ -36,6 +36,10 @@ def solved(first: JumpProgram, guess: Array, known: JumpProgram | None = None) -
         program = first.kept(lines, known.node.held)
     solution = program.solve(guess)
     for _ in range(EXCHANGES):
+        if solution.strained:
+            program = first.kept(program.separation, (*program.node.held, *solution.strained))
+            solution = program.solve(first.resampled(solution, first.phases))
+            continue
         missing = solution.missing
         if missing == np.inf:
             break

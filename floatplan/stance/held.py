@@ -6,9 +6,12 @@ such a joint move in the plane, and take about its origin p the moment
 ``M = sum_k (c_k - p) x m_k (c_k'' + g) + phi_k'' I_k n + phi_k'^2 n x I_k n - sum_f (f - p) x F_f``
 
 with centres c_k, inertias I_k, and the plane's normal n; the joint's torque is the part of M along its axis.
+
+These torques are no rows at first, since most joints bear little. Where some bear too much, they mostly do so from the
+first motion that holds to the best one: the search then stops at the first, and goes on with rows for them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,6 +23,8 @@ from floatplan.arrays import Array
 from floatplan.robot.standing import Spot
 from floatplan.stance.contacts import Contact
 from floatplan.stance.model import Pair, PlanarModel, casadi
+
+HOLDS = 1e-3  # [-] what rows may be off in a motion that is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,3 +122,48 @@ class HeldJoints:
                 if at.parentJoint in beyond:
                     torque -= moment(spot, data.oMi[at.parentJoint].act(at.placement.translation), part)
         return torque
+
+
+def first_look(size: int, low: Array, high: Array) -> Any:
+    """Return a callback for IPOPT that stops it where held joints bear too much in the first motion that holds.
+
+    Its ``overloaded`` returns names of held joints that bear too much, of variables with directions (size,); it is set
+    while IPOPT runs, since a program that its own solver holds would never be freed. Its ``strained`` is None before
+    that motion; then names of these joints.
+
+    Parameters
+    ----------
+    size : of the variables with directions
+    low, high : bounds (rows,) of the program
+    """
+    ca = casadi()
+    sizes = {"x": size, "f": 1, "g": len(low), "lam_x": size, "lam_g": len(low), "lam_p": 0}
+
+    class Look(ca.Callback):  # type: ignore[misc, name-defined]
+        """Called with what CasADi's solvers return, at each iterate."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.overloaded: Callable[[Array], tuple[str, ...]] | None = None
+            self.strained: tuple[str, ...] | None = None
+            self.construct("look", {})
+
+        def get_n_in(self) -> int:
+            return int(ca.nlpsol_n_out())
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_sparsity_in(self, index: int) -> Any:
+            return ca.Sparsity.dense(sizes[ca.nlpsol_out(index)])
+
+        def eval(self, arguments: Any) -> list[int]:
+            """Return whether to stop."""
+            now = dict(zip(ca.nlpsol_out(), arguments, strict=True))
+            values = np.asarray(now["g"]).ravel()
+            holds = max((low - values).max(), (values - high).max()) < HOLDS
+            if self.overloaded is not None and self.strained is None and holds:
+                self.strained = self.overloaded(np.asarray(now["x"]).ravel())
+            return [int(bool(self.strained))]
+
+    return Look()

@@ -25,11 +25,11 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import check_finite, plain, read_json, write_atomically
 from floatplan.planning.repair import judged
-from floatplan.plans.outputs import Outputs, output
+from floatplan.plans.outputs import Outputs
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot, robot_record
 from floatplan.plans.record import POINT, KeyedTable, RobotRecord, table
-from floatplan.plans.verdicts import Certificate, verdict_in_words
+from floatplan.plans.verdicts import Certificate, Tone, verdict_in_words
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.jump import JumpRequest
@@ -137,9 +137,17 @@ class Jump(Outputs, JumpMotion):
         return ", ".join([flight, stances, *(["with warnings"] if self.warnings else [])])
 
     @property
-    def view(self) -> Any:
-        """The jump as pictures take it; InputError where none was found."""
-        return output("JumpView")(self, self.check, self.verdict)
+    def tone(self) -> Tone:
+        """Whether the verdict is good, bad or open."""
+        assert self.flight is not None
+        if not self.check.ok:
+            return "bad"
+        return verdict_in_words(self.flight.ok, self.flight.certificate, bool(self.warnings))[1]
+
+    def refuse_unless_shown(self) -> None:
+        """Raise InputError where no jump was found, so that pictures have nothing to show."""
+        if self.flight is None:
+            raise InputError(f"{self.verdict}, so there is nothing to show")
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""

@@ -57,9 +57,8 @@ class PlanarModel:
         self.y, self.v, self.a = (sx.sym(name, 1 + len(robot.joints)) for name in ("y", "v", "a"))
         rates = np.column_stack((np.ones(len(robot.tree.mass)), robot.tree.turns))
         _, first, same = np.unique(np.column_stack((rates, robot.tree.offsets)), True, True, axis=0)
-        self._first = first[same.ravel()][:, None] == np.arange(
-            len(rates)
-        )  # of each body the first that turns as it does
+        self._leading = first.tolist()  # bodies of which no two turn alike
+        self._alike = same.ravel()  # of each body the index among these of the one that turns as it does
         self._rates = sx(rates)  # of bodies' angles, by y
 
     @cached_property
@@ -90,10 +89,31 @@ class PlanarModel:
     def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
         """Places (points,) m of weights (points, 2 m), or their first or second derivatives."""
         ca, (c, s) = casadi(), self.rotations[derivative]
-        turned, rolled = (each @ self._first for each in np.split(weights, 2, axis=1))
+        turned, rolled = (self._gathered(each) for each in np.split(weights, 2, axis=1))
         real, imaginary, *rolls = map(self._constant, (turned.real, turned.imag, rolled.real, rolled.imag))
-        x, z = (ca.mtimes(each, self.angles[derivative]) for each in rolls)
+        c, s, angles = c[self._leading], s[self._leading], self.angles[derivative][self._leading]
+        x, z = (ca.mtimes(each, angles) for each in rolls)
         return x + ca.mtimes(real, c) - ca.mtimes(imaginary, s), z + ca.mtimes(imaginary, c) + ca.mtimes(real, s)
+
+    def _gathered(self, weights: ComplexArray) -> ComplexArray:
+        """Weights (.., m) of all bodies, summed over those that turn alike, in the order of the leading ones."""
+        return np.asarray(weights @ (self._alike[:, None] == np.arange(len(self._leading))))
+
+    def _relative(self, derivative: int) -> Pair:
+        """Derivatives of the leading bodies' rotations as each of them sees them, ``conj(e_k) e_l'`` at (k, l).
+
+        They depend on the angle between two bodies alone, so that they have far fewer second derivatives than what is
+        turned into the plane and back.
+        """
+        ca, turn, count = casadi(), self.robot.tree.turn, len(self._leading)
+        phi, rate, acceleration = (each[self._leading] for each in self.angles)
+        apart = ca.repmat(phi.T, count, 1) - ca.repmat(phi, 1, count)
+        c, s = ca.cos(apart), turn * ca.sin(apart)
+        rate = turn * ca.repmat(rate.T, count, 1)
+        if derivative == 1:
+            return -rate * s, rate * c
+        acceleration = turn * ca.repmat(acceleration.T, count, 1)
+        return -acceleration * s - rate**2 * c, acceleration * c - rate**2 * s
 
     def _constant(self, values: Any) -> Any:
         ca = casadi()
@@ -135,10 +155,17 @@ class PlanarModel:
         reference : as of :meth:`moments`
         derivative : 2, or 1 for velocities in place of accelerations
         """
-        (c, s), pulled = self.rotations[0], mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
-        x, z = self.places(pulled @ self.weights(spots, reference), derivative)
+        ca, (c, s) = casadi(), self.rotations[0]
+        pulled = mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
+        turned, rolled = (self._gathered(each) for each in np.split(pulled @ self.weights(spots, reference), 2, axis=1))
+        x, z = (each[self._alike.tolist(), :] for each in self._relative(derivative))
+        swung = ca.sum2(self._constant(turned.real) * z + self._constant(turned.imag) * x)
+        # What rolls, and the weight, act along axes of the plane.
+        angles = self.angles[derivative][self._leading]
         weight = (0.0 if reference is None else self.gravity) * pulled.sum(axis=1)
-        return self.robot.tree.turn * (c * (z + weight.real) - s * (x - weight.imag))
+        across = ca.mtimes(self._constant(rolled.real), angles) - weight.imag
+        up = ca.mtimes(self._constant(rolled.imag), angles) + weight.real
+        return self.robot.tree.turn * (swung + c * up - s * across)
 
     def motor_torques(self, moments: Any) -> Any:
         """Torques (motors,) N m, each motor's own, of moments Q."""

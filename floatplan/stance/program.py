@@ -24,6 +24,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.check import TOUCHDOWN
+from floatplan.stance.held import first_look
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite, values
 from floatplan.stance.phases import Meeting, Phase, instants, unsteady
@@ -57,6 +58,7 @@ HELD = 1e-8  # [-] what constraints may be off
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": HELD, "mu_strategy": "adaptive"}
 IPOPT["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
 ONE_SIDE = {"adaptive_mu_globalization": "never-monotone-mode"}  # where the flight is known: guesses that nearly hold
+IPOPT["mumps_mem_percent"] = 20  # [%] beyond what it expects: of ten times that, most time went to the system
 IPOPT["mumps_pivot_order"] = 0  # by approximate minimum degree, with which MUMPS is faster than with what it chooses
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 250  # 40 to 125 find a first solution where there is one, more those near what stands in the way
@@ -85,6 +87,7 @@ class Solution:
     worst : largest violation of a constraint, scaled; and which it is
     missing : of distances that are kept, where all else holds, though the cost may not be least; else infinite, m
     iterations : int
+    strained : joints that are held and bear too much in the first motion that holds, at which the search stopped
     """
 
     y: Array
@@ -97,11 +100,12 @@ class Solution:
     worst: tuple[float, str]
     missing: float
     iterations: int
+    strained: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
         """Whether every constraint holds."""
-        return self.missing <= SLIGHT
+        return self.missing <= SLIGHT and not self.strained
 
 
 class JumpProgram:
@@ -207,6 +211,12 @@ class JumpProgram:
     @cached_property
     def stated(self) -> tuple[Any, Any, Rows]:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
+        solver, evaluate, rows, _ = self._stated
+        return solver, evaluate, rows
+
+    @cached_property
+    def _stated(self) -> tuple[Any, Any, Rows, Any]:
+        """As :attr:`stated`, and the look at iterates, which CasADi does not keep alive."""
         ca, unit = casadi(), self.node.unit
         size = sum(rows * columns for rows, columns in self._shapes)
         raw = ca.MX.sym("w", size + len(self.separation.start))
@@ -237,7 +247,8 @@ class JumpProgram:
         cost = factor + SMOOTH * cost if self._limits else cost
         settings = IPOPT | {"max_iter": self._iterations} | ({} if self.phases[self.flight].intervals else ONE_SIDE)
         settings |= WARM if self._warm else {}
-        return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings), rows
+        look = first_look(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
+        return *rows.calls.solver(raw, apart + cost, ca.vertcat(*rows.values), settings, look), rows, look
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
         """Between nodes accelerations are linear."""
@@ -277,7 +288,8 @@ class JumpProgram:
         ca, index, count = casadi(), self.phases.index(phase), phase.intervals + 1
         function, bounds = self.node.stance(phase)
         linear = ca.mtimes(drifts, ca.DM(np.stack((1 - phase.shares, phase.shares))))
-        values, cost, load = rows.calls(function, *parts, forces / self.node.weight, linear)
+        values, torques, load = rows.calls(function, *parts, forces / self.node.weight, linear)
+        cost = ca.sum1(torques**2)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         takeoff = phase.side == "takeoff"
         seam, inner = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
@@ -345,7 +357,7 @@ class JumpProgram:
         heights = z0 + vz0 * times - gravity * times**2 / 2
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node.flight()
-        values, cost = rows.calls(function, y, v, a)
+        values, torques = rows.calls(function, y, v, a)
         feet = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])
         over = feet + [float(label == CLEAR) for _, _, label in bounds]
         values += ca.mtimes(ca.sparsify(ca.DM(over)), heights) - ca.sparsify(ca.DM(np.outer(feet, lifts)))
@@ -354,7 +366,7 @@ class JumpProgram:
         for end in (0, -1):  # the stances hold all but the momentum there
             low[1:, end], high[1:, end] = -np.inf, np.inf
         rows.add_nodes(values, bounds, low, high, "flight")
-        return cost
+        return ca.sum1(torques**2)
 
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
         """Where a flight is known, its momentum and the velocity of its centre of mass, if the rates do not say so."""
@@ -376,7 +388,8 @@ class JumpProgram:
 
     def solve(self, guess: Array) -> Solution:
         """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
-        solver, evaluate, rows = self.stated
+        solver, evaluate, rows, look = self._stated
+        look.overloaded, look.strained = self.overloaded, None
         low, high, box = np.concatenate(rows.low), np.concatenate(rows.high), self.box
 
         def excess(raw: Array) -> Array:
@@ -384,6 +397,7 @@ class JumpProgram:
             return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0))
 
         answer = solver(x0=np.append(guess, self.separation.start), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
+        look.overloaded = None
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
         if not np.isfinite(raw).all():  # IPOPT met numbers that are none
@@ -406,7 +420,15 @@ class JumpProgram:
             worst=(float(found[at]), rows.labels[at]),
             missing=missing,
             iterations=int(stats["iter_count"]),
+            strained=look.strained or (),
         )
+
+    def overloaded(self, raw: Array) -> tuple[str, ...]:
+        """Joints that are held, bear too much, and have no rows, where variables and directions are ``raw`` (size,)."""
+        y, v, a, *rest = self.split(raw)
+        factor = float(rest[-1].sum()) if self._limits else 1.0
+        strained = self.node.strained((y, v, a), rest[: len(self.phases)], factor)
+        return tuple(name for name in strained if name != CLEAR)
 
     @property
     def box(self) -> Array:
@@ -432,7 +454,8 @@ class JumpProgram:
     def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
         """The same program, with what it keeps apart, and what is among its rows of what is left out at first."""
         other = copy(self)
-        vars(other).pop("stated", None)
+        for name in ("stated", "_stated"):
+            vars(other).pop(name, None)
         other.node, other.separation = copy(self.node), separation
         other._iterations = AROUND if separation.lines else self._iterations
         other.node.held = held

@@ -115,8 +115,8 @@ class Calls:
         self._found.append((one, points, symbols))
         return list(ca.vertsplit(symbols, np.cumsum([0, *[each.shape[0] for each in outputs]]).tolist()))
 
-    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
-        """IPOPT's solver of a program, and a function raw -> values."""
+    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any], look: Any) -> tuple[Any, Any]:
+        """IPOPT's solver of a program, which a ``look`` at its iterates may stop, and a function raw -> values."""
         ca = casadi()
         given = [raw, *[symbols for _, _, symbols in self._found]]
         both = ca.vertcat(*[ca.vec(each) for each in given])
@@ -139,6 +139,7 @@ class Calls:
             "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
             "print_time": False,
             "ipopt": settings,
+            "iteration_callback": look,
         }
         solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": found[0], "g": found[1]}, options)
         return solver, ca.Function("values", [raw], [found[1]])
@@ -185,6 +186,7 @@ class NodeRows:
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
         self.flies = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
         self._holding = HeldJoints(model)
+        self._functions: dict[tuple[Contact, ...], Any] = {}
         self.weight = model.robot.mass * model.gravity  # [N]
         end = 0 if self.phases[0].contacts else -1
         self.height = -ground_below(model.robot, self.phases[end].anchor, ends[end])  # [m] of the centre of mass
@@ -198,9 +200,10 @@ class NodeRows:
             self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
-        """Function of a stance's node, (y, v, a, forces over weight, drifts) -> (rows, cost, load); its rows' bounds.
+        """Function of a stance's node, and its rows' bounds.
 
-        The load is the ground's vertical force on all contacts over the weight.
+        It is (y, v, a, forces over weight, drifts) -> (rows, torques, load), the torques of :meth:`_motor_torques`. The
+        load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
@@ -232,7 +235,7 @@ class NodeRows:
                 rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
-        function = model.function("stance", [output, self._cost(moments), load], forces, drifts)
+        function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
         return function, [row[1:] for row in rows]
 
     def turned(self, phase: Phase) -> tuple[Any, Array]:
@@ -341,8 +344,9 @@ class NodeRows:
         forces : of each phase (2 others, nodes) N
         factor : on the bounds of torques
         """
-        names, spots = [name for name in self._holding.efforts if name not in self.held], self.watched.spots
-        found, least = dict[tuple[float, ...], str](), self.least[: len(spots)] - BEYOND
+        names = list(self._holding.efforts)
+        spots, least = self.watched.spots, self.least[: len(self.watched.spots)] - BEYOND
+        found = dict[tuple[float, ...], str]()
         shares = [np.zeros((len(names), 0))]
         for phase, start, given in zip(self.phases, self.starts, forces, strict=False):
             nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
@@ -350,23 +354,33 @@ class NodeRows:
                 heights = heights_over_com(self.model.robot, [*spots, phase.anchor.spots[0]], nodes[0]).imag
                 if (heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any():
                     found[()] = CLEAR
-            symbols = casadi().SX.sym("forces", len(given))
-            own, pairs = balanced(self.model, phase, symbols) if phase.contacts else ((0.0, 0.0), [])
-            acting = [own, *pairs] if phase.contacts else []
             if names:
-                function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
-                shares.append(np.abs(np.asarray(function(*nodes, given))))
+                shares.append(np.abs(np.asarray(self._bearing(phase)(*nodes, given))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if row.max() > factor * self.bounds.held + BEYOND:
+            if name not in self.held and row.max() > factor * self.bounds.held + BEYOND:
                 found.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(found.values())
 
-    def _cost(self, moments: Any) -> Any:
-        torques = self.model.motor_torques(moments)
-        return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
+    def _bearing(self, phase: Phase) -> Any:
+        """Function (y, v, a, forces) -> torques over efforts of all held joints; built once for its contacts."""
+        if phase.contacts not in self._functions:
+            forces, acting = casadi().SX.sym("forces", 2 * len(phase.others)), list[Pair]()
+            if phase.contacts:
+                own, pairs = balanced(self.model, phase, forces)
+                acting = [own, *pairs]
+            shares = self._holding.shares(list(self._holding.efforts), phase.contacts, acting)
+            self._functions[phase.contacts] = self.model.function("held", [shares], forces)
+        return self._functions[phase.contacts]
+
+    def _motor_torques(self, moments: Any) -> Any:
+        """Torques (motors,) over the weight and the height, of which the sum of squares is the cost.
+
+        Squared outside of the node's function, in which second derivatives are then those of torques alone.
+        """
+        return self.model.motor_torques(moments) / (self.weight * self.height)
 
     def flight(self) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a) -> (rows, cost) of the flight's nodes: h first, and heights over the centre of mass."""
+        """Function (y, v, a) -> (rows, torques) of the flight's nodes: h first, and heights over the centre of mass."""
         ca, model = casadi(), self.model
         moments = model.moments(None, [])
         rows: list[Row] = [
@@ -380,7 +394,7 @@ class NodeRows:
         labels = [CLEAR] * len(self.watched.spots) + [f"{contact.name} above the ground" for contact in self.feet]
         rows += [(z[at], float(self.least[at]), np.inf, label) for at, label in enumerate(labels)]
         output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("flight", [output, self._cost(moments)])
+        function = model.function("flight", [output, self._motor_torques(moments)])
         return function, [row[1:] for row in rows]
 
 

@@ -15,9 +15,9 @@ from datetime import timedelta
 from typing import Any
 
 from floatplan.arguments import optional
-from floatplan.compiled.numbers import is_together
 from floatplan.errors import FloatplanError, InputError, import_optional, printable
-from floatplan.planning.search import JOBS, MOST_JOBS
+from floatplan.planning.numbers import is_together
+from floatplan.planning.options import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder, decoded

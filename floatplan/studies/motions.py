@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.numbers import is_plain_family
 from floatplan.errors import InputError
 from floatplan.export.formats import format_of
 from floatplan.files import check_readable, is_file, read_json, read_regular, write_atomically
+from floatplan.planning.numbers import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer

@@ -12,11 +12,10 @@ import numpy as np
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
-from floatplan.compiled.numbers import Numbers, is_plain_family, is_together
-from floatplan.compiled.peaks import ORDERS, ManyPeaks, can_measure, many_peaks
 from floatplan.errors import FloatplanError, InputError, printable
 from floatplan.planning.many import planned_together
-from floatplan.planning.search import SearchOptions
+from floatplan.planning.numbers import Numbers, is_plain_family, is_together
+from floatplan.planning.options import SearchOptions
 from floatplan.plans.measures import largest_use, limits_of_motors
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.pool import one_thread
@@ -27,6 +26,7 @@ from floatplan.stance.check import RATE
 from floatplan.stance.planner import jump
 from floatplan.studies.file import OF_JUMPS, StudyFile, Values, versions
 from floatplan.studies.folder import read_table, table_of, written
+from floatplan.studies.peaks import ORDERS, ManyPeaks, can_measure, many_peaks
 from floatplan.studies.schema import PlanTable
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -141,41 +141,45 @@ def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Ar
     peaks = np.full((len(plans), len(base.robot.motors)), np.nan)
     use = np.full(len(plans), np.nan)
     clearance = np.full(len(plans), np.nan)
-    is_known = base.robot.in_plane and limits_of_motors(base).keys() <= {"torque", *ORDERS} and can_measure(base)
-    if not is_known:
-        for index in rows.tolist():
-            plan = replace(plans.answer(index), certificate=None).plan(problems[index], plans.seed)
-            share = largest_use(plan.utilisation)
-            peaks[index] = plan.peaks.motor_torque
-            use[index] = np.nan if share is None else share
-            clearance[index] = np.nan if plan.peaks.clearance is None else plan.peaks.clearance
-    elif rows.size:
-        if is_together(problems):
-            numbers = Numbers.of_family(problems, rows)
-            of: Problem | Sequence[Problem] | Numbers = numbers if numbers.obstacles else base
-            durations = numbers.values["duration"]
-            limits = limits_of_motors(numbers.limits or base)
-        else:
-            of = [problems[index] for index in rows.tolist()]
-            durations = np.array([problem.flight.duration for problem in of])
-            of_each = [limits_of_motors(problem) for problem in of]
-            limits = {name: np.array([own[name] for own in of_each]) for name in of_each[0]}
+    of: Problem | Sequence[Problem] | Numbers = base
+    if is_together(problems):
+        numbers = Numbers.of_family(problems, rows)
+        of = numbers if numbers.obstacles else base
+        durations = numbers.values["duration"]
+        limits = limits_of_motors(numbers.limits or base)
+    else:
+        of = [problems[index] for index in rows.tolist()]
+        durations = np.array([problem.flight.duration for problem in of])
+        of_each = [limits_of_motors(problem) for problem in of]
+        limits = {name: np.array([own[name] for own in of_each]) for name in limits_of_motors(base)}
+    limits = {name: values for name, values in limits.items() if np.isfinite(values).any()}
+    is_known = base.robot.in_plane and limits.keys() <= {"torque", *ORDERS} and can_measure(base)
+    if is_known and rows.size:
         orders = 0  # of the derivatives that have a limit
         for order, name in enumerate(ORDERS, start=1):
-            if np.isfinite(limits[name]).any():
+            if name in limits:
                 orders = order
         measured = many_peaks(of, durations, plans.angular_momentum[rows], plans.coefficients[rows], orders)
         peaks[rows] = measured.motor_torque
         use[rows] = _use(base.robot, measured, limits)
         clearance[rows] = np.where(np.isfinite(measured.clearance), measured.clearance, np.nan)
+        return peaks, use, clearance
+    for index in rows.tolist():
+        plan = replace(plans.answer(index), certificate=None).plan(problems[index], plans.seed)
+        share = largest_use(plan.utilisation)
+        peaks[index] = plan.peaks.motor_torque
+        use[index] = np.nan if share is None else share
+        clearance[index] = np.nan if plan.peaks.clearance is None else plan.peaks.clearance
     return peaks, use, clearance
 
 
 def _use(robot: Robot, measured: ManyPeaks, limits: Mapping[str, Array]) -> Array:
-    """The largest share (N,) of a limit that a motor uses; NaN where none has a limit. Limits are (m,) or (N, m)."""
+    """The largest share (N,) of a limit, (m,) or (N, m), that a motor uses; NaN where none has a limit."""
     of_motors = {name: peaks @ np.abs(robot.motor_ratios).T for name, peaks in measured.joints.items()}
     of_motors["torque"] = measured.motor_torque
-    most = np.concatenate([peaks / limits[name] for name, peaks in of_motors.items()], axis=1).max(axis=1, initial=0)
+    most = np.zeros(len(measured.clearance))
+    for name, values in limits.items():
+        most = np.maximum(most, (of_motors[name] / values).max(axis=1, initial=0))
     return np.where(most > 0, most, np.nan)
 
 
@@ -200,9 +204,8 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
         return Answer("not_found", starts=plan.starts, message=planned.explanation), {}
     verdict = certify(planned.flight).verdict if plan.prove else ""
     figures = planned.check.figures
-    view = planned.view
     times = np.linspace(0.0, planned.duration, int(planned.duration * RATE) + 2)
-    torques = view.at(times).motor_torques
+    torques = planned.state(times).motor_torques
     answer = Answer(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
@@ -216,7 +219,7 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
         "peaks": np.abs(torques).max(axis=0),
         "utilisation": max(figures[name] for name in ("torque", "torque_speed", "velocity")),
         "clearance": figures.get("obstacles", np.nan),
-        "height": view.height,
+        "height": planned.height,
         "jump_duration": planned.duration,
         "friction_used": figures["friction"],
     }

@@ -11,9 +11,8 @@ from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_orig
 from floatplan.arguments import LARGEST_SEED
 from floatplan.errors import InputError
 from floatplan.keys import Key, Keyed, entry_of, in_files, json_schema
-from floatplan.planning.attempt import ATTEMPTS
 from floatplan.planning.many import UNSOLVED
-from floatplan.planning.search import MOST_SOLVED
+from floatplan.planning.options import ATTEMPTS, MOST_SOLVED
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Flight, Limits, Motion, Posture, SelfClearance
 from floatplan.tables import RANGES, Range

@@ -20,7 +20,7 @@ from floatplan.arguments import flag, function, optional, outline, positive, tex
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError
 from floatplan.export.formats import format_of
-from floatplan.planning.search import JOBS
+from floatplan.planning.options import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import SOLVED
 from floatplan.stance.jump import Jump

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from importlib.util import find_spec
 
 import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.compiled.numbers import is_plain_family
 from floatplan.errors import printable
+from floatplan.planning.numbers import is_plain_family
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
+from floatplan.plans.trajectory import Trajectory
 from floatplan.stance.jump import Jump
 from floatplan.stance.launch import launches
 from floatplan.studio.curves import Shares, shares
-from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import Poses, body_poses, coordinates, postures
 
 POSE_RATE = 60.0  # [Hz]
@@ -85,7 +84,7 @@ class ShownPlan:
     @classmethod
     def of(cls, plan: fp.Plan, settled: bool, jump: Jump | None = None) -> ShownPlan:
         """Measure a plan, or the jump around it."""
-        motion: Shown = plan if jump is None or jump.flight is None else jump.view
+        motion: Trajectory = plan if jump is None or jump.flight is None else jump
         times = pose_times(motion.duration)
         placed = postures(motion, np.linspace(0.0, motion.duration, TRAIL))
         return cls(
@@ -100,20 +99,20 @@ class ShownPlan:
             jump=jump,
         )
 
-    @cached_property
-    def view(self) -> JumpView | None:
-        """The jump as pictures take it; None where there is none."""
-        return None if self.jump is None or self.jump.flight is None else self.jump.view
+    @property
+    def found_jump(self) -> Jump | None:
+        """The jump; None where none was found."""
+        return None if self.jump is None or self.jump.flight is None else self.jump
 
     @property
-    def motion(self) -> Shown:
+    def motion(self) -> Trajectory:
         """What moves: the jump, or the plan."""
-        return self.view or self.plan
+        return self.found_jump or self.plan
 
     @property
     def largest_use(self) -> float | None:
         """Largest share of a limit that a motor uses; None without limits."""
-        if self.view is None:
+        if self.found_jump is None:
             return largest_use(self.utilisation)
         return max((each.peak for each in self.shares if each.limited), default=None)
 

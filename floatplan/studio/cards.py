@@ -68,7 +68,7 @@ def warning_card(view: View) -> str:
 def _verdict(answer: ShownPlan) -> tuple[str, Tone]:
     """The verdict in a few words, and its tone."""
     if answer.jump is not None:
-        return answer.jump.verdict, "bad" if answer.view is None else answer.view.tone
+        return answer.jump.verdict, "bad" if answer.found_jump is None else answer.found_jump.tone
     return verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
 
 
@@ -84,7 +84,7 @@ def _words(view: View) -> list[str]:
     if answer is None or not view.is_current:
         return doing and [*doing, *(["Shown is what was found before."] if answer else [])]
     if answer.jump is not None:
-        return [answer.jump.explanation, *([] if answer.view else ["Shown is a flight alone."])]
+        return [answer.jump.explanation, *([] if answer.found_jump else ["Shown is a flight alone."])]
     if view.verdict == "not found":
         return [answer.plan.explanation, "Shown is the nearest motion found."]
     if view.verdict == "waiting":
@@ -102,7 +102,7 @@ def _paragraphs(*words: str) -> str:
 
 
 def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
-    plan, use, jump = answer.plan, answer.largest_use, answer.view
+    plan, use, jump = answer.plan, answer.largest_use, answer.found_jump
     height = [] if jump is None else [("height", f"{jump.height:.3g} m"), ("of it in flight", f"{plan.duration:.4g} s")]
     facts = [
         ("duration", f"{answer.motion.duration:.4g} s"),
@@ -122,7 +122,7 @@ def limits_card(answer: ShownPlan | None) -> str:
     """A row for each motor: what it reaches, and how much of its limits that is; of a jump, over all of it."""
     if answer is None:
         return ""
-    if answer.view is not None:
+    if answer.found_jump is not None:
         peaks = [
             (f"{escape(name)}, {each.title}", float(most), each.limited)
             for each in answer.shares
@@ -221,7 +221,7 @@ def _compared(value: str | float | None, unit: str) -> str:
 
 def _of_flight(get: Callable[[ShownPlan], float | None]) -> Callable[[ShownPlan], float | None]:
     """What is known of flights alone, not of jumps around them."""
-    return lambda each: get(each) if each.view is None else None
+    return lambda each: get(each) if each.found_jump is None else None
 
 
 COMPARED: Sequence[tuple[str, str, Callable[[ShownPlan], str | float | None]]] = (

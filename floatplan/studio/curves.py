@@ -9,8 +9,10 @@ import numpy as np
 
 from floatplan.arguments import short
 from floatplan.arrays import Array
+from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.problem import Problem
-from floatplan.view.jumps import JumpView, Shown, limit_shares
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.view.jumps import footing, limit_shares
 
 SAMPLES = 401  # [-] instants of a curve
 ALIKE = 0.01  # [-] of a limit: a follower whose curve differs by less from its leader's is not drawn
@@ -46,9 +48,9 @@ class Shares:
         return float(self.values.max(initial=0.0))
 
 
-def shares(motion: Shown) -> tuple[Shares, ...]:
+def shares(motion: Trajectory) -> tuple[Shares, ...]:
     """What a motion uses of the limits on torque and rate: of those asked for, else of the URDF's, if there are any."""
-    state, problem = motion.at(np.linspace(0.0, motion.duration, SAMPLES)), _limited(motion.problem)
+    state, problem = motion.state(np.linspace(0.0, motion.duration, SAMPLES)), _limited(motion.whole_problem)
     torque, rate = limit_shares(problem, state)
     motors = np.minimum(problem.motor_torque_limits, problem.motor_stall)
     return (
@@ -84,10 +86,10 @@ def colour_of(use: float) -> str:
     return GREEN if use < NEARLY else AMBER if use <= FULL else RED
 
 
-def curves_card(motion: Shown, used: Sequence[Shares]) -> str:
+def curves_card(motion: Trajectory, used: Sequence[Shares]) -> str:
     """The curves, each in the colours of how near it is to its limit; above them, of a jump, what stands when."""
     plots = "".join(_plot(each, motion.duration) for each in used)
-    bands = _bands(motion) if isinstance(motion, JumpView) else ""
+    bands = _bands(motion) if isinstance(motion, JumpMotion) else ""
     axis = f'<div class="time"><span>0</span><span>{motion.duration:.3g} s</span></div>'
     return (
         f'<section class="fp curves" id="floatplan-curves" aria-label="Torque and rate over time">'
@@ -141,23 +143,24 @@ def _limit(used: Shares, top: float) -> str:
     )
 
 
-def phase_colours(view: JumpView) -> list[list[str]]:
+def phase_colours(jump: JumpMotion) -> list[list[str]]:
     """Colours of what stands, of each phase of a jump; that of the flight has its own."""
-    standing = view.contacts.items()
+    standing = footing(jump)
     return [
-        [view.colours[name] for name, contact in standing if contact.names[0] in phase.contacts] or [FLYING]
-        for phase in view.jump.phases
+        [standing.colours[name] for name, contact in standing.contacts.items() if contact.names[0] in phase.contacts]
+        or [FLYING]
+        for phase in jump.phases
     ]
 
 
-def _bands(view: JumpView) -> str:
+def _bands(jump: JumpMotion) -> str:
     """The phases of a jump, each in the colours of what stands, one above the other."""
     bands, words = list[str](), list[str]()
-    for phase, colours in zip(view.jump.phases, phase_colours(view), strict=True):
+    for phase, colours in zip(jump.phases, phase_colours(jump), strict=True):
         lasts = phase.end - phase.begin
         stands = ", ".join(phase.contacts) or "flight"
         words.append(f"{lasts:.3f} s: {stands}")
-        place = f"left:{100 * phase.begin / view.duration:.2f}%;width:{100 * lasts / view.duration:.2f}%"
+        place = f"left:{100 * phase.begin / jump.duration:.2f}%;width:{100 * lasts / jump.duration:.2f}%"
         ink = "" if phase.contacts else ";color:#1d2126;text-shadow:none"
         look = f"{place};background:{stripes(colours)}{ink}"
         told = f"<span>{lasts:.2f} s</span><span>{escape(stands)}</span>"  # what does not fit is left out

@@ -272,12 +272,12 @@ class JumpTab:
 
     def draw(self, view: View) -> None:
         """Show the phases as they are planned; the bar comes with the first jump."""
-        shown = None if view.answer is None else view.answer.view
+        shown = None if view.answer is None else view.answer.found_jump
         if shown is None:
             return
         if self._bar is None:
             ends = self._ends(view.problem)
-            self._flight = [phase.kind for phase in shown.jump.phases].index("flight")
+            self._flight = [phase.kind for phase in shown.phases].index("flight")
             with self._folder:
                 most = round(LONGER * ends[-1], 2)
                 self._bar = self._gui.add_multi_slider("ends, s", 0.0, most, 0.001, ends, min_range=SHORTEST)

@@ -36,7 +36,7 @@ GHOST = 0.28  # [-] opacity
 def end_poses(view: View, end: str) -> outlines.Poses:
     """The bodies of the posture at "start" or "goal", its centre of mass where the flight, or a jump, has it then."""
     problem = view.problem
-    flown = problem if view.answer is None or view.answer.view is None else view.answer.plan.problem
+    flown = problem if view.answer is None or view.answer.found_jump is None else view.answer.plan.problem
     state, time = end_state(problem, end), 0.0 if end == "start" else flown.flight.duration
     path = flight_of(flown).ballistics.positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
@@ -108,8 +108,8 @@ class Stage:
         """Move obstacles that move to where they are at an instant of the motion, s."""
         with self._lock:
             obstacles = self._drawn.problem.obstacles if self._drawn else ()
-            jump = self._drawn.answer.view if self._drawn and self._drawn.answer else None
-            instant -= jump.flown[0] if jump else 0.0  # their clock begins with the flight
+            jump = self._drawn.answer.found_jump if self._drawn and self._drawn.answer else None
+            instant -= jump.takeoff_time if jump else 0.0  # their clock begins with the flight
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
                 scene.move_obstacle(node, self._plane, obstacle, instant)
 
@@ -210,8 +210,8 @@ class Stage:
         """Arrows of the forces on the feet of a jump, in the place of those of the one before."""
         if self._forces:
             self._server.scene.remove_by_name("/forces")
-        view = shown.view
-        self._forces = () if view is None else (scene.ForceNodes(self._server, view, pose_times(view.duration)),)
+        jump = shown.found_jump
+        self._forces = () if jump is None else (scene.ForceNodes(self._server, jump, pose_times(jump.duration)),)
 
     def free_place(self) -> tuple[complex, float]:
         """A place beside the flight for something new, and the robot's size, m."""

@@ -8,8 +8,11 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory
+from floatplan.plans.verdicts import Certificate
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.tables import JOINT_LIMITS, LimitRow
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.jumps import efforts, footing
 from floatplan.view.outlines import robot_size
 from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
@@ -127,8 +130,8 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
     forces, shares of limits and the height of the centre of mass in the place of momentum and inertia.
     """
     plan = sampled.plan
-    joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
-    states, keys = (plan.problem.initial, plan.problem.final), [f"positions.{joint}" for joint in joints]
+    joints, limits = range(len(plan.robot.joints)), plan.whole_problem.joint_limits
+    states, keys = (plan.whole_problem.initial, plan.whole_problem.final), [f"positions.{joint}" for joint in joints]
     if flies_in_space(plan):
         ends = [tuple(state.positions) for state in states]
     else:
@@ -141,24 +144,24 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
     ]
     if flies_in_space(plan):
         drawn = [_attitude(plan), *drawn, *_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
-    elif isinstance(plan, JumpView):
+    elif isinstance(plan, JumpMotion):
         drawn = [*_of_jump(sampled, plan), *drawn]
-    else:
+    elif isinstance(plan, Plan):
         inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
         drawn += [_momentum(plan), Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)])]
-    return [*drawn, _clearance(sampled, other)] if plan.problem.obstacles else drawn
+    return [*drawn, _clearance(sampled, other)] if plan.whole_problem.obstacles else drawn
 
 
-def _of_jump(sampled: SampledPlan, view: JumpView) -> list[Chart]:
+def _of_jump(sampled: SampledPlan, jump: JumpMotion) -> list[Chart]:
     """What stands, forces, what is used of friction and of limits, height."""
-    robot, problem, margin = view.robot, view.problem, view.jump.request.margin
+    robot, problem, margin, held_by = jump.robot, jump.whole_problem, jump.request.margin, efforts(jump)
     stands, forces, friction = (
-        [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(view.colours.items())]
+        [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(footing(jump).colours.items())]
         for key in ("stands", "force_z", "friction")
     )
-    limits, efforts = np.minimum(problem.motor_torque_limits, problem.motor_stall), np.array([*view.efforts.values()])
-    rates = _of_parts(view, [f"velocities.{joint}" for joint in range(len(robot.joints))])
-    by_use = sorted(enumerate(view.efforts), key=lambda each: -largest(sampled.columns[f"held_use.{each[0]}"]))
+    limits, effort_limits = np.minimum(problem.motor_torque_limits, problem.motor_stall), np.array([*held_by.values()])
+    rates = _of_parts(jump, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    by_use = sorted(enumerate(held_by), key=lambda each: -largest(sampled.columns[f"held_use.{each[0]}"]))
     held = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
     cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", INK, np.array(1.0))])
     drawn = [
@@ -166,7 +169,7 @@ def _of_jump(sampled: SampledPlan, view: JumpView) -> list[Chart]:
         Chart("forces", "Vertical forces", "N", [Panel("vertical force", forces)], of_each=False),
         Chart("friction", "Friction used", "%", [cone], factor=100, of_each=False),
         _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits, margin["torque"]),
-        _shares("held_use", "Torque of held joints over effort", held, tuple(view.efforts), efforts),
+        _shares("held_use", "Torque of held joints over effort", held, tuple(held_by), effort_limits),
         _shares("rate_use", "Rate over limit", rates, robot.joints, problem.velocity_limits, margin["velocity"]),
         Chart("com_height", "Height of the centre of mass", "m", [Panel("height", [Curve("CM", "com_height", INK)])]),
     ]
@@ -229,12 +232,17 @@ def largest(values: Array) -> float:
     return float(np.fmax.reduce(np.abs(values)))
 
 
-def is_crowded(plan: Shown) -> bool:
+def certificate_of(motion: Trajectory) -> Certificate | None:
+    """Return what was proved of all of a motion: nothing of a jump, whose flight alone has a certificate."""
+    return motion.certificate if isinstance(motion, Plan) else None
+
+
+def is_crowded(plan: Trajectory) -> bool:
     """Whether a robot has more parts than there are hues that everyone can tell apart."""
     return len(plan.robot.joints) + 1 > len(OKABE_ITO)
 
 
-def _of_parts(plan: Shown, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
+def _of_parts(plan: Trajectory, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
     """Curves of the last of base and joints, with what more they have."""
     first = len(plan.robot.joints) + 1 - len(keys)
     names, colours = ("orientation", *plan.robot.joints), palette(len(plan.robot.joints) + 1)
@@ -244,15 +252,16 @@ def _of_parts(plan: Shown, keys: Sequence[str], **more: Sequence[Any]) -> list[C
     ]
 
 
-def _limited(plan: Shown, row: LimitRow) -> Chart:
+def _limited(plan: Trajectory, row: LimitRow) -> Chart:
     """What a row of the table limits: that of the joints, and of the base where it has one."""
     keys = [f"{row.quantity}.{index}" for index in range(len(plan.robot.joints))]
-    peaks = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
+    certificate = certificate_of(plan)
+    peaks = None if certificate is None else getattr(certificate, f"{row.key}_peak", None)
     proved = np.full(len(keys), np.inf) if peaks is None else peaks
-    joints = _of_parts(plan, keys, limit=plan.problem.joint_limits[row.key].tolist(), proved=proved.tolist())
+    joints = _of_parts(plan, keys, limit=plan.whole_problem.joint_limits[row.key].tolist(), proved=proved.tolist())
     panels = [Panel("joints", joints)]
     if row.base is not None:
-        limit = getattr(plan.problem.limits, row.base)
+        limit = getattr(plan.whole_problem.limits, row.base)
         colour = palette(len(keys) + 1)[0]
         base = Curve("orientation", row.base, colour, 0, np.inf if limit is None else float(limit))
         panels.append(Panel("orientation", [base]))
@@ -264,10 +273,11 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
     plan, motors = sampled.plan, sampled.plan.robot.motors
     leaders: IntArray = np.abs(plan.robot.motor_ratios).argmax(axis=1)
     colours, joints = palette(len(plan.robot.joints) + 1)[1:], len(plan.robot.joints)
+    problem, certificate = plan.whole_problem, certificate_of(plan)
     rates = np.abs(sampled.state.velocities @ plan.robot.motor_ratios.T)
-    available = plan.problem.motor_stall - plan.problem.motor_slope * rates
-    limits = np.minimum(plan.problem.motor_torque_limits, available)
-    proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
+    available = problem.motor_stall - problem.motor_slope * rates
+    limits = np.minimum(problem.motor_torque_limits, available)
+    proved = {} if certificate is None else certificate.motor_torque_peak
     torques = sampled.state.motor_torques
     followed = torques[:, leaders]
     apart = np.minimum(np.abs(torques - followed).max(axis=0), np.abs(torques + followed).max(axis=0))
@@ -301,8 +311,9 @@ def _momentum(plan: Plan) -> Chart:
 def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     """Distances from obstacles; what is far away is cut off, the picture is of the passage."""
     plan = sampled.plan
-    kinds = [obstacle.kind for obstacle in plan.problem.obstacles]
-    findings = () if plan.certificate is None else plan.certificate.findings
+    obstacles, certificate = plan.whole_problem.obstacles, certificate_of(plan)
+    kinds = [obstacle.kind for obstacle in obstacles]
+    findings = () if certificate is None else certificate.findings
     proved = {
         finding.subject: finding.bound
         for finding in findings
@@ -319,7 +330,7 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     ]
     plans = [sampled] if other is None else [sampled, other]
     values = np.array([each.columns[curve.key] for each in plans for curve in curves])
-    margins = np.unique([obstacle.margin for obstacle in plan.problem.obstacles])
+    margins = np.unique([obstacle.margin for obstacle in obstacles])
     fixed = [ReferenceLine("margin", ALARM, margin) for margin in margins]
     farthest = values.max(where=np.isfinite(values), initial=0.0)
     top = min(1.05 * farthest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0

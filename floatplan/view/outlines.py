@@ -14,12 +14,14 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.view.jumps import moments
 from floatplan.view.solids import CAMERA, drawn_solids, face_normals
 from floatplan.view.style import round_below
 
@@ -110,29 +112,29 @@ class Postures:
         return [stadium(complex(start), complex(end), radius) for (start, end), radius in shapes]
 
 
-def postures(plan: Shown, times: Array) -> Postures:
+def postures(plan: Trajectory, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
     if isinstance(plan, Plan) and plan.robot.in_plane is None:
         return seen_robot(plan.problem, times, bodies(plan, times), com_path(plan, times))
-    return placed_robot(plan.problem, times, *coordinates(plan, times))
+    return placed_robot(plan.whole_problem, times, *coordinates(plan, times))
 
 
-def coordinates(plan: Shown, times: Array) -> tuple[Array, Array, ComplexArray]:
+def coordinates(plan: Trajectory, times: Array) -> tuple[Array, Array, ComplexArray]:
     """Return orientation (K,) and positions (K, n) rad, and centre of mass (K,) m, at times (K,), s."""
-    if isinstance(plan, JumpView):
-        state = plan.at(times)
-        return state.orientation, state.positions, np.asarray(state.com_position @ [1, 1j])
-    return plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times)
+    if isinstance(plan, Plan):  # without its torques, which take longer than all the rest
+        return plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times)
+    state = plan.state(times)
+    return state.orientation, state.positions, np.asarray(state.com_position @ [1, 1j])
 
 
-def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
+def posture_at(plan: Trajectory, state: JointState, time: float) -> Postures:
     """Return the robot in a given posture, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
     if isinstance(plan, Plan) and plan.robot.in_plane is None:
         whole: Any = plan.whole
         return seen_robot(plan.problem, times, whole.posture(state, time), com_path(plan, times))
     orientation, com = np.array([state.orientation]), com_path(plan, times)
-    return placed_robot(plan.problem, times, orientation, state.positions[None], com)
+    return placed_robot(plan.whole_problem, times, orientation, state.positions[None], com)
 
 
 def placed_robot(problem: Problem, times: Array, orientation: Array, positions: Array, com: ComplexArray) -> Postures:
@@ -248,22 +250,22 @@ def floor(plan: Plan) -> list[Array]:
     return lines
 
 
-def com_path(plan: Shown, times: Array) -> ComplexArray:
+def com_path(plan: Trajectory, times: Array) -> ComplexArray:
     """Places (K,) of the centre of mass at times (K,), m."""
-    places = plan.at(times).com_position if isinstance(plan, JumpView) else plan.ballistics.positions(times)
+    places = plan.ballistics.positions(times) if isinstance(plan, Plan) else plan.state(times).com_position
     return CAMERA(places) if plan.robot.in_plane is None else np.asarray(places @ [1, 1j])
 
 
-def robot_size(plan: Shown) -> float:
+def robot_size(plan: Trajectory) -> float:
     """Largest extent of the robot during the motion, horizontal or vertical, m."""
     placed = postures(plan, np.linspace(0, plan.duration, 33))
     return float(np.abs(pairs(placed.high - placed.low)).max())
 
 
-def snapshot_times(plan: Shown) -> Array:
+def snapshot_times(plan: Trajectory) -> Array:
     """Instants (K,): of a jump its moments; else evenly spaced in time, so many that neighbours stand apart."""
-    if isinstance(plan, JumpView):
-        return plan.moments()
+    if isinstance(plan, JumpMotion):
+        return moments(plan)
     path = float(np.abs(np.diff(com_path(plan, np.linspace(0, plan.duration, 65)))).sum())
     count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST_SNAPSHOTS, MOST_SNAPSHOTS))
     return np.linspace(0, plan.duration, count)
@@ -397,12 +399,12 @@ OUTLINES: dict[str, Callable[[Any], tuple[complex, complex, float]]] = {
 }
 
 
-def picture_box(plan: Shown, placed: Postures) -> tuple[complex, complex]:
+def picture_box(plan: Trajectory, placed: Postures) -> tuple[complex, complex]:
     """Corners of what a picture must hold, m: postures, goal, and obstacles with bounds wherever they are drawn."""
-    goal = posture_at(plan, plan.problem.final, plan.duration)
+    goal = posture_at(plan, plan.whole_problem.final, plan.duration)
     outlines = [
         outline
-        for obstacle in plan.problem.obstacles
+        for obstacle in plan.whole_problem.obstacles
         if obstacle.bounded
         for time in obstacle_times(obstacle, plan.duration)
         for outline in obstacle_outlines(obstacle, time, obstacle.margin)

@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.problem import Problem
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.tables import JOINT_LIMITS
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.jumps import jump_columns
 
 LEAST_MOMENTUM = 1e-12  # [-] of what the base has: below it h counts as none
 
@@ -22,27 +24,28 @@ LEAST_MOMENTUM = 1e-12  # [-] of what the base has: below it h counts as none
 class SampledPlan:
     """A plan or jump, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
 
-    Those of joint, motor or obstacle i end in ``.i``. A jump has those of :meth:`JumpView.columns` too.
+    Those of joint, motor or obstacle i end in ``.i``. A jump has those of
+    :func:`floatplan.view.jumps.jump_columns` too.
     """
 
-    plan: Shown
+    plan: Trajectory
     state: FlightState
     columns: dict[str, Array]
 
     @classmethod
-    def of(cls, plan: Shown, times: Array, beside: Shown | None = None) -> SampledPlan:
+    def of(cls, plan: Trajectory, times: Array, beside: Trajectory | None = None) -> SampledPlan:
         """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
-        state, beside = plan.at(times), beside or plan
+        state, beside = plan.state(times), beside or plan
         columns = _columns_in_space(plan, state) if flies_in_space(plan) else _columns_in_plane(plan, state)
         for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
             columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
         torques = dict(zip(plan.robot.motors, state.motor_torques.T, strict=True))
         motors = enumerate(beside.robot.motors)
         columns |= {f"motor_torques.{index}": torques[name] for index, name in motors if name in torques}
-        for index, obstacle in enumerate(beside.problem.obstacles):
+        for index, obstacle in enumerate(beside.whole_problem.obstacles):
             columns[f"clearance.{index}"] = plan.clearances(times, [obstacle])
-        if isinstance(plan, JumpView):
-            columns |= plan.columns(times)
+        if isinstance(plan, JumpMotion):
+            columns |= jump_columns(plan, state)
         return cls(plan, state, columns)
 
     @property
@@ -51,7 +54,7 @@ class SampledPlan:
         return self.state.times
 
 
-def _columns_in_plane(plan: Shown, state: FlightState) -> dict[str, Array]:
+def _columns_in_plane(plan: Trajectory, state: FlightState) -> dict[str, Array]:
     inertia = plan.dynamics.momentum_map(state.positions)
     of_base = inertia[:, 0] * state.orientation_rate
     columns = {
@@ -66,7 +69,7 @@ def _columns_in_plane(plan: Shown, state: FlightState) -> dict[str, Array]:
     return columns | {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
 
 
-def flies_in_space(plan: Shown) -> TypeGuard[Plan]:
+def flies_in_space(plan: Trajectory) -> TypeGuard[Plan]:
     """Whether a robot flies in space."""
     return isinstance(plan, Plan) and plan.robot.in_plane is None
 

@@ -15,10 +15,10 @@ import pytest
 
 import floatplan as fp
 from floatplan.certificate.certificate import certify
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import SearchedPlan, planned
-from floatplan.planning.search import SearchOptions
-from floatplan.planning.starts import Start
+from floatplan.planning.search import Search
+from floatplan.planning.variables import Start
 from floatplan.tables import BOUNDARY, CLEARANCE, ORIENTATION, RELATIVE
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -66,7 +66,7 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
     name, moved = MOVED[what]
     found = answer(name)
     problem = moved(found.plan, lacking)
-    prepared = Attempts(problem, 0)
+    prepared = Search(problem)
     judged = prepared.judge(Start(found.best.variables, found.best.x), found.best.status)
     certificate = certify(replace(found.plan, problem=problem))
     assert judged.holds == (lacking < 1)
@@ -77,9 +77,9 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
 def test_a_plan_that_is_kept_but_not_as_well_inside_as_the_search_aims_is_feasible() -> None:
     found = answer("obstacle")
     problem = obstacle(found.plan, 0.5)
-    prepared = Attempts(problem, 0)
+    prepared = Search(problem)
     start = Start(found.best.variables, found.best.x, at_once=True)
-    judged = prepared.attempt(start, lambda: True)
+    judged = prepared.follow(start, lambda: True)
     assert judged.holds
     assert judged.status == "feasible"
 

@@ -159,7 +159,7 @@ class TestTrajectory:
 
     @pytest.mark.parametrize(("rate", "rows"), [(100.0, 111), (7.0, 9), (0.5, 2)])
     def test_the_end_is_always_a_row(self, rate: float, rows: int, floatplan: Command) -> None:
-        from floatplan.export.table import sample_times
+        from floatplan.plans.trajectory import sample_times
 
         times = sample_times(1.1, rate)
         assert (times[0], times[-1], len(times)) == (0.0, 1.1, rows)

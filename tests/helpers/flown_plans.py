@@ -9,8 +9,9 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import flight_of
-from floatplan.planning.transcription.variables import boundary, sine_polynomials
+from floatplan.planning.variables import decision_variables
 
 
 def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Plan:
@@ -20,8 +21,8 @@ def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Pl
     problem = replace(problem, **still)
     momentum = flight_of(problem).momentum_set.centre
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    conditions = boundary(problem, branches, flight_of(problem).momentum_set)
-    polynomials = sine_polynomials(conditions, problem.degrees, momentum)
+    given = MomentumSet(momentum, np.empty((len(momentum), 0)))
+    polynomials = decision_variables(problem, problem.degrees, branches, given).polynomials
     z = size * np.random.default_rng(seed).standard_normal(polynomials.no_free_part.shape)
     z.ravel()[np.setdiff1d(np.arange(z.size), polynomials.free_indices)] = 0.0
     answer: dict[str, Any] = {"status": "feasible", "ok": True, "explanation": "", "solver": {}}

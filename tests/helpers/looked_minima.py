@@ -2,39 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from sampled_flight import Sampling, nodes_of, sample_also, trajectory, values_of
 
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.planning.transcription.constraints import Constraint, applies
-from floatplan.planning.transcription.minima import NEAR, Worst, where_to_look
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.constraints import NEAR, Constraint, RowTable, applies
+from floatplan.planning.result import Worst
+from floatplan.planning.variables import DecisionVariables
 
 
 def local_minima(
-    model: FlightModel, variables: DecisionVariables, constraints: tuple[Constraint, ...], level: int, x: np.ndarray
+    flight: Any, variables: DecisionVariables, constraints: tuple[Constraint, ...], level: int, x: np.ndarray
 ) -> Worst:
     """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
 
     ``level`` is that of a grid that resolves the motion.
     """
     nodes = nodes_of(level, variables.polynomials.form)
-    block, row, look = where_to_look(constraints)
+    table = RowTable.of(constraints)
 
     def values(sampling: Sampling) -> np.ndarray:
-        motion = trajectory(model, variables, sampling, x)
+        motion = trajectory(flight, variables, sampling, x)
         s = sampling.grid.s[nodes.grid.nodes :]
         rows = [(values_of(block, motion)[nodes.grid.nodes :], applies(block, s)) for block in constraints]
         return np.concatenate([np.where(exists[:, None], row, np.inf) for row, exists in rows], axis=1)
 
-    first = values(sample_also(nodes, look.grid))
+    first = values(sample_also(nodes, table.grid))
     at, column = lowest_of_neighbours(first)
     near = (first - _rise(first))[at, column] < NEAR
     at, column = at[near], column[near]
-    begin = look.grid[at], first[at, column], look.span
+    begin = table.grid[at], first[at, column], table.span
     s, least = narrowed(lambda s: values(sample_also(nodes, s)), column, *begin, last=1.0)
-    return Worst(block[column], row[column], s, least)
+    return Worst(table.block[column], table.row[column], s, least)
 
 
 def _rise(value: np.ndarray) -> np.ndarray:

@@ -11,15 +11,15 @@ from sampled_flight import PlanarBaseMotion
 
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
-from floatplan.compiled.constraints import DistanceRows
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
-from floatplan.inflight.update import RemainingMotion
+from floatplan.inflight.remaining_motion import RemainingMotion
 from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.sine_polynomial import joint_motion
+from floatplan.planning.kernel_rows import DistanceRows
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
 

@@ -12,7 +12,7 @@ import pytest
 from flown_plans import Drifting, forward_plan
 
 import floatplan as fp
-from floatplan.inflight.estimate import Measurement, Recovery
+from floatplan.inflight.measurement import Measurement, Recovery
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -43,10 +43,17 @@ def spoilt(good: Any, rng: np.random.Generator) -> Any:
     return good
 
 
+def noisy(state: tuple[Any, ...], rng: np.random.Generator, angles: float = 0.002) -> tuple[Any, ...]:
+    """A measurement with noise of its angles, rad, and ten times that, in 1/s, of its rates."""
+    t, angle, rate, positions, velocities = state
+    of_angles, of_rates = angles * rng.standard_normal(3), 10 * angles * rng.standard_normal(3)
+    return t, angle + of_angles[0], rate + of_rates[0], positions + of_angles[1:], velocities + of_rates[1:]
+
+
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
-@pytest.mark.parametrize("seed", range(3))
-def test_hostile_calls(plan: fp.Plan, replanner: fp.Replanner, seed: int) -> None:
-    rng = np.random.default_rng(seed)
+def test_hostile_calls(plan: fp.Plan, replanner: fp.Replanner) -> None:
+    """All through a flight; from single instants of every family below."""
+    rng = np.random.default_rng(0)
     robot = Drifting(plan, 1.05 * plan.angular_momentum)
     path = plan.ballistics
     taken = 0
@@ -87,11 +94,7 @@ def test_a_kick_is_made_up_for(plan: fp.Plan, replanner: fp.Replanner, when: flo
     for following in (plan.duration * np.arange(1, 221) / 220).tolist():
         if robot.time >= when and not kicked:
             robot.momentum, kicked = robot.momentum * (1 + kick), True
-        t, angle, rate, positions, velocities = robot.state(replanner)
-        noise = 0.002 * rng.standard_normal(3), 0.02 * rng.standard_normal(3)
-        replanner.update(
-            t, angle + noise[0][0], rate + noise[1][0], positions + noise[0][1:], velocities + noise[1][1:]
-        )
+        replanner.update(*noisy(robot.state(replanner), rng))
         robot.fly(replanner, following, 3)
     assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.2)
 
@@ -144,16 +147,9 @@ def test_an_orientation_far_from_what_the_filter_knows_is_an_outlier(
     """One of ten: each is refused, and no other; the flight lands as without them."""
     robot, rng = Drifting(plan, 1.1 * plan.angular_momentum), np.random.default_rng(2)
     for number, following in enumerate((plan.duration * np.arange(1, 201) / 200).tolist()):
-        t, angle, rate, positions, velocities = robot.state(replanner)
-        noise = 0.002 * rng.standard_normal(3), 0.02 * rng.standard_normal(3)
+        t, angle, *others = noisy(robot.state(replanner), rng)
         outlier = number % 10 == 4
-        correction = replanner.update(
-            t,
-            angle + noise[0][0] + outlier * size,
-            rate + noise[1][0],
-            positions + noise[0][1:],
-            velocities + noise[1][1:],
-        )
+        correction = replanner.update(t, angle + outlier * size, *others)
         assert (correction.status == "invalid") == outlier
         robot.fly(replanner, following, 3)
     assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.3)
@@ -166,20 +162,12 @@ def test_honest_measurements_are_not_refused(
 ) -> None:
     """Noise, another momentum, late measurements: at most one in two hundred is invalid."""
     robot, rng = Drifting(plan, (1 + error) * plan.angular_momentum), np.random.default_rng(7)
-    statuses, size = [], math.radians(degrees) * np.array([[1.0], [10.0]])
+    statuses = []
     waiting: tuple[Any, ...] = ()
     for following in (plan.duration * np.arange(1, 221) / 220).tolist():
         if waiting:
             statuses.append(replanner.update(*waiting, now=robot.time).status)
-        t, angle, rate, positions, velocities = robot.state(replanner)
-        noise = size * rng.standard_normal((2, 3))
-        waiting = (
-            t,
-            angle + noise[0, 0],
-            rate + noise[1, 0],
-            positions + noise[0, 1:],
-            velocities + noise[1, 1:],
-        )
+        waiting = noisy(robot.state(replanner), rng, math.radians(degrees))
         robot.fly(replanner, following, 5)
     assert statuses.count("invalid") <= len(statuses) / 200
 
@@ -216,11 +204,7 @@ def test_noise_does_not_make_the_masses_drift(plan: fp.Plan, replanner: fp.Repla
     robot = Drifting(plan, plan.angular_momentum)
     rng = np.random.default_rng(1)
     for following in (plan.duration * np.arange(1, 221) / 220).tolist():
-        t, angle, rate, positions, velocities = robot.state(replanner)
-        noise = 0.002 * rng.standard_normal(3), 0.02 * rng.standard_normal(3)
-        correction = replanner.update(
-            t, angle + noise[0][0], rate + noise[1][0], positions + noise[0][1:], velocities + noise[1][1:]
-        )
+        correction = replanner.update(*noisy(robot.state(replanner), rng))
         robot.fly(replanner, following, 1)
     assert correction.angular_momentum == pytest.approx(plan.angular_momentum, rel=0.02)
 

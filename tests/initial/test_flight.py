@@ -23,8 +23,8 @@ from floatplan.initial.barely import as_clear_as_it_lands, barely_kept, feet_ris
 from floatplan.initial.flight import FirstFlight, first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning
 from floatplan.stance import planner
 from floatplan.stance.check import touchdown_height

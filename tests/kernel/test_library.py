@@ -15,14 +15,14 @@ from elsewhere import told
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.compiled.bodies import Bodies
-from floatplan.compiled.numbers import Numbers
 from floatplan.kernel import build, library
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import basis
-from floatplan.planning.together import follow_unconstrained
+from floatplan.planning.batch import follow_unconstrained
+from floatplan.planning.bodies import Bodies
+from floatplan.planning.numbers import Numbers
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -64,9 +64,9 @@ def test_coefficients_are_rounded_as_exact_arithmetic_does(kernel, degree):
         for r in own:  # as the kernel sums
             beyond = 0.0
             for c in own:
-                beyond += float(batch.scaling[0, r, c]) * x[c]
-            z.append(float(batch.offset[0, r]) + beyond)
-        combination = [*batch.rows.boundary[0, joint].tolist(), *z]
+                beyond += float(batch.motions.scaling[0, r, c]) * x[c]
+            z.append(float(batch.motions.offset[0, r]) + beyond)
+        combination = [*batch.motions.boundary[0, joint].tolist(), *z]
         assert powers_of_seconds(combination, problem.flight.duration) == b.tolist()
 
 
@@ -76,7 +76,7 @@ def test_the_orientation_is_that_of_the_closed_form(kernel):
         batch = followed(problem)
         if not batch.solved.size:
             continue
-        result, rows = batch.result(0, problem, 0), batch.rows
+        result, rows = batch.result(0, problem), batch.motions
         quadrature = gauss_legendre(200)
         motion, z = result.variables.polynomials, result.variables.free_coefficients(result.x)
         joints = motion.motion(z, basis(motion.form).values(quadrature.nodes))

@@ -19,9 +19,10 @@ from sampled_flight import Partials, jacobian_of, nodes_of, sample_also, traject
 import floatplan as fp
 from floatplan.kernel import library
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription.constraints import Limit, applies
-from floatplan.planning.transcription.work import FlightModel
+from floatplan.planning.constraints import Limit, applies
+from floatplan.planning.kernel_problem import KernelProblem
+from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.variables import Start
 from floatplan.robot.planar.model import BASE_COORDINATES
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
@@ -59,7 +60,7 @@ AIMS = ("coefficients", "torque", "acceleration")
 
 def program_and_point(problem, seed, size=0.3):
     program = KernelProgram(problem, LEVEL, EXTRA, back_off=EXCHANGE.back_off)
-    start = Attempts(problem, 0).plain_start
+    start = plain_start(FlightSpec(problem), problem.degrees)
     return program, start.x + size * np.random.default_rng(seed).normal(size=start.variables.size)
 
 
@@ -76,22 +77,22 @@ def test_values_and_derivatives_are_those_in_numpy(kernel, problem, aim, instruc
     problem = replace(problem, motion=replace(problem.motion, objective=aim))
     program, x = program_and_point(problem, 0)
     monkeypatch.setattr(kernel, "instructions", instructions)
-    here, ready = program.whole(x), Attempts(problem, 0)
-    model, variables = FlightModel(general_flight(problem)), program.of
+    here, kept = program.whole(x), FlightSpec(problem)
+    flight, variables = general_flight(problem), program.of
     nodes = nodes_of(LEVEL, variables.polynomials.form)
-    motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
-    values = np.concatenate([values_of(block, motion) for block in ready.constraints], axis=1).T - EXCHANGE.back_off
+    motion = trajectory(flight, variables, sample_also(nodes, np.array(EXTRA)), x)
+    values = np.concatenate([values_of(block, motion) for block in kept.constraints], axis=1).T - EXCHANGE.back_off
     known = np.isfinite(here["values"])
-    when = np.array([applies(block, motion.sampling.grid.s) for block in ready.constraints for _ in block.labels])
+    when = np.array([applies(block, motion.sampling.grid.s) for block in kept.constraints for _ in block.labels])
     assert (known <= when).all()
     assert (known == when)[:, motion.sampling.grid.s % 1 > 0].all()
     close(here["values"][known], values[known])
     close(here["equality"][0], motion.residual[0])
     if variables.following:
         return
-    goal = objective(problem, ready.model, variables, nodes_of(EXCHANGE.constrained_level, variables.polynomials.form))
+    goal = objective(problem, flight, variables, nodes_of(EXCHANGE.constrained_level, variables.polynomials.form))
     assert here["objective"] == pytest.approx(goal.value(motion, x), rel=1e-12)
-    slopes = np.concatenate([jacobian_of(block, motion) for block in ready.constraints], axis=1).swapaxes(0, 1)
+    slopes = np.concatenate([jacobian_of(block, motion) for block in kept.constraints], axis=1).swapaxes(0, 1)
     assert np.abs(slopes).max() > 0
     close(here["slopes"][known], slopes[known])
     close(here["row"][0], motion.residual_jacobian[0])
@@ -136,11 +137,11 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
     robot = problem.robot
     program, x = program_and_point(problem, seed)
     here, variables = program.whole(x), program.of
-    (block,) = Attempts(problem, 0).constraints
+    (block,) = FlightSpec(problem).constraints
     assert isinstance(block, Limit)
-    model = FlightModel(general_flight(problem))
+    flight = general_flight(problem)
     nodes = nodes_of(LEVEL, variables.polynomials.form)
-    motion = trajectory(model, variables, sample_also(nodes, np.array(EXTRA)), x)
+    motion = trajectory(flight, variables, sample_also(nodes, np.array(EXTRA)), x)
     joints, each = motion.motion, motion.each_joint
     q_x, v_x, a_x = (
         motion.jacobian(Partials(**{f"by_{kind}": each})) for kind in ("position", "velocity", "acceleration")
@@ -207,14 +208,14 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
         pytest.skip("the processor has no such instructions")
     monkeypatch.setattr(kernel, "instructions", instructions)
     _, x = program_and_point(problem, seed)
-    ready = Attempts(problem, 0)
-    variables = ready.plain_start.variables
-    starts = ready.compiled.starts(variables, x, True)
-    starts.follow(range(1), np.inf, 0, expired=True)
-    ended = starts.result(problem, ready.model)
+    kept = FlightSpec(problem)
+    variables = plain_start(kept, problem.degrees).variables
+    started = KernelProblem.of(kept, Start(variables, x, at_once=True))
+    started.follow(range(1), np.inf, 0, expired=True)
+    ended = started.result(kept)
     here = ended.worst
-    model = FlightModel(general_flight(problem))
-    there = local_minima(model, variables, ready.constraints, ended.level, ended.x)
+    flight = general_flight(problem)
+    there = local_minima(flight, variables, kept.constraints, ended.level, ended.x)
     order, other = (np.lexsort((each.s, each.row, each.block)) for each in (here, there))
     assert here.block[order].tolist() == there.block[other].tolist()
     assert here.row[order].tolist() == there.row[other].tolist()

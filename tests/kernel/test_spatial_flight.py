@@ -18,8 +18,8 @@ from floatplan.motion.sine_polynomial import basis
 from floatplan.motion.spatial.attitude import LEVELS, cells
 from floatplan.motion.spatial.flight import spatial_flight
 from floatplan.motion.spatial.rotations import exponential, logarithm
-from floatplan.planning.attempt import Attempts
 from floatplan.planning.lifting import LiftedFlight, close, starts
+from floatplan.planning.search import Search
 
 LEVEL = 2  # of grids
 EXTRA = (0.0, 0.123, 0.5, 0.77, 1.0)
@@ -92,8 +92,8 @@ def test_torques_and_rates_are_pinocchio_s(root):
     """RNEA of the free flyer whose base moves so that no force acts on it, at the attitude that the kernel says."""
     problem = diver(root, limits=LIMITS)
     program, x = program_and_point(problem, 2)
-    values, ready = program.whole(x)["values"], Attempts(problem, 0)
-    lifted = LiftedFlight(ready.model, spatial_flight(problem), program.of)
+    values, ready = program.whole(x)["values"], Search(problem)
+    lifted = LiftedFlight(ready.spec, program.of)
     turning = lifted.flown(cells(16, 8), x)
     variables, model = program.of, problem.robot.model
     data = model.createData()
@@ -101,8 +101,8 @@ def test_torques_and_rates_are_pinocchio_s(root):
     s = np.concatenate((cells(*LEVELS[LEVEL]).s, EXTRA))
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), basis(form).values(s))
     attitudes, selection = turning.at(s), problem.robot.selection
-    rows = np.cumsum([0, *(len(block.labels) for block in ready.constraints)])
-    alone = {number: block for number, block in enumerate(ready.constraints) if len(block.weights) == 1}
+    rows = np.cumsum([0, *(len(block.labels) for block in ready.spec.constraints)])
+    alone = {number: block for number, block in enumerate(ready.spec.constraints) if len(block.weights) == 1}
     of = {next(iter(block.weights)): number for number, block in alone.items()}
     assert set(of) == {"motor_torques", "velocities", "accelerations", "orientation_rate"}
     checked = 0
@@ -124,7 +124,7 @@ def test_torques_and_rates_are_pinocchio_s(root):
         expected = {"motor_torques": torques, "orientation_rate": [np.linalg.norm(v[3:6])]}
         for name, own in expected.items():
             number = of[name]
-            weights = ready.constraints[number].weights[name]
+            weights = ready.spec.constraints[number].weights[name]
             here = values[rows[number] : rows[number + 1], k]
             if np.isfinite(here).all():
                 assert here == pytest.approx(1 - weights @ own, abs=1e-8 * (1 + np.abs(weights @ own).max()))
@@ -136,14 +136,14 @@ def test_torques_and_rates_are_pinocchio_s(root):
 def test_minima_between_the_stages_are_those_of_a_fine_look(root, momentum):
     problem = diver(root, MOMENTA[momentum], limits=TIGHT)
     _, x = program_and_point(problem, 4)
-    ready = Attempts(problem, 0)
+    ready = Search(problem)
     variables = ready.plain_start.variables
     ended = ready.judge(replace(ready.plain_start, x=x), "infeasible")
     worst = ended.worst
     assert worst.least < 0
     fine = np.linspace(0.002, 0.998, 180)
     look = KernelProgram(problem, ended.level, tuple(fine), variables).whole(x)["values"][:, -len(fine) :]
-    rows = np.cumsum([0, *(len(block.labels) for block in ready.constraints)])
+    rows = np.cumsum([0, *(len(block.labels) for block in ready.spec.constraints)])
     row = rows[worst.block] + worst.row
     for number in np.flatnonzero(look.min(axis=1) < 0):
         found = worst.value[row == number]
@@ -156,8 +156,8 @@ def test_what_cannot_be_integrated_is_no_number_and_no_crash(root):
     problem = diver(root, (1e6, 0.0, 0.0))
     program, x = program_and_point(problem, 0)
     assert not np.isfinite(program.whole(x)["equality"]).any()
-    ready = Attempts(problem, 0)
-    result = ready.attempt(replace(ready.plain_start, x=x))
+    ready = Search(problem)
+    result = ready.follow(replace(ready.plain_start, x=x))
     assert result.violation == np.inf
     assert not result.holds
 
@@ -165,13 +165,13 @@ def test_what_cannot_be_integrated_is_no_number_and_no_crash(root):
 def test_other_turns_than_those_asked_for_are_not_the_goal(root):
     """The same attitude at landing, after another number of turns, is missed."""
     problem = diver(root, limits={})
-    ready = Attempts(problem, 0)
-    lifted = LiftedFlight(ready.model, spatial_flight(problem), ready.plain_start.variables)
+    ready = Search(problem)
+    lifted = LiftedFlight(ready.spec, ready.plain_start.variables)
     closed = next(each for each in map(close, starts(lifted, 0)) if each.is_closed() and each.makes_right_turns)
     start = replace(ready.plain_start, x=closed.x)
     assert ready.judge(start, "feasible").violation < 1e-4
     once_less = fp.Attitude(angles=(math.pi, 0, math.pi), axes="yxz")
-    other = Attempts(replace(problem, goal=replace(problem.goal, orientation=once_less)), 0)
+    other = Search(replace(problem, goal=replace(problem.goal, orientation=once_less)))
     judged = other.judge(replace(start, variables=ready.plain_start.variables), "feasible")
     assert judged.violation == np.inf
     assert np.linalg.norm(judged.missed) < 1e-4
@@ -186,9 +186,9 @@ def test_lifted_motions_are_those_of_one_cell_after_the_other(root, kernel, mome
         pytest.skip("the processor has no such instructions")
     monkeypatch.setattr(kernel, "instructions", instructions)
     problem = diver(root, momentum)
-    ready, rule = Attempts(problem, 0), cells(*grid)
+    ready, rule = Search(problem), cells(*grid)
     flight, variables = spatial_flight(problem), ready.plain_start.variables
-    lifted, rng = LiftedFlight(ready.model, flight, variables), np.random.default_rng(7)
+    lifted, rng = LiftedFlight(ready.spec, variables), np.random.default_rng(7)
     x = variables.plain_motion + 0.2 * rng.normal(size=variables.size)
     flown = lifted.flown(rule, x)
     borders = exponential(0.1 * rng.normal(size=(rule.count, 3))) @ flown.borders
@@ -229,9 +229,9 @@ def test_cells_that_are_not_integrated_together_are_one_by_one(root, kernel, gri
         pytest.skip("the processor has no such instructions")
     monkeypatch.setattr(kernel, "instructions", instructions)
     problem = diver(root, FAST)
-    ready, rule = Attempts(problem, 0), cells(*grid)
+    ready, rule = Search(problem), cells(*grid)
     variables, rng = ready.plain_start.variables, np.random.default_rng(7)
-    lifted = LiftedFlight(ready.model, spatial_flight(problem), variables)
+    lifted = LiftedFlight(ready.spec, variables)
     x = variables.plain_motion + 0.2 * rng.normal(size=variables.size)
     flown = lifted.flown(rule, x)
     motion = lifted.fly(rule, x, flown.borders)

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.compiled import attempts
 from floatplan.inflight import prediction
 from floatplan.kernel import build, library
 from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, dtype, enumeration, layout
 from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
-from floatplan.planning import together
+from floatplan.planning import batch, kernel_rows
 
 
 def all_names(kind: str) -> list[str]:
@@ -68,13 +67,13 @@ def test_kept_declarations_are_those_of_the_header(tmp_path):
     module: dict[str, object] = {}
     exec((tmp_path / build.DECLARATIONS).read_text(), module)
     assert module["HEADER"] == build.header_digest()
-    assert module["ffi"].sizeof("Attempt") == FFI.sizeof("Attempt")
+    assert module["ffi"].sizeof("SearchProblem") == FFI.sizeof("SearchProblem")
     code = (
         "from floatplan.kernel import build; build.DECLARATIONS = 'none.py'\n"
-        "from floatplan.kernel.structs import FFI; print(FFI.sizeof('Attempt'))"
+        "from floatplan.kernel.structs import FFI; print(FFI.sizeof('SearchProblem'))"
     )
     read = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert int(read.stdout) == FFI.sizeof("Attempt")
+    assert int(read.stdout) == FFI.sizeof("SearchProblem")
 
 
 @pytest.mark.parametrize(
@@ -181,12 +180,12 @@ def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypa
     with pytest.raises(ValueError, match="must be a multiple of 8"):
         Struct("Nodes", nodes=41, **node_arrays())
     problem = fp.load_problem(root / "problems" / "handstand.toml")
-    monkeypatch.setattr(attempts, "NODE_COUNTS", (16, 24, 36, 48))
-    attempts.nodes_of_levels.cache_clear()
-    together._alike.cache_clear()
+    monkeypatch.setattr(kernel_rows, "NODE_COUNTS", (16, 24, 36, 48))
+    kernel_rows.nodes_of_levels.cache_clear()
+    batch._template.cache_clear()
     with pytest.raises(ValueError, match=r"Nodes\.nodes is 36: it must be a multiple of 8"):
         fp.plan(problem)
-    attempts.nodes_of_levels.cache_clear()
+    kernel_rows.nodes_of_levels.cache_clear()
 
 
 def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):

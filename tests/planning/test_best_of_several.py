@@ -15,11 +15,11 @@ from reduced_program import Derivatives, Evaluation, dual_step
 from starts_problems import starts_problems
 
 import floatplan as fp
-from floatplan.planning import repair, search
+from floatplan.planning import options, repair, search
+from floatplan.planning.options import DEFAULT_WORK, SearchOptions
 from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.repair import alternatives
-from floatplan.planning.search import DEFAULT_WORK, SearchOptions
-from floatplan.planning.transcription.result import best
+from floatplan.planning.result import best
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
@@ -76,7 +76,7 @@ class TestWork:
 
     @pytest.fixture
     def short(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(search, "DEFAULT_WORK", DEFAULT_WORK / 300)
+        monkeypatch.setattr(options, "DEFAULT_WORK", DEFAULT_WORK / 300)
 
     @pytest.fixture
     def hopeless(self) -> fp.Problem:

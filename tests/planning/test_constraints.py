@@ -26,8 +26,8 @@ from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form
-from floatplan.planning.transcription import constraints as constraints_module
-from floatplan.planning.transcription.constraints import (
+from floatplan.planning import constraints as constraints_module
+from floatplan.planning.constraints import (
     QUANTITIES,
     Clearance,
     Constraint,
@@ -36,10 +36,8 @@ from floatplan.planning.transcription.constraints import (
     constraints,
     link_clearance,
     obstacle_clearance,
-    window_ends,
 )
-from floatplan.planning.transcription.variables import decision_variables
-from floatplan.planning.transcription.work import FlightModel, flight_model
+from floatplan.planning.variables import decision_variables
 from floatplan.problem.problem import Shares
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
@@ -108,7 +106,7 @@ def flight(problem):
     polynomials = variables.polynomials
     assert variables.momentum.free == 1
     sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.form), INSTANTS)
-    return FlightModel(general_flight(problem)), variables, sampling
+    return general_flight(problem), variables, sampling
 
 
 @pytest.fixture(scope="module", params=range(3))
@@ -227,7 +225,7 @@ class TestRatesThatFollow:
         assert both(there) == pytest.approx(both(-there), rel=1e-9)
 
     def test_given_states_stand_and_the_frames_rest(self, following, there):
-        model, variables = flight_model(following.problem), following.variables
+        model, variables = flight_of(following.problem), following.variables
         ends = sample_also(nodes_of(-2, variables.polynomials.form), np.array([0.0, 1.0]))
         motion = trajectory(model, variables, ends, there).motion
         rates = variables.following.rates(variables.angular_momentum(there))
@@ -271,12 +269,12 @@ class TestConstraints:
         assert applies(CONSTRAINTS["bar"], s).tolist() == [False, True, True, True, False]
         for name in CONSTRAINTS.keys() - {"bar"}:
             assert applies(CONSTRAINTS[name], s).all()
-        assert window_ends(CONSTRAINTS.values()) == (0.2, 0.8)
+        assert constraints_module.RowTable.of(tuple(CONSTRAINTS.values())).window_ends == (0.2, 0.8)
 
     @pytest.mark.parametrize("window", [(-1.0, 0.45), (0.45, 7.0), (-1.0, 7.0), (0.0, 5e-324), (0.3, 0.3000001)])
     def test_windows_are_fractions_of_the_flight(self, problem, window):
         obstacle = replace(BAR, window=window)
-        (block,) = constraints(replace(problem, obstacles=(obstacle,)), flight_model(problem))
+        (block,) = constraints(replace(problem, obstacles=(obstacle,)), flight_of(problem))
         expected = np.clip(np.array(window) / problem.flight.duration, 0.0, 1.0)
         assert block.window == tuple(expected)
         assert applies(block, expected).all()
@@ -305,11 +303,11 @@ class TestConstraints:
             obstacles=(CIRCLE, GROUND),
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
-        made = constraints(asked, flight_model(asked))
+        made = constraints(asked, flight_of(asked))
         kinds = [Clearance] * 3 + [Limit] * 4
         assert [type(block) for block in made] == kinds
         assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
-        assert constraints(problem, flight_model(problem)) == ()
+        assert constraints(problem, flight_of(problem)) == ()
         named = {label for block in made for label in block.labels}
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named
 
@@ -357,7 +355,7 @@ class TestObjectives:
     @pytest.mark.parametrize("name", ["coefficients", "torque", "acceleration"])
     def test_of_a_problem_is_of_size_one(self, problem, name):
         asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
-        model = flight_model(asked)
+        model = flight_of(asked)
         branches = np.zeros((2, 3), dtype=np.int64)
         variables = decision_variables(asked, (7,) * 3, branches, flight_of(asked).momentum_set)
         sampling = sample_nodes(gauss_grid(32), Form(2))

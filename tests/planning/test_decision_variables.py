@@ -11,7 +11,7 @@ from sampled_flight import gradient
 import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
+from floatplan.planning.variables import DecisionVariables, decision_variables
 
 
 def variables_of(problem: fp.Problem, degree: int | tuple[int, ...] = 7) -> DecisionVariables:

@@ -13,14 +13,14 @@ import floatplan as fp
 from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.search import Search
 
 DENSE = 1024
 ERROR = 1e-9  # rad, that quadrature may leave of theta0(T)
 
 
-def attempts(problem: fp.Problem) -> Attempts:
-    return Attempts(problem, 0)
+def attempts(problem: fp.Problem) -> Search:
+    return Search(problem)
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +46,11 @@ class TestLocalMinima:
         start = ready.plain_start
         found = ready.judge(start, "feasible").worst
         form = start.variables.polynomials.form
-        dense = trajectory(ready.model, start.variables, sample_nodes(gauss_grid(DENSE), form), start.x)
-        assert found.least <= min(values_of(block, dense).min() for block in ready.constraints) < 0
+        dense = trajectory(ready.spec.flight, start.variables, sample_nodes(gauss_grid(DENSE), form), start.x)
+        assert found.least <= min(values_of(block, dense).min() for block in ready.spec.constraints) < 0
         there = sample_also(sample_nodes(gauss_grid(96), form), found.s)
-        motion = trajectory(ready.model, start.variables, there, start.x)
-        true = [values_of(ready.constraints[block], motion)[96:] for block in found.block]
+        motion = trajectory(ready.spec.flight, start.variables, there, start.x)
+        true = [values_of(ready.spec.constraints[block], motion)[96:] for block in found.block]
         values = [rows[index, row] for index, (rows, row) in enumerate(zip(true, found.row, strict=True))]
         assert values == pytest.approx(found.value.tolist(), abs=1e-9)
 
@@ -58,17 +58,17 @@ class TestLocalMinima:
 class TestSolve:
     def test_constraints_hold_between_the_nodes(self, obstructed):
         ready = attempts(obstructed)
-        result = ready.attempt(ready.plain_start)
+        result = ready.follow(ready.plain_start)
         assert result.status == "optimal"
         dense = sample_nodes(gauss_grid(DENSE), result.variables.polynomials.form)
-        motion = trajectory(ready.model, result.variables, dense, result.x)
-        for block in ready.constraints:
+        motion = trajectory(ready.spec.flight, result.variables, dense, result.x)
+        for block in ready.spec.constraints:
             assert values_of(block, motion).min() >= -block.tolerance
         assert motion.residual.item() == pytest.approx(0.0, abs=1e-6)
 
     def test_stopped_at_once_it_takes_what_it_has(self, obstructed):
         ready = attempts(obstructed)
-        result = ready.attempt(ready.plain_start, lambda: True)
+        result = ready.follow(ready.plain_start, lambda: True)
         assert result.status != "optimal"
         assert result.iterations == 0
         assert np.isfinite(result.x).all()
@@ -80,7 +80,7 @@ def test_the_nodes_that_a_motion_is_judged_on_integrate_the_orientation(planned,
     start = ready.plain_start
     judged = ready.judge(start, "feasible")
     form = start.variables.polynomials.form
-    finest = trajectory(ready.model, start.variables, sample_nodes(gauss_grid(NODE_COUNTS[-1]), form), start.x)
+    finest = trajectory(ready.spec.flight, start.variables, sample_nodes(gauss_grid(NODE_COUNTS[-1]), form), start.x)
     assert judged.level < len(NODE_COUNTS) - 1
     assert judged.missed.item() == pytest.approx(finest.residual.item(), abs=ERROR)
 

@@ -20,10 +20,9 @@ from floatplan.motion.flight import flight_of
 from floatplan.motion.spatial.rotations import logarithm
 from floatplan.planning.in_space import degrees_tried
 from floatplan.planning.lifting import LiftedFlight, close, starts
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
-from floatplan.planning.transcription.variables import decision_variables
-from floatplan.planning.transcription.work import flight_model
+from floatplan.planning.spec import FlightSpec
 from floatplan.tables import ORIENTATION
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -200,24 +199,23 @@ def test_the_same_seed_gives_the_same_plan():
 
 def test_twists_and_few_joints_need_a_higher_degree():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    assert [degrees[0] for degrees in degrees_tried(problem, flight_model(problem).flight)] == [9, 11]
+    assert [degrees[0] for degrees in degrees_tried(problem, flight_of(problem))] == [9, 11]
     given = replace(problem, motion=fp.Motion(degree=8))
-    assert degrees_tried(given, flight_model(given).flight) == [(8,) * 7]
+    assert degrees_tried(given, flight_of(given)) == [(8,) * 7]
 
 
 def test_a_closed_motion_has_no_gaps_between_its_cells():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    model, branches = flight_model(problem), np.zeros((2, 7), int)
-    variables = decision_variables(problem, (9,) * 7, branches, flight_of(problem).momentum_set)
-    lifted = LiftedFlight(model, model.flight, variables)
+    spec = FlightSpec(problem)
+    lifted = LiftedFlight(spec, spec.variables((9,) * 7))
     drawn = starts(lifted, 4)
     motions = [close(next(drawn)) for _ in range(3)]
     assert any(motion.is_closed() for motion in motions)
     for motion in motions:
         if motion.is_closed():
             landing = lifted.flown(motion.cells, motion.x).ends[-1]
-            assert np.linalg.norm(logarithm((landing @ model.flight.final_attitude.T)[None])) < 1e-5
-    assert model.work > 0
+            assert np.linalg.norm(logarithm((landing @ lifted.flight.final_attitude.T)[None])) < 1e-5
+    assert lifted.work.done > 0
 
 
 @pytest.mark.parametrize(
@@ -409,15 +407,15 @@ def test_angles_that_are_not_defined_are_refused(end, angles, axes):
 def test_ctrl_c_ends_a_search_with_the_nearest_motion(monkeypatch):
     from floatplan.planning import in_space
 
-    follow, followed = in_space._followed, []
+    follow, followed = in_space.SpatialSearch._follow_lifted, []
 
-    def interrupted(prepared, start, *bounds):
+    def interrupted(search, start, *bounds):
         followed.append(start)
         if len(followed) > 1:
             raise KeyboardInterrupt
-        return follow(prepared, start, *bounds)
+        return follow(search, start, *bounds)
 
-    monkeypatch.setattr(in_space, "_followed", interrupted)
+    monkeypatch.setattr(in_space.SpatialSearch, "_follow_lifted", interrupted)
     robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf", base="free-flyer")
     level, aside = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)), fp.Attitude(quaternion_xyzw=(0.3, 0, 0, 1))
     plan = fp.plan(fp.Problem(robot, fp.Posture(level, 0.1), fp.Posture(aside, 0.1), fp.Flight(1.0, 0.0)))

@@ -10,8 +10,8 @@ import pytest
 from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).parents[2] / "problems"

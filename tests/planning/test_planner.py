@@ -16,9 +16,9 @@ from robot_samples import GYMNAST, URDF_FOLDER, flipped_axes, other_plane
 
 import floatplan as fp
 from floatplan.planning import search
-from floatplan.planning.attempt import Attempts
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
-from floatplan.planning.search import SearchOptions
+from floatplan.planning.search import Search
 
 PROBLEMS = sorted(path.stem for path in (URDF_FOLDER.parent / "problems").glob("*.toml"))
 PATIENT = 60  # s, where nothing but a neighbour's load could use up the default budget
@@ -335,14 +335,14 @@ class TestArguments:
         assert "starts tried" in told[-1]
 
     def test_interruption_keeps_the_best_so_far(self, impossible, monkeypatch):
-        attempts = Attempts.attempts
+        attempts = Search.follow_numbered
 
         def interrupted(self, degrees, given, numbers, *rest):
             if numbers.start:
                 raise KeyboardInterrupt
             return attempts(self, degrees, given, numbers, *rest)
 
-        monkeypatch.setattr(Attempts, "attempts", interrupted)
+        monkeypatch.setattr(Search, "follow_numbered", interrupted)
         problem = impossible["h far outside (9)"][0]
         plan = fp.plan(
             replace(problem, limits=replace(problem.limits, torque=1e3))

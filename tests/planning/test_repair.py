@@ -13,9 +13,9 @@ import floatplan as fp
 from floatplan.certificate.certificate import BUDGET
 from floatplan.errors import InputError
 from floatplan.planning import repair as proving
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved, shortfalls, tightened
-from floatplan.planning.search import SearchOptions
 from floatplan.plans.verdicts import Finding
 from floatplan.view.figures.figures import figures
 

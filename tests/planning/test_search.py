@@ -13,18 +13,20 @@ import numpy as np
 import pytest
 
 import floatplan as fp
+from floatplan.planning import options
 from floatplan.planning import search as room
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.search import MOST_ATTEMPTS, Allowance, SearchOptions, SearchResult, expiry, search
+from floatplan.planning.options import Allowance, SearchOptions, expiry
+from floatplan.planning.result import SearchResult
+from floatplan.planning.search import MOST_ATTEMPTS, Search
 from floatplan.pool import executor
 
 MANY = 10**6
 
 
 def run(problem: fp.Problem, most: int = MOST_ATTEMPTS, **options: Any) -> SearchResult:
-    ready = Attempts(problem, 0)
-    ready.__dict__["impossible"] = []  # as far as is known
-    return search(ready, SearchOptions(**options), most)
+    search = Search(problem, SearchOptions(**options))
+    search.__dict__["impossible"] = []  # as far as is known
+    return search.run(most)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +67,7 @@ def test_the_starts_can_be_bounded(hopeless):
 def test_where_none_may_be_tried_the_plain_motion_is_the_nearest(hopeless):
     found = run(hopeless, most=0)
     assert (found.counts["starts"], found.counts["solved"]) == (0, 0)
-    np.testing.assert_array_equal(found.best.x, Attempts(hopeless, 0).plain_start.x)
+    np.testing.assert_array_equal(found.best.x, Search(hopeless).plain_start.x)
 
 
 def test_it_ends_after_unsolved_attempts(hopeless):
@@ -104,7 +106,7 @@ def test_unsolved_attempts_are_counted_at_each_degree(hopeless):
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
-    monkeypatch.setattr(room, "DEFAULT_WORK", 3e6)
+    monkeypatch.setattr(options, "DEFAULT_WORK", 3e6)
     found = run(hopeless)
     again = run(hopeless)
     assert found.ran_out_of_time
@@ -123,7 +125,7 @@ def test_a_budget_that_is_used_up_leaves_the_first_attempt(hopeless):
 
 @pytest.mark.parametrize("after", [0, 2])
 def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
-    follow: Callable[..., Any] = Attempts.attempts
+    follow: Callable[..., Any] = Search.follow_numbered
     calls = []
 
     def interrupting(self, *args):
@@ -132,7 +134,7 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
             raise KeyboardInterrupt
         return follow(self, *args)
 
-    monkeypatch.setattr(Attempts, "attempts", interrupting)
+    monkeypatch.setattr(Search, "follow_numbered", interrupting)
     found = run(hopeless)
     assert found.interrupted
     assert found.counts["starts"] == max(after, 1)

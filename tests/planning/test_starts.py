@@ -11,12 +11,13 @@ import pytest
 from sampled_flight import sample_nodes, trajectory
 
 import floatplan as fp
+from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription.compiled_attempt import LEVEL_OF_DRAWS, MOTIONS_PER_VARIABLE
-from floatplan.planning.transcription.result import AttemptResult
-from floatplan.planning.transcription.work import flight_model
+from floatplan.planning.kernel_problem import LEVEL_OF_DRAWS, MOTIONS_PER_VARIABLE
+from floatplan.planning.options import SearchOptions
+from floatplan.planning.result import AttemptResult
+from floatplan.planning.search import Search
 
 NODES = 96
 NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
@@ -24,14 +25,14 @@ NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
 
 def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[AttemptResult]:
     """Where starts begin: no work may be done."""
-    prepared = Attempts(problem, seed)
+    prepared = Search(problem, SearchOptions(seed))
     numbers = (range(number, number + 1) for number in count())
-    return takewhile(bool, (prepared.attempts(problem.degrees, [], each, lambda: True) for each in numbers))
+    return takewhile(bool, (prepared.follow_numbered(problem.degrees, [], each, lambda: True) for each in numbers))
 
 
 def missed(problem: fp.Problem, start: AttemptResult) -> float:
     """By how much a start misses the goal's orientation, rad."""
-    model = flight_model(problem)
+    model = flight_of(problem)
     nodes = sample_nodes(gauss_grid(NODES), start.variables.polynomials.form)
     return abs(trajectory(model, start.variables, nodes, start.x).residual.item())
 
@@ -69,7 +70,7 @@ def test_a_seed_settles_them(obstructed):
 def test_drawing_counts_as_work(obstructed):
     _, drawn, *_ = islice(starts_of(obstructed), 3)
     measured = MOTIONS_PER_VARIABLE * drawn.variables.size * NODE_COUNTS[LEVEL_OF_DRAWS]
-    assert drawn.work > measured * drawn.model.flight.bodies > 0
+    assert drawn.work > measured * drawn.spec.flight.bodies > 0
     assert drawn.evaluations < 10
 
 

@@ -37,6 +37,28 @@ class TestShow:
         assert opened == []
 
 
+class TestSample:
+    def test_is_the_motion_at_even_instants_and_at_the_end(self, plan: fp.Plan) -> None:
+        sample = plan.sample(7.0)
+        assert np.diff(sample.times)[:-1] == pytest.approx(1 / 7)
+        assert (sample.times[0], sample.times[-1]) == (0.0, plan.duration)
+        for name in ("q", "v", "a", "tau"):
+            np.testing.assert_array_equal(getattr(sample, name), getattr(plan, name)(sample.times))
+        assert (sample.q.shape[1], sample.v.shape[1]) == (plan.robot.nq, plan.robot.nv)
+
+    def test_nothing_stands_in_flight(self, plan: fp.Plan) -> None:
+        sample = plan.sample(10.0)
+        assert (sample.contacts, sample.forces, sample.contact_points) == ({}, {}, {})
+
+    @pytest.mark.parametrize(
+        ("rate", "words"),
+        [(0.0, "positive"), (-1.0, "positive"), (np.nan, "rate"), (np.inf, "rate"), (1e9, "100000 rows")],
+    )
+    def test_refuses_rates_that_give_no_instants_or_too_many(self, plan: fp.Plan, rate: float, words: str) -> None:
+        with pytest.raises(InputError, match=words):
+            plan.sample(rate)
+
+
 class TestExport:
     def test_writes_the_file_at_a_rate(self, plan: fp.Plan, tmp_path: Path) -> None:
         path = plan.export("npz", tmp_path / "flight.npz", rate=200.0)

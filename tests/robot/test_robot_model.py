@@ -279,3 +279,23 @@ def flight_torques(robot, full, velocity, acceleration):
     forces = mass[:, 3:] @ acceleration[3:] + bias
     base = np.linalg.solve(mass[:3, :3], -forces[:3])
     return forces[3:] + mass[3:, :3] @ base
+
+
+class TestFreeFlyer:
+    def test_is_the_model_that_pinocchio_makes_of_the_file(self, any_robot):
+        model = any_robot.free_flyer()
+        expected = pin.buildModelFromXML(any_robot.xml, pin.JointModelFreeFlyer())
+        assert model == expected
+        assert (any_robot.nq, any_robot.nv) == (expected.nq, expected.nv)
+
+    def test_each_is_its_own(self, gymnast):
+        model = gymnast.free_flyer()
+        model.gravity.linear = np.array([0.0, 0.0, 1.0])
+        assert gymnast.free_flyer().gravity.linear[2] == pytest.approx(-9.81)
+
+    def test_root_joint_is_a_name_that_pinocchio_needs(self, tmp_path):
+        text = (URDF_FOLDER / "gymnast.urdf").read_text()
+        name = Robot.from_urdf(URDF_FOLDER / "gymnast.urdf").joints[0]
+        (tmp_path / "named.urdf").write_text(text.replace(f'"{name}"', '"root_joint"'))
+        with pytest.raises(fp.InputError, match="rename it"):
+            Robot.from_urdf(tmp_path / "named.urdf").free_flyer()

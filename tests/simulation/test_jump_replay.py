@@ -16,7 +16,7 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.simulation.forward import first_gains
+from floatplan.simulation.gains import first_gains
 from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.jump_replay import middle_of_the_widest
 from floatplan.view.report.flights import write_jump_pages

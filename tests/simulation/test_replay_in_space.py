@@ -59,7 +59,7 @@ def test_inertias_that_no_body_has_are_balanced_and_said(tmp_path):
 
 
 def test_a_motion_that_turns_too_fast_is_not_integrated_for_ever(diver, monkeypatch):
-    monkeypatch.setattr("floatplan.simulation.in_space.MOST_EVALUATIONS", 100)
+    monkeypatch.setattr("floatplan.simulation.spatial_motion.MOST_EVALUATIONS", 100)
     with pytest.raises(fp.FloatplanError, match="turns too fast"):
         fp.replay(diver)
 

@@ -13,9 +13,10 @@ from plain_problems import problem_of
 from robot_samples import joint, robot_text
 
 import floatplan as fp
-from floatplan.compiled.peaks import many_peaks
-from floatplan.simulation.forward import JointTorques
-from floatplan.simulation.recorded_motion import SLOW, RecordedMotion, reduced_model
+from floatplan.simulation.engines import JointTorques
+from floatplan.simulation.recorded_motion import PlanarMotion
+from floatplan.simulation.reduced_model import FRICTION_RATE, reduced_model
+from floatplan.studies.peaks import many_peaks
 
 TIMES = np.linspace(0.0, 1.0, 23)
 MIMIC = '<mimic joint="a" multiplier="-1.5" offset="0.1"/>'
@@ -169,7 +170,7 @@ def test_what_joints_lose_is_felt_where_they_move_otherwise(tmp_path):
     assert lossy.robot.friction == {"b": 0.1}
     assert np.array_equal(bare.coefficients, lossy.coefficients)
     assert np.array_equal(bare.peaks.motor_torque, lossy.peaks.motor_torque)
-    motion = RecordedMotion(lossy.record, reduced_model(lossy.robot, 9.81))
+    motion = PlanarMotion(lossy.record, reduced_model(lossy.robot, 9.81))
     torques = JointTorques(motion, np.ones(3), None)
     order = [motion.reduced.joints.index(name) for name in "abc"]
     state = lossy.at(0.3)
@@ -178,7 +179,9 @@ def test_what_joints_lose_is_felt_where_they_move_otherwise(tmp_path):
     found = torques(0.3, q, v)
     np.testing.assert_allclose(found[order], state.motor_torques, rtol=1e-9)
     lost = torques(0.3, q, v + 2.0) - found
-    friction = 0.1 * (np.tanh((state.velocities[1] + 2.0) / SLOW) - np.tanh(state.velocities[1] / SLOW))
+    friction = 0.1 * (
+        np.tanh((state.velocities[1] + 2.0) / FRICTION_RATE) - np.tanh(state.velocities[1] / FRICTION_RATE)
+    )
     np.testing.assert_allclose(lost[order], [0.0, -0.05 * 2.0 - friction, 0.0], atol=1e-12)
 
 

@@ -56,14 +56,14 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
     assert replace(view, answer=replace(found, jump=None)).verdict == "waiting", "the flight alone is no answer"
     assert f"<b>{found.jump.verdict.capitalize()}</b>" in cards.status_card(view)
     assert found.motion.duration == found.jump.duration > found.plan.duration
-    columns = SampledPlan.of(found.view, np.linspace(0.0, found.jump.duration, 401)).columns
+    columns = SampledPlan.of(found.jump, np.linspace(0.0, found.jump.duration, 401)).columns
     for of_all, key in zip(found.shares, ("torque_use", "rate_use"), strict=True):
         most = max(np.abs(values).max() for name, values in columns.items() if name.startswith(key))
         assert of_all.limited
         assert of_all.peak == pytest.approx(most)
         assert f"{most:.0%} at most" in curves_card(found.motion, found.shares)
     assert found.largest_use == max(each.peak for each in found.shares)
-    assert len(phase_colours(found.view)) == len(found.jump.phases) == 5
+    assert len(phase_colours(found.jump)) == len(found.jump.phases) == 5
     assert f"friction used</span>{found.jump.check.figures['friction']:.2f}" in cards.status_card(view)
     compared = cards.comparison_card(found, replace(found, jump=None))
     assert f"<td>duration<td>{found.plan.duration:.3g} s<td>{found.jump.duration:.3g} s" in compared

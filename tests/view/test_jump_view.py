@@ -21,7 +21,7 @@ from floatplan.stance.check import JumpCheck
 from floatplan.stance.jump import Jump
 from floatplan.view.figures import animation
 from floatplan.view.figures.figures import figures
-from floatplan.view.jumps import JumpView
+from floatplan.view.jumps import efforts, footing, jump_columns, moments
 from floatplan.view.outlines import postures
 from floatplan.view.report.data import asked_of_jump, sample_grid
 from floatplan.view.report.report import report, report_data, write_report
@@ -34,12 +34,12 @@ HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window
 
 
 @pytest.fixture(scope="module")
-def view() -> JumpView:
-    return backflip().view
+def view() -> Jump:
+    return backflip()
 
 
 @pytest.fixture(scope="module")
-def data(view: JumpView) -> Any:
+def data(view: Jump) -> Any:
     return report_data(view)
 
 
@@ -47,7 +47,7 @@ def column(data: Any, key: str) -> Any:
     return np.array(data["motion"]["columns"][key], dtype=np.float64)
 
 
-def test_the_page_has_the_jump_s_numbers(view: JumpView, data: Any) -> None:
+def test_the_page_has_the_jump_s_numbers(view: Jump, data: Any) -> None:
     """Places, rates, torques and forces, in the coordinates of the file's own model."""
     jump, robot = backflip(), backflip().problem.robot
     times, order = sample_grid(jump.duration), free_flyer(robot)
@@ -71,7 +71,7 @@ def test_the_page_has_the_jump_s_numbers(view: JumpView, data: Any) -> None:
         share = tau[:, joints[name].idx_v] / model.effortLimit[joints[name].idx_v]
         np.testing.assert_allclose(column(data, f"held_use.{index}"), share, **close)
     assert order.nv == model.nv
-    for index, (name, contact) in enumerate(view.contacts.items()):
+    for index, (name, contact) in enumerate(footing(view).contacts.items()):
         whole = sum(forces[each] for each in contact.names)
         across, up = column(data, f"force_x.{index}"), column(data, f"force_z.{index}")
         stands = np.isfinite(up)
@@ -83,23 +83,23 @@ def test_the_page_has_the_jump_s_numbers(view: JumpView, data: Any) -> None:
         assert np.abs(whole[~stands]).max() == 0
 
 
-def test_shares_are_those_of_the_check(view: JumpView) -> None:
+def test_shares_are_those_of_the_check(view: Jump) -> None:
     """What is used of friction and limits while it stands is at most what the check found, and nearly that."""
     times = np.linspace(0.0, view.duration, 2001)
-    columns, figures = view.columns(times), view.check.figures
-    begin, end = view.flown
+    columns, figures = jump_columns(view, view.state(times)), view.check.figures
+    begin, end = view.flight_span
     stands = (times < begin) | (times > end)
     for key, wanted in (
         ("torque_use", figures["torque"]),
         ("rate_use", figures["velocity"]),
         ("held_use", figures["held_torque"]),
-        ("friction", figures["friction"] / view.jump.request.friction),
+        ("friction", figures["friction"] / view.request.friction),
     ):
         found = max(np.nanmax(np.abs(values[stands])) for name, values in columns.items() if name.startswith(f"{key}."))
         assert found == pytest.approx(wanted, rel=2e-3), key
 
 
-def test_the_page_says_what_was_checked_and_proved(view: JumpView, data: Any) -> None:
+def test_the_page_says_what_was_checked_and_proved(view: Jump, data: Any) -> None:
     jump = backflip()
     assert jump.flight is not None
     tables = {table["title"]: table for table in data["sections"]}
@@ -109,7 +109,7 @@ def test_the_page_says_what_was_checked_and_proved(view: JumpView, data: Any) ->
     assert all(any(sentence in words for words, _ in said) for sentence in ("friction is", "torques take"))
     assert [line[0] for line in tables["Result"]["motors"][1]] == [phase.kind for phase in jump.phases]
     certificate = fp.certify(jump.flight)
-    proved = report_data(jump.with_certificate(certificate).view)
+    proved = report_data(jump.with_certificate(certificate))
     assert proved["verdict"]["word"].startswith("flight proved, stances checked")
     flight = next(table for table in proved["sections"] if table["title"] == "Flight")
     assert flight["tone"] == "good"
@@ -119,7 +119,7 @@ def test_the_page_says_what_was_checked_and_proved(view: JumpView, data: Any) ->
 def test_stances_that_do_not_hold_are_red() -> None:
     broken = replace(backflip())
     vars(broken)["check"] = JumpCheck(False, {**backflip().check.figures, "torque": 1.2}, ("torques take 120%",))
-    data = report_data(broken.view)
+    data = report_data(broken)
     assert data["verdict"] == {"word": broken.verdict, "tone": "bad"}
     stances = next(table for table in data["sections"] if table["title"] == "Stances")
     assert stances["tone"] == "bad"
@@ -128,16 +128,16 @@ def test_stances_that_do_not_hold_are_red() -> None:
 
 def test_what_was_not_found_is_not_viewed() -> None:
     with pytest.raises(InputError, match="no jump found, so there is nothing to show"):
-        _ = Jump(backflip().problem, fp.JumpRequest()).view
+        Jump(backflip().problem, fp.JumpRequest()).figures()
 
 
 def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By methods of the same names, whose files are those of the commands."""
     monkeypatch.setattr(animation, "FRAME_RATE", 2.0)
     jump = backflip()
-    assert jump.show(tmp_path / "page.html", browse=False).read_text() == report(jump.view, tmp_path / "page.html")
+    assert jump.show(tmp_path / "page.html", browse=False).read_text() == report(jump, tmp_path / "page.html")
     assert "<iframe" in jump._repr_html_()
-    assert [*jump.figures()] == [*figures(jump.view)]
+    assert [*jump.figures()] == [*figures(jump)]
     drawn: list[int] = []
     film = jump.animate(tmp_path / "jump.gif", speed=4.0, progress=lambda done, _: drawn.append(done))
     assert film.read_bytes()[:4] == b"GIF8"
@@ -151,37 +151,52 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
             asked()
 
 
-def test_obstacles_are_in_the_jump_s_clock(view: JumpView) -> None:
+def test_a_sample_of_a_jump_has_contacts_and_forces() -> None:
+    """They are the jump's own, and nothing pushes where nothing stands."""
+    jump = backflip()
+    sample = jump.sample(100.0)
+    np.testing.assert_array_equal(sample.q, jump.q(sample.times))
+    np.testing.assert_array_equal(sample.tau, jump.tau(sample.times))
+    assert sample.contacts.keys() == sample.forces.keys() == sample.contact_points.keys()
+    for name, stands in sample.contacts.items():
+        phases = [phase for phase in jump.phases if name in phase.contacts]
+        inside = np.any([(sample.times > each.begin) & (sample.times <= each.end) for each in phases], axis=0)
+        np.testing.assert_array_equal(stands[1:], inside[1:])
+        assert not sample.forces[name][~stands].any()
+        assert np.isfinite(sample.contact_points[name]).all(axis=1).tolist() == stands.tolist()
+
+
+def test_obstacles_are_in_the_jump_s_clock(view: Jump) -> None:
     """An obstacle that moves and exists for a while, both since takeoff, is where the flight's own plan has it."""
     passing = fp.Circle(center=(0.6, 0.3), radius=0.05, velocity=(-2.0, 0.5), window=(0.05, 0.2))
     jump = backflip()
     assert jump.flight is not None
-    moved = replace(jump, problem=replace(jump.problem, obstacles=(passing,))).view
+    moved = replace(jump, problem=replace(jump.problem, obstacles=(passing,)))
     since = np.linspace(0.0, jump.flight.duration, 41)
-    found = moved.clearances(jump.takeoff_time + since, moved.problem.obstacles)
+    found = moved.clearances(jump.takeoff_time + since, moved.whole_problem.obstacles)
     np.testing.assert_allclose(found, jump.flight.clearances(since, [passing]), atol=1e-9)
     assert np.isfinite(found).sum() not in (0, len(found))
     assert [chart["title"] for chart in report_data(moved)["charts"]][-1] == "Clearance"
 
 
-def test_figures_of_a_jump(view: JumpView) -> None:
+def test_figures_of_a_jump(view: Jump) -> None:
     drawn = figures(view)
     assert [*drawn] == [
         *("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height"),
         *("configuration", "rates", "torques"),
     ]
-    times = view.moments()
+    times = moments(view)
     texts = [text.get_text() for text in drawn["moments"].axes[0].texts]
     assert [text for text in texts if text] == [f"{time:.2f} s" for time in times]
     assert len(times) == 6
-    begin, end = view.flown
+    begin, end = view.flight_span
     assert (np.diff(times) > 0).all()
     assert [begin < time < end for time in times] == [False, False, True, True, False, False]
     arrows = sum(text == "" for text in texts)
-    assert arrows == sum(len(stance.contacts) for stance in view.jump.stances)
+    assert arrows == sum(len(stance.contacts) for stance in view.stances)
 
 
-def test_the_scene_s_clock_is_the_jump_s(view: JumpView, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_scene_s_clock_is_the_jump_s(view: Jump, monkeypatch: pytest.MonkeyPatch) -> None:
     infra = pytest.importorskip("viser.infra")
     waited: list[float] = []
     monkeypatch.setattr(infra.StateSerializer, "insert_sleep", lambda _, seconds: waited.append(seconds))
@@ -194,7 +209,7 @@ SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 
 @pytest.mark.parametrize("size", cases(SIZES, {"desktop"}))
 def test_the_page_plays_in_a_browser(
-    browser: Browser, view: JumpView, tmp_path: Path, size: str, request: pytest.FixtureRequest
+    browser: Browser, view: Jump, tmp_path: Path, size: str, request: pytest.FixtureRequest
 ) -> None:
     """No complaint, no network, no sideways scrolling; arrows, bands and names are those of the jump."""
     width, height = SIZES[size]
@@ -202,10 +217,10 @@ def test_the_page_plays_in_a_browser(
     request.addfinalizer(browser.reset)
     browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     hostile = replace(backflip(), problem=replace(backflip().problem, name=HOSTILE))
-    page = write_report(hostile.view, tmp_path / "report.html")
+    page = write_report(hostile, tmp_path / "report.html")
     browser.open(page)
     assert browser.run("return document.getElementById('name').textContent") == HOSTILE
-    push = float(view.moments()[1])
+    push = float(moments(view)[1])
     browser.run("floatplan.player.seek(arguments[0])", push)
     seen = "return [...document.querySelectorAll(arguments[0])].map(e => getComputedStyle(e).display !== 'none')"
     assert browser.run(seen, ".push.cone") == [True, False]
@@ -213,15 +228,15 @@ def test_the_page_plays_in_a_browser(
         "const [, cone, [, arrow]] = floatplan.stage.pushes[0], texts = [[cone, 'transform'], [arrow, 'd']];"
         "return texts.map(([e, name]) => e.getAttribute(name).match(/-?\\d[\\d.e-]*/g).map(Number))"
     )
-    foot, force = (values(np.array([push]))[0, 0] for values in (view.feet, view.forces))
+    foot, force = (values(np.array([push]))[0, 0] for values in (footing(view).feet, footing(view).forces))
     np.testing.assert_allclose(found[0], [foot.real, foot.imag], atol=1e-6)
-    tip = view.metres_per_newton * force
+    tip = footing(view).metres_per_newton * force
     np.testing.assert_allclose(found[1][2:4], [tip.real, tip.imag], rtol=5e-3)
     browser.run("document.getElementById('forces').click()")
     assert browser.run(seen, ".push") == [False] * 6
     told = browser.run("return [...document.querySelectorAll('.chart')].map(e => e.innerText)[0]")
-    stands = [name in contact for contact in view.contacts for name in view.jump.phases[1].contacts[:1]]
-    words = [f"{name} {'stands' if each else '–'}" for name, each in zip(view.contacts, stands, strict=True)]
+    stands = [name in contact for contact in footing(view).contacts for name in view.phases[1].contacts[:1]]
+    words = [f"{name} {'stands' if each else '–'}" for name, each in zip(footing(view).contacts, stands, strict=True)]
     assert all(each in " ".join(told.split()) for each in words)
     graphics = "return [...document.querySelectorAll('[role=img]')].map(e => e.getAttribute('aria-label') || '')"
     assert all(browser.run(graphics))
@@ -232,27 +247,27 @@ def test_the_page_plays_in_a_browser(
     assert browser.requests() == [page.as_uri()]
 
 
-def test_places_on_the_page_are_those_of_the_pictures(view: JumpView, data: Any) -> None:
-    placed, times = postures(view, view.moments()), sample_grid(view.duration)
+def test_places_on_the_page_are_those_of_the_pictures(view: Jump, data: Any) -> None:
+    placed, times = postures(view, moments(view)), sample_grid(view.duration)
     np.testing.assert_allclose(np.interp(placed.times, times, column(data, "com_y")), placed.com.imag, atol=1e-4)
     (level, _, _), *others = data["motion"]["ground"]
     assert level == pytest.approx(view.ground, abs=5e-3)
     assert others == []
 
 
-def test_forces_act_where_the_jump_has_them(view: JumpView) -> None:
+def test_forces_act_where_the_jump_has_them(view: Jump) -> None:
     """Between left and right, in the plane; nowhere while nothing stands."""
     jump, plane, times = backflip(), view.robot.plane, np.linspace(0.0, view.duration, 33)
     points = jump.contact_points(times)
-    for contact, feet in zip(view.contacts.values(), view.feet(times).T, strict=True):
+    for contact, feet in zip(footing(view).contacts.values(), footing(view).feet(times).T, strict=True):
         middle = np.mean([points[name] for name in contact.names], axis=0)
         np.testing.assert_allclose(feet, middle @ (plane.horizontal + 1j * plane.vertical), atol=1e-12)
         assert 0 < np.isnan(feet).sum() < len(times)
 
 
-def test_what_has_no_limit_has_no_share(view: JumpView) -> None:
+def test_what_has_no_limit_has_no_share(view: Jump) -> None:
     jump = backflip()
-    free = replace(jump, problem=replace(jump.problem, limits=fp.Limits())).view
+    free = replace(jump, problem=replace(jump.problem, limits=fp.Limits()))
     titles = [chart["title"] for chart in report_data(free)["charts"]]
     assert not {"Torque over limit", "Rate over limit"} & set(titles)
     assert {"Torque of held joints over effort", "Torques", "Rates"} <= set(titles)
@@ -264,12 +279,12 @@ def test_a_joint_without_an_effort_in_its_file_can_hold_anything() -> None:
     name, tree = next(iter(robot.locked)), robot.joint_tree
     joints = tuple(replace(each, effort=np.inf) if each.name == name else each for each in tree.joints)
     other = replace(robot, joint_tree=replace(tree, joints=joints))
-    efforts = replace(jump, problem=replace(jump.problem, robot=other)).view.efforts
-    assert [each for each, effort in efforts.items() if np.isinf(effort)] == [name]
-    assert efforts.keys() == robot.locked.keys()
+    held = efforts(replace(jump, problem=replace(jump.problem, robot=other)))
+    assert [each for each, effort in held.items() if np.isinf(effort)] == [name]
+    assert held.keys() == robot.locked.keys()
 
 
-def test_figures_of_many_parts_are_small_ones(view: JumpView, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_figures_of_many_parts_are_small_ones(view: Jump, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where there is one curve only."""
     monkeypatch.setattr("floatplan.view.figures.figures.is_crowded", lambda _: True)
     drawn = figures(view)
@@ -278,8 +293,8 @@ def test_figures_of_many_parts_are_small_ones(view: JumpView, monkeypatch: pytes
     assert sum(axes.axison for axes in drawn["torque_use"].axes) == len(view.robot.joints)
 
 
-def test_the_report_tells_what_is_asked_of_the_jump_not_its_guess(view: JumpView) -> None:
-    problem, request = view.jump.problem, view.jump.request
+def test_the_report_tells_what_is_asked_of_the_jump_not_its_guess(view: Jump) -> None:
+    problem, request = view.problem, view.request
 
     def told(**changes: Any) -> dict[str, str]:
         return {row.name: row.text for row in asked_of_jump(problem, replace(request, **changes))}

@@ -14,8 +14,9 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
+from floatplan.plans.trajectory import Trajectory
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.figures import snapshots
-from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
 
@@ -29,7 +30,7 @@ COLOURS = 64  # [-] of a GIF
 
 
 def animate(
-    plan: Shown,
+    plan: Trajectory,
     path: str | Path = "flight.gif",
     *,
     speed: float = SPEED,
@@ -52,12 +53,12 @@ def animate(
     if path.suffix == ".mp4" and ffmpeg is None:
         raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
     drawn = pictures(plan, speed, progress)
-    told = 0 if isinstance(plan, JumpView) else len(drawn) // 2  # where it stands, forces are drawn
+    told = 0 if isinstance(plan, JumpMotion) else len(drawn) // 2  # where it stands, forces are drawn
     return write_atomically(path, _gif(drawn, told) if path.suffix == ".gif" else _mp4(str(ffmpeg), drawn))
 
 
 def pictures(
-    plan: Shown, speed: float = SPEED, progress: Callable[[int, int], None] | None = None
+    plan: Trajectory, speed: float = SPEED, progress: Callable[[int, int], None] | None = None
 ) -> list[Image.Image]:
     """Draw the film's pictures; what stays is drawn once."""
     count = max(2, round(plan.duration / speed * FRAME_RATE) + 1)
@@ -75,7 +76,7 @@ def pictures(
         return drawn
 
 
-def _stage(plan: Shown) -> tuple[Figure, Axes]:
+def _stage(plan: Trajectory) -> tuple[Figure, Axes]:
     """Return a figure with ground, standing obstacles and path."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     shape = min(max((high - low).imag / (high - low).real, snapshots.FLATTEST), snapshots.TALLEST)
@@ -88,20 +89,20 @@ def _stage(plan: Shown) -> tuple[Figure, Axes]:
     snapshots.draw_ground(axes, plan, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
-    for obstacle in plan.problem.obstacles:
+    for obstacle in plan.whole_problem.obstacles:
         if obstacle.window is None and not any(obstacle.velocity):
             snapshots.draw_obstacle(axes, obstacle, np.array([0.0]))
     return figure, axes
 
 
-def _picture(figure: Figure, axes: Axes, plan: Shown, time: float) -> Image.Image:
+def _picture(figure: Figure, axes: Axes, plan: Trajectory, time: float) -> Image.Image:
     before = set(axes.get_children())
-    for obstacle in plan.problem.obstacles:
+    for obstacle in plan.whole_problem.obstacles:
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
             snapshots.draw_obstacle(axes, obstacle, np.array([time]))
     snapshots.draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
-    if isinstance(plan, JumpView):
+    if isinstance(plan, JumpMotion):
         snapshots.draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
     axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
     added = [artist for artist in axes.get_children() if artist not in before]

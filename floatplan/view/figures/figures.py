@@ -18,9 +18,10 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
-from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.sampled import SampledPlan
 from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
 
@@ -52,12 +53,12 @@ GOAL: dict[str, Any] = {**START, "markersize": 4.4, "markerfacecolor": "white"}
 Marks = dict[str, Any]  # a legend's entries: name -> handle
 
 
-def figures(plan: Shown, *, compare: Plan | None = None) -> dict[str, Figure]:
+def figures(plan: Trajectory, *, compare: Plan | None = None) -> dict[str, Figure]:
     """Draw the figures of a plan, or of a jump.
 
     Parameters
     ----------
-    plan : Plan or JumpView
+    plan : Plan or Jump
     compare : Plan, optional
         A second plan for the same joints, such as one made without the obstacle; its curves are dashed.
 
@@ -81,7 +82,7 @@ def figures(plan: Shown, *, compare: Plan | None = None) -> dict[str, Figure]:
 
 
 def save_figures(
-    plan: Shown, directory: str | Path, *, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
+    plan: Trajectory, directory: str | Path, *, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
 ) -> list[Path]:
     """Write each figure of :func:`figures` into a directory as ``<name>.<format>``, each whole or not at all.
 
@@ -107,8 +108,8 @@ def save_figures(
         ]
 
 
-def _drawn(plan: Shown, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
-    if compare is not None and isinstance(plan, JumpView):
+def _drawn(plan: Trajectory, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
+    if compare is not None and isinstance(plan, JumpMotion):
         raise InputError("a jump is not compared", element="compare", advice="compare plans, such as its flight's")
     if compare is not None and compare.robot.joints != plan.robot.joints:
         joints = ", ".join(compare.robot.joints)
@@ -117,9 +118,9 @@ def _drawn(plan: Shown, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     if compare is not None and (compare.robot.in_plane is None) != (plan.robot.in_plane is None):
         raise InputError("one plan flies in space, the other in a plane", element="compare", advice="compare two alike")
     sampled, other = sample(plan), None if compare is None else sample(compare, plan)
-    if isinstance(plan, JumpView):
+    if isinstance(plan, JumpMotion):
         yield "moments", moments(plan)
-    else:
+    elif isinstance(plan, Plan):
         yield "snapshots", snapshots(plan)
         yield "kinogram", kinogram(plan)
     for chart in charts(sampled, other):
@@ -128,7 +129,7 @@ def _drawn(plan: Shown, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         yield "comparison", comparison(plan, compare)
 
 
-def sample(plan: Shown, beside: Shown | None = None) -> SampledPlan:
+def sample(plan: Trajectory, beside: Trajectory | None = None) -> SampledPlan:
     """Sample a plan at the instants of the curves, as :meth:`SampledPlan.of`."""
     return SampledPlan.of(plan, np.linspace(0, plan.duration, SAMPLES), beside)
 
@@ -192,8 +193,8 @@ def draw_panel(
 
     peak, width = 0.0, 1.3 if chart.unit else BAND
     marks: Marks = {}
-    if isinstance(sampled.plan, JumpView):
-        axes.axvspan(*sampled.plan.flown, zorder=0.3, **FLYING)
+    if isinstance(sampled.plan, JumpMotion):
+        axes.axvspan(*sampled.plan.flight_span, zorder=0.3, **FLYING)
         marks["in flight"] = Patch(**FLYING)
     for each in _both(sampled, other):
         for curve in panel.curves:

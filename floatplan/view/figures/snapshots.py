@@ -19,9 +19,12 @@ from matplotlib.ticker import MultipleLocator
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import Obstacle
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view import outlines
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.jumps import footing
+from floatplan.view.jumps import moments as moment_times
 from floatplan.view.solids import CAMERA
 from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, rgb, round_below
 
@@ -72,7 +75,7 @@ def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant
         draw_obstacle(axes, obstacle, times)
 
 
-def draw_ground(axes: Axes, plan: Shown, placed: outlines.Postures) -> None:
+def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
     if isinstance(plan, Plan) and placed.depth is not None:
         floor = [outlines.pairs(CAMERA(line)) for line in outlines.floor(plan)]
@@ -204,7 +207,7 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
     legend_above(figure, [*entries, (Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal")])
 
 
-def plan_names(plan: Shown, compare: Shown) -> tuple[str, str]:
+def plan_names(plan: Trajectory, compare: Trajectory) -> tuple[str, str]:
     """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
     many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
     if (many > 0) != (few > 0):
@@ -309,9 +312,9 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
     axes.text(left + length + 2 * tick, height, f"{length:g} m", ha="left", va="center", size=6.5)
 
 
-def moments(view: JumpView, flying: int = 2, title: str = "") -> Figure:
+def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
-    placed = outlines.postures(view, view.moments(flying))
+    placed = outlines.postures(jump, moment_times(jump, flying))
     left, right = (np.real(corner - placed.com) for corner in (placed.low, placed.high))
     widest, ground = float(np.max(right - left)), float(placed.low.imag.min())
     centres = np.cumsum(np.append(BESIDE * widest - left[0], right[:-1] - left[1:] + APART * widest))
@@ -329,20 +332,28 @@ def moments(view: JumpView, flying: int = 2, title: str = "") -> Figure:
     for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
         draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(("white", 1.0),), shift=shifts[index])
         axes.text(centre, low.imag, f"{time:.2f} s", ha="center", va="bottom", size=6.5)
-    draw_forces(axes, view, placed.times, shifts)
-    entries: list[tuple[Any, str]] = [(Patch(color=colour), f"on {name}") for name, colour in view.colours.items()]
-    legend_above(figure, [*entries, (Patch(alpha=0.0), view.scale)])
+    draw_forces(axes, jump, placed.times, shifts)
+    standing = footing(jump)
+    entries: list[tuple[Any, str]] = [(Patch(color=colour), f"on {name}") for name, colour in standing.colours.items()]
+    legend_above(figure, [*entries, (Patch(alpha=0.0), standing.scale)])
     return figure
 
 
-def draw_forces(axes: Axes, view: JumpView, times: Array, shifts: ComplexArray) -> None:
+def draw_forces(axes: Axes, jump: JumpMotion, times: Array, shifts: ComplexArray) -> None:
     """Draw the forces on what stands at times (K,), s, and their friction cones, moved by shifts (K,), m."""
-    feet, pushes = view.feet(times) + shifts[:, None], view.metres_per_newton * view.forces(times)
-    for index, colour in enumerate(view.colours.values()):
+    standing = footing(jump)
+    feet = standing.feet(times) + shifts[:, None]
+    pushes = standing.metres_per_newton * standing.forces(times)
+    for index, colour in enumerate(standing.colours.values()):
         for foot, push in zip(feet[:, index], pushes[:, index], strict=True):
             if np.isfinite(push):
                 axes.fill(
-                    *outlines.pairs(foot + view.cone).T, color=colour, alpha=0.2, linewidth=0, zorder=3.5, clip_on=False
+                    *outlines.pairs(foot + standing.cone).T,
+                    color=colour,
+                    alpha=0.2,
+                    linewidth=0,
+                    zorder=3.5,
+                    clip_on=False,
                 )
             if abs(push) > SHORTEST:
                 look = {**ARROW, "color": colour, "path_effects": [RING]}

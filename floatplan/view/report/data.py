@@ -16,15 +16,17 @@ from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
-from floatplan.plans.verdicts import TONES
+from floatplan.plans.trajectory import Trajectory
+from floatplan.plans.verdicts import TONES, Tone
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_place
-from floatplan.stance.check import judged
+from floatplan.stance.check import JumpCheck, judged
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, largest
-from floatplan.view.jumps import JumpView
+from floatplan.view.jumps import CheckedJump, footing
 from floatplan.view.sampled import SampledPlan, flies_in_space
 from floatplan.view.solids import drawn_solids
 from floatplan.view.style import OBSTACLES, TRAILS, palette
@@ -42,7 +44,7 @@ BOX_PAD = 0.02  # [-] room around what is drawn
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
-    plan, final = sampled.plan, sampled.plan.problem.final
+    plan, final = sampled.plan, sampled.plan.whole_problem.final
     if flies_in_space(plan):
         return motion_in_space(plan, sampled)
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
@@ -51,7 +53,7 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
-        **scene_data(plan.problem),
+        **scene_data(plan.whole_problem),
         "ghosts": rounded(placed.times),
         "goal": {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()},
         "ground": [[level, low.real, high.real] for level, low, high in outlines.ground_lines(placed)],
@@ -271,7 +273,7 @@ def proved(plan: Plan) -> dict[str, Any]:
     return {"rows": [*proof, Row("replay", words)], "tone": tone}
 
 
-def warned(shown: Plan | JumpView) -> list[dict[str, Any]]:
+def warned(shown: Trajectory) -> list[dict[str, Any]]:
     """Return the table of the warnings of a plan or a jump, if there are any."""
     kinds = {"leak": "out of plane"}  # in words where the kind's name is none
     rows = [
@@ -281,21 +283,21 @@ def warned(shown: Plan | JumpView) -> list[dict[str, Any]]:
     return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
 
 
-def phase_lines(view: JumpView) -> list[list[str]]:
+def phase_lines(jump: JumpMotion) -> list[list[str]]:
     """Cells of a jump's phases, under ``PHASES``."""
     lines = []
-    rolling = {name for stance in view.jump.stances for each in stance.contacts if each.radius for name in each.names}
-    for phase in view.jump.phases:
+    rolling = {name for stance in jump.stances for each in stance.contacts if each.radius for name in each.names}
+    for phase in jump.phases:
         times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
         stands = ", ".join(f"{name} (rolls)" if name in rolling else name for name in phase.contacts)
         lines.append([phase.kind, *times, stands or "nothing"])
     return lines
 
 
-def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
+def check_lines(check: JumpCheck, request: JumpRequest) -> tuple[list[list[str]], list[list[str]]]:
     """Cells of what a jump's check found, under ``STANCES``: what does not hold, and what does."""
-    told = {name: value for name, value in view.check.figures.items() if name != "torque_speed" or value > 0}
-    broken, held = judged(view.jump.request, told, view.check.unlimited)
+    told = {name: value for name, value in check.figures.items() if name != "torque_speed" or value > 0}
+    broken, held = judged(request, told, check.unlimited)
     return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
 
 
@@ -311,42 +313,49 @@ def asked_of_jump(problem: Problem, request: JumpRequest) -> list[Row]:
     return [*rows, Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
 
 
-def jump_sections(view: JumpView, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
+def jump_sections(jump: JumpMotion, tone: Tone, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
     """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
-    force, (broken, held) = view.samples[2].sum(axis=1).max(), check_lines(view)
-    weights = force / (view.robot.mass * view.problem.flight.gravity)
+    force, problem = footing(jump).sizes.sum(axis=1).max(), jump.whole_problem
+    weights = force / (jump.robot.mass * problem.flight.gravity)
     result = [
-        Row("height", f"centre of mass up to {view.height:.3g} m above the ground"),
+        Row("height", f"centre of mass up to {jump.height:.3g} m above the ground"),
         Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
-    lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
     of_both: list[dict[str, Any]] = [
-        {"title": "Problem", "rows": asked_of_jump(view.jump.problem, view.jump.request)},
-        {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+        {"title": "Problem", "rows": asked_of_jump(jump.problem, jump.request)},
+        {"title": "Result", "rows": result, "tone": tone, "motors": (PHASES, phase_lines(jump))},
     ]
-    if flown:
-        return [*of_both, {"title": "Flown", "rows": [*flown], "tone": view.tone}]
+    if not isinstance(jump, CheckedJump) or jump.flight is None:
+        return [*of_both, {"title": "Flown", "rows": [*flown], "tone": tone}]
+    broken, held = check_lines(jump.check, jump.request)
+    stances = (STANCES, [*broken, *held])
     return [
         *of_both,
-        {"title": "Flight", **proved(view.flight)},
-        {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
-        *warned(view),
+        {"title": "Flight", **proved(jump.flight)},
+        {"title": "Stances", "rows": [], "tone": "bad" if broken else "good", "motors": stances, "note": CHECKED},
+        *warned(jump),
     ]
 
 
-def jump_data(view: JumpView) -> dict[str, Any]:
+def jump_data(jump: JumpMotion) -> dict[str, Any]:
     """Return what the picture of a jump has beside a flight's.
 
     ``frames``, what stands, each with the columns of its ``force`` and where this ``acts``; when it has ``flown``, from
     and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
     """
-    frames = [
-        _frame(name, "stands", view.colours[name], spot.body, spot.place)
-        | {
-            key: [f"{column}_x.{index}", f"{column}_z.{index}"]
-            for key, column in (("force", "force"), ("acts", "foot"))
+    standing, frames = footing(jump), []
+    for index, (name, contact) in enumerate(standing.contacts.items()):
+        spot = contact.spots[0]
+        frame = _frame(name, "stands", standing.colours[name], spot.body, spot.place)
+        columns = {
+            "force": [f"force_x.{index}", f"force_z.{index}"],
+            "acts": [f"foot_x.{index}", f"foot_z.{index}"],
         }
-        for index, (name, spot) in enumerate((name, each.spots[0]) for name, each in view.contacts.items())
-    ]
-    told = {"scale": view.scale, "metres_per_newton": view.metres_per_newton}
-    return {"frames": frames, "flown": view.flown, "cone": rounded(outlines.pairs(view.cone)), **told}
+        frames.append(frame | columns)
+    return {
+        "frames": frames,
+        "flown": jump.flight_span,
+        "cone": rounded(outlines.pairs(standing.cone)),
+        "scale": standing.scale,
+        "metres_per_newton": standing.metres_per_newton,
+    }

@@ -1,4 +1,4 @@
-"""The page of many flights: with and without corrections side by side, pictures, and how much can be corrected."""
+"""The page of many flights: with and without corrections side by side, and pictures."""
 
 import base64
 import html
@@ -17,41 +17,33 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
-from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
-from floatplan.simulation.closed_loop import ClosedLoop
-from floatplan.simulation.jump_landings import JumpReplay
-from floatplan.stance.check import JumpCheck
+from floatplan.plans.verdicts import Tone, verdict_in_words
+from floatplan.simulation.results import ClosedLoop, JumpReplay
 from floatplan.view.figures.animation import animate
-from floatplan.view.jumps import JumpView
 from floatplan.view.report.report import asset, filled, policy, write_report
-from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
+from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, legend_above, new_figure, palette, picture
 
-HEIGHT, AUTHORITY_HEIGHT, HISTOGRAM_HEIGHT = 5.6, 2.6, 2.2  # [in]
+HEIGHT, HISTOGRAM_HEIGHT = 5.6, 2.2  # [in]
 FAINT = 0.45  # [-] opacity of single flights
 BINS = 24
 NARROWEST = 1e-3  # [deg] below which all errors are drawn as one
 WITH, WITHOUT = OKABE_ITO[:2]  # corrections
 MOST_LINKS = 3  # [-] that are named
 LANDING_TITLES = ("", "with corrections", "without")
-AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
 
 Cells = Sequence[str]
 
 
-def write_flights_page(
-    plan: Plan, path: str | Path, flights: ClosedLoop | None = None, authority: Authority | None = None
-) -> Path:
-    """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
-    parts: list[str] = []
-    if flights is not None:
-        drawn = picture("png", closed_loop_picture, plan, flights)
-        parts += [f"<p>{html.escape(summary(flights))}</p>", html_table("", landing_rows(flights), LANDING_TITLES)]
-        parts.append(_embedded(drawn, "planned and flown motion, corrections, landings"))
-    if authority is not None:
-        parts += ["<h2>How much can be corrected</h2>", html_table("", authority_rows(authority), AUTHORITY_TITLES)]
-        parts.append(_embedded(picture("png", authority_picture, authority), "errors that are corrected"))
+def write_flights_page(plan: Plan, path: str | Path, flights: ClosedLoop) -> Path:
+    """Write a page about flights of a plan; it needs no network."""
+    drawn = picture("png", closed_loop_picture, plan, flights)
+    parts = [
+        f"<p>{html.escape(summary(flights))}</p>",
+        html_table("", landing_rows(flights), LANDING_TITLES),
+        _embedded(drawn, "planned and flown motion, corrections, landings"),
+    ]
     return _page(path, plan.problem.name, parts)
 
 
@@ -61,14 +53,19 @@ def write_jump_pages(
     """Write a page that plays the first flight of a jump, and its film; of many flights a page with their histogram."""
     rows, first, name = jump_rows(flights), bool(flights.landings.stands[0]), flights.motion.problem.name
     words = f"{'stands' if first else 'falls'} in {flights.engine}"
-    view = JumpView(flights.motion, JumpCheck(first, {}, ()), words)
-    paths = [write_report(view, folder / "report.html", [Row(row[0], row[1]) for row in rows])]
-    paths.append(animate(view, folder / "flight.gif", progress=progress))
+    motion = flights.motion
+    assert motion.flight is not None
+    tone: Tone = "bad"
+    if first:
+        tone = verdict_in_words(motion.flight.ok, motion.flight.certificate, bool(motion.warnings))[1]
+    told = [Row(row[0], row[1]) for row in rows]
+    paths = [write_report(motion, folder / "report.html", told, (words, tone))]
+    paths.append(animate(motion, folder / "flight.gif", progress=progress))
     if flights.flights > 1:
-        told = f"<p>{html.escape(summary(flights))}; {html.escape(flights.control)}</p>"
+        about = f"<p>{html.escape(summary(flights))}; {html.escape(flights.control)}</p>"
         titles = LANDING_TITLES if flights.corrected is not None else ("", "")
         drawn = _embedded(picture("png", jump_picture, flights), "histogram of landings")
-        paths.append(_page(folder / "flights.html", name, [told, html_table("", rows, titles), drawn]))
+        paths.append(_page(folder / "flights.html", name, [about, html_table("", rows, titles), drawn]))
     return paths
 
 
@@ -130,23 +127,10 @@ def jump_rows(flights: JumpReplay) -> list[Cells]:
     ]
 
 
-def authority_rows(found: Authority) -> list[Cells]:
-    """Return rows of (begin, momentum, inertia), for reading."""
-    times = [(f"{time:.3g} s",) for time in found.times.tolist()]
-    intervals = [[_interval(*ends) for ends in each.tolist()] for each in (found.momentum, found.inertia)]
-    return [(*begin, *row) for begin, row in zip(times, zip(*intervals, strict=True), strict=True)]
-
-
 def _corrections(flights: ClosedLoop | JumpReplay) -> list[Cells]:
     """The row of how often a correction had which status, where any was asked for."""
     counts = ", ".join(f"{count} {status}" for status, count in sorted(flights.statuses.items()))
     return [] if flights.rate is None else [("corrections", counts or "none", "")]
-
-
-def _interval(low: float, high: float) -> str:
-    if math.isnan(low):
-        return "none"
-    return " to ".join(f"{100 * end:+.1f} %" if abs(end) >= 5e-4 else "0 %" for end in (low, high))
 
 
 def _degrees(angle: float) -> str:
@@ -221,20 +205,3 @@ def _label_decades(axis: Axis) -> None:
 def _error_sizes(angles: Array) -> Array:
     """Magnitudes (N,) of angles, deg, as drawn on a logarithmic axis."""
     return np.maximum(np.abs(np.degrees(angles)), NARROWEST)
-
-
-def authority_picture(found: Authority) -> Figure:
-    """Draw the errors of momentum and of inertia that are corrected, over the time when corrections begin."""
-    figure = new_figure(COLUMN, AUTHORITY_HEIGHT)
-    axes = figure.add_subplot()
-    entries: list[tuple[object, str]] = []
-    names = "inertia of all bodies but the base", "angular momentum"
-    for values, name, colour in zip((found.inertia, found.momentum), names, (PALE, WITH), strict=True):
-        axes.fill_between(found.times, *(100 * values.T), color=colour, alpha=0.5, linewidth=0)
-        axes.plot(found.times, 100 * values, color=INK, linewidth=0.6, marker=".", markersize=3)
-        entries.append((Patch(facecolor=colour, alpha=0.5), name))
-    axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.set(xlabel="corrections begin at (s)", ylabel="error that is corrected (%)")
-    axes.margins(x=0.0)
-    legend_above(figure, entries)
-    return figure

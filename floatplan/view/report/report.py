@@ -21,10 +21,13 @@ from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, plan_verdict, raised
+from floatplan.plans.trajectory import Trajectory
+from floatplan.plans.verdicts import Tone
 from floatplan.problem.file import problem_text
 from floatplan.problem.problem import Problem
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.charts import charts
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.jumps import CheckedJump
 from floatplan.view.report.data import chart_data, jump_data, jump_sections, motion_data, sample_grid, sections
 from floatplan.view.sampled import SampledPlan
 
@@ -43,18 +46,25 @@ ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
 
-def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> str:
+def report(
+    plan: Trajectory,
+    path: str | Path | None = None,
+    stances: Sequence[Row] = (),
+    verdict: tuple[str, Tone] | None = None,
+) -> str:
     """Return the page of a plan or a jump, as HTML.
 
     Parameters
     ----------
-    plan : Plan or JumpView
+    plan : Plan, Jump or a jump that was flown
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
         What is said of the stances before and after the flight, or of a jump that was flown, if anything.
+    verdict : words and their tone, optional
+        What is said of a jump that was flown; of others it is their own.
     """
-    data = report_data(plan, path, stances)
+    data = report_data(plan, path, stances, verdict)
     shown = {key: data[key] for key in ("name", "question", "version", "motion", "charts")}
     parts = {**data["verdict"], "facts": "".join([*map(section, data["sections"]), problem_section(data)])}
     return page("report.html", f"{data['name']}: {parts['word']}", STYLES, SCRIPTS, shown, parts).decode()
@@ -120,30 +130,41 @@ def problem_section(data: Mapping[str, Any]) -> str:
     return f'<article class="file"><details>{text}</details></article>'
 
 
-def write_report(plan: Shown, path: str | Path, stances: Sequence[Row] = ()) -> Path:
+def write_report(
+    plan: Trajectory, path: str | Path, stances: Sequence[Row] = (), verdict: tuple[str, Tone] | None = None
+) -> Path:
     """Write the page of a plan, whole or not at all; arguments as of :func:`report`."""
-    return write_atomically(path, report(plan, path, stances))
+    return write_atomically(path, report(plan, path, stances, verdict))
 
 
-def notebook_frame(plan: Plan) -> str:
+def notebook_frame(plan: Trajectory) -> str:
     """Return the page as an element of another page, such as a notebook: it keeps to its own frame."""
     content = html.escape(report(plan))
     style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 1px solid #ddd"
     return f'<iframe srcdoc="{content}" style="{style}" title="flight"></iframe>'
 
 
-def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
+def report_data(
+    plan: Trajectory,
+    path: str | Path | None = None,
+    stances: Sequence[Row] = (),
+    verdict: tuple[str, Tone] | None = None,
+) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    motion = motion_data(sampled)
-    if isinstance(plan, JumpView):
-        word, tone, flight, problem = plan.verdict, plan.tone, plan.flight, plan.jump.problem
-        tables = jump_sections(plan, stances)
+    motion, problem = motion_data(sampled), plan.problem
+    if isinstance(plan, Plan):
+        flight, tables = plan, sections(plan, stances)
+        word, tone = plan_verdict(plan)
+        question = f"{plan.duration:g} s of flight"
+    else:
+        assert isinstance(plan, JumpMotion)
+        assert plan.flight is not None
+        flight = plan.flight
+        word, tone = (plan.verdict, plan.tone) if isinstance(plan, CheckedJump) else verdict or ("", "open")
+        tables = jump_sections(plan, tone, stances)
         motion |= jump_data(plan)
         question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
-    else:
-        (word, tone), flight, problem, tables = plan_verdict(plan), plan, plan.problem, sections(plan, stances)
-        question = f"{plan.duration:g} s of flight"
     for table in tables:
         table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     data: dict[str, Any] = plain(

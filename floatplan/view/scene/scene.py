@@ -26,12 +26,14 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_place
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view import outlines
-from floatplan.view.jumps import JumpView, Shown
+from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space
 from floatplan.view.scene import meshes
 from floatplan.view.solids import CAMERA, drawn_solids
@@ -61,7 +63,7 @@ LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
 
-def write_scene(plan: Shown, path: str | Path) -> Path:
+def write_scene(plan: Trajectory, path: str | Path) -> Path:
     """Write the scene of a plan or a jump as one HTML file, whole or not at all.
 
     Raises
@@ -72,7 +74,7 @@ def write_scene(plan: Shown, path: str | Path) -> Path:
     return write_atomically(path, scene(plan))
 
 
-def scene(plan: Shown) -> str:
+def scene(plan: Trajectory) -> str:
     """Return the scene of a plan or a jump as HTML; errors as :func:`write_scene`."""
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
@@ -89,7 +91,7 @@ def scene(plan: Shown) -> str:
         if not bodies.add_meshes():
             bodies.add_solids()
         moved, vector = ([], _add_space(server, plan)) if flies_in_space(plan) else (_add_plane(server, plan), None)
-        forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
+        forces = ForceNodes(server, plan, times) if isinstance(plan, JumpMotion) else None
         serializer = server.get_scene_serializer()
         for index, time in enumerate(times.tolist()):
             if index:  # the page's clock is the motion's
@@ -98,7 +100,7 @@ def scene(plan: Shown) -> str:
             if forces is not None:
                 forces.put(index)
             if vector is not None:
-                vector.position = plan.at(time).com_position
+                vector.position = plan.state(time).com_position
             for each in moved:
                 move_obstacle(*each, time)
         return headed(serializer.as_html(), f"floatplan: {plan.problem.name}", UPRIGHT)
@@ -107,16 +109,16 @@ def scene(plan: Shown) -> str:
             server.stop()
 
 
-def _add_plane(server: Any, plan: Shown) -> list[tuple[Any, Plane, Obstacle]]:
+def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane, Obstacle]]:
     """Add what is around a flight in a plane; return nodes of obstacles."""
     placed, moved = outlines.postures(plan, outlines.snapshot_times(plan)), []
     low, high = outlines.picture_box(plan, placed)
-    for index, obstacle in enumerate(plan.problem.obstacles):
+    for index, obstacle in enumerate(plan.whole_problem.obstacles):
         slab = obstacle_slab(plan, obstacle, low, high)
         moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
     look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
     add_grounds(server, plan.robot.plane, low, high, outlines.ground_lines(placed))
-    placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
+    placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpMotion) else 121))
     paths = (in_space(plan.robot.plane, path) for path in (placed.com, placed.takeoff, placed.landing))
     _add_trails(server, plan, paths)
     return moved
@@ -197,9 +199,9 @@ def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -
         node.visible = bool(low <= instant <= high)
 
 
-def _add_trails(server: Any, plan: Shown, paths: Iterable[Array]) -> None:
+def _add_trails(server: Any, plan: Trajectory, paths: Iterable[Array]) -> None:
     """Add paths (N, 3) of the centre of mass, and of the frames that take off and land."""
-    names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
+    names = dict.fromkeys((plan.whole_problem.takeoff.frame, plan.whole_problem.landing.frame))
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
         pairs = np.stack((path[:-1], path[1:]), axis=1)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
@@ -212,7 +214,7 @@ def segments(plane: Plane, path: ComplexArray) -> Array:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def obstacle_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> meshes.Mesh:
+def obstacle_slab(plan: Trajectory, obstacle: Obstacle, low: complex, high: complex) -> meshes.Mesh:
     """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
@@ -373,15 +375,17 @@ class RobotNodes:
 class ForceNodes:
     """An arrow in a friction cone for each point that stands, left and right, at instants (N,) of a jump."""
 
-    def __init__(self, server: Any, view: JumpView, times: Array) -> None:
-        plane, contacts, self._nodes = view.robot.plane, view.contacts.values(), list[tuple[Any, Any, Array]]()
-        look = {name: size * view.height for name, size in ARROW.items()}
-        scale = view.metres_per_newton * max(len(contact.names) for contact in contacts)
-        state, side, here = view.jump.at(times), view.cone[1], np.arange(RIM - 1)
+    def __init__(self, server: Any, jump: JumpMotion, times: Array) -> None:
+        standing, plane = footing(jump), jump.robot.plane
+        contacts = standing.contacts.values()
+        self._nodes = list[tuple[Any, Any, Array]]()
+        look = {name: size * jump.height for name, size in ARROW.items()}
+        scale = standing.metres_per_newton * max(len(contact.names) for contact in contacts)
+        state, side, here = jump.at(times), standing.cone[1], np.arange(RIM - 1)
         around = side.real * np.exp(2j * np.pi * np.arange(RIM) / (RIM - 1))[:, None]
         rim = around.real * plane.horizontal + around.imag * plane.normal + side.imag * plane.vertical
         cone = np.append(rim, np.zeros((1, 3)), axis=0), np.stack((here, here + 1, 0 * here + RIM), axis=1)
-        for contact, colour in zip(contacts, view.colours.values(), strict=True):
+        for contact, colour in zip(contacts, standing.colours.values(), strict=True):
             for name in contact.names:
                 place, (across, up) = state.points[name], scale * state.forces[name].T[..., None]
                 ends = np.stack((place, place + across * plane.horizontal + up * plane.vertical), axis=1)

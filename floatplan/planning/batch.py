@@ -1,0 +1,310 @@
+"""Problems that go together: of each the kernel follows the plain motion, or so many starts as it needs, in one call.
+
+They differ in numbers alone, so that the structs of one of them are copied for all. What holds is an answer; the others
+are ready for a search of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.kernel.structs import Pointer, Struct, StructRows, doubles
+from floatplan.kernel.tolerances import MOST_STARTS
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.sine_polynomial import Form, SinePolynomials, boundary_arguments
+from floatplan.planning.constraints import Limit
+from floatplan.planning.kernel_problem import INFEASIBLE, OPTIMAL, STATUS, KernelProblem
+from floatplan.planning.numbers import Numbers, key
+from floatplan.planning.options import ATTEMPTS, SearchOptions
+from floatplan.planning.result import AttemptResult
+from floatplan.planning.search import Search
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import DecisionVariables, Start, whitened
+from floatplan.plans.plans import ALL_HOLDS, Answer
+from floatplan.problem.problem import Problem, shares_of_limits
+
+
+@dataclass(frozen=True, eq=False)
+class PlainMotions:
+    """Motions of N problems with no free part, the arcsine on its first branch, as the variables of a search.
+
+    Attributes
+    ----------
+    like : Problem
+        One of them; they share joint ranges and degrees.
+    free : (n,) int
+        Free polynomials of each joint.
+    duration, momentum, change : (N,) s, kg m^2/s, rad
+        The last one is of the orientation.
+    boundary : (N, n, 6)
+        Of :class:`~floatplan.motion.sine_polynomial.SinePolynomials`.
+    offset, scaling, offset_map : (N, ..)
+        Of :class:`~floatplan.planning.variables.DecisionVariables`.
+    x : (N, size)
+    """
+
+    like: Problem
+    free: tuple[int, ...]
+    duration: Array
+    momentum: Array
+    change: Array
+    boundary: Array
+    offset: Array
+    scaling: Array
+    offset_map: Array
+    x: Array
+
+    @classmethod
+    def of(cls, numbers: Numbers) -> PlainMotions:
+        """Return the motions of problems that differ in these numbers."""
+        values, like = numbers.values, numbers.like
+        low, high = like.position_limits.T
+        duration, orientation = values["duration"], values["orientation"]
+        count, n = len(duration), len(low)
+        p, rate, curvature = boundary_arguments(
+            values["positions"],
+            values["velocities"],
+            values["accelerations"],
+            (low + high) / 2,
+            (high - low) / 2,
+            np.zeros(n, np.int64),
+        )
+        time = duration[:, None, None]
+        ends = np.empty((count, n, 2, 3))
+        for order, argument in enumerate((p, time * rate, time**2 * curvature)):
+            ends[..., order] = argument.swapaxes(1, 2)
+        boundary = ends.reshape(count, n, CONDITIONS)
+        free = tuple(degree - CONDITIONS + 1 for degree in like.degrees)
+        is_one = count == 1 or bool((duration == duration[0]).all())
+        durations = tuple(duration[: 1 if is_one else count].tolist())
+        offset, scaling, offset_map = map(doubles, whitened(Form(max(free)), free, durations, boundary))
+        return cls(
+            like=like,
+            free=free,
+            duration=duration,
+            momentum=numbers.angular_momentum(),
+            change=orientation[:, 1] - orientation[:, 0],
+            boundary=boundary,
+            offset=offset,
+            scaling=scaling,
+            offset_map=offset_map,
+            x=doubles(np.linalg.solve(scaling, -offset[..., None])[..., 0]),
+        )
+
+    def start(self, row: int) -> Start:
+        """Return the motion of one of the problems as a start."""
+        low, high = self.like.position_limits.T
+        polynomials = SinePolynomials(
+            centre=(low + high) / 2,
+            amplitude=(high - low) / 2,
+            duration=float(self.duration[row]),
+            boundary=self.boundary[row],
+            free=self.free,
+        )
+        momentum = MomentumSet(self.momentum[row : row + 1], np.empty((1, 0)))
+        variables = DecisionVariables(
+            polynomials, self.offset[row], self.scaling[row], momentum, offset_map=self.offset_map[row]
+        )
+        return Start(variables, self.x[row], at_once=True)
+
+
+@dataclass(frozen=True, eq=False)
+class StructRow:
+    """One of several structs, which live as long."""
+
+    pointer: Pointer
+    rows: Struct | StructRows
+
+
+@dataclass(eq=False)  # not frozen, for its speed: there is one for every plan without inequalities
+class Batch:
+    """N problems of which the kernel has followed starts, each ready for further ones.
+
+    Attributes
+    ----------
+    template : KernelProblem
+        Of one problem, from which they differ in numbers alone.
+    motions : PlainMotions
+        Where each began.
+    attempts, draws, classes, constraints : structs (N,)
+    x, branch, coefficients : (N, size), (N, n), (N, n, k+1)
+        Where each ended, with b of (12).
+    minima : three arrays (N, most)
+    """
+
+    template: KernelProblem
+    motions: PlainMotions
+    attempts: StructRows
+    draws: StructRows
+    classes: StructRows
+    constraints: Struct | StructRows
+    x: Array
+    branch: IntArray
+    coefficients: Array
+    minima: tuple[IntArray, Array, Array]
+
+    @classmethod
+    def of(cls, template: KernelProblem, motions: PlainMotions, constraints: Struct | StructRows) -> Batch:
+        """Copy the structs of one problem for those of the motions, with rows of their own."""
+        count, n = motions.boundary.shape[:2]
+        x = motions.x.copy()
+        branch = np.zeros((count, n), np.int64)
+        coefficients = np.empty((count, n, CONDITIONS + max(motions.free)))
+        attempts = StructRows(template.attempt, count)
+        attempts.point_to(plain=motions.x, x=x, coefficients=coefficients)
+        classes = StructRows(template.motions, count)
+        classes.set_numbers(duration=motions.duration, momentum=motions.momentum, change=motions.change)
+        boundary = doubles(motions.boundary)
+        classes.point_to(boundary=boundary, offset=motions.offset, scaling=motions.scaling)
+        draws = StructRows(template.draws, count)
+        draws.point_to(branch=branch, offset_map=motions.offset_map)
+        most = len(template.minima[0])
+        minima = np.empty((count, most), np.int64), np.empty((count, most)), np.empty((count, most))
+        return cls(template, motions, attempts, draws, classes, constraints, x, branch, coefficients, minima)
+
+    def problem(self, row: int) -> KernelProblem:
+        """One of the problems, whose structs and arrays are those of the batch."""
+        number, s, least = self.minima
+        return replace(
+            self.template,
+            start=self.motions.start(row),
+            constraints=StructRow(self.constraints.pointer + row, self.constraints),
+            motions=StructRow(self.classes.row(row), self.classes),
+            attempt=StructRow(self.attempts.row(row), self.attempts),
+            draws=StructRow(self.draws.row(row), self.draws),
+            x=self.x[row],
+            branch=self.branch[row],
+            coefficients=self.coefficients[row],
+            minima=(number[row], s[row], least[row]),
+        )
+
+    def follow(self) -> None:
+        """Follow starts of each problem, as the structs say."""
+        whole = replace(
+            self.template,
+            constraints=self.constraints,
+            motions=self.classes,
+            attempt=self.attempts,
+            draws=self.draws,
+        )
+        whole.call(len(self.x))
+
+    @property
+    def solved(self) -> IntArray:
+        """Those that need no more starts: the best of several holds, or the plain motion led to the optimum."""
+        status = self.status
+        return np.flatnonzero(status == OPTIMAL if self.template.rows.rows else status != INFEASIBLE)
+
+    @property
+    def status(self) -> IntArray:
+        """INFEASIBLE, FEASIBLE or OPTIMAL (N,)."""
+        numbers = self.attempts.numbers
+        return np.where(numbers["violation"] <= 0, numbers["status"], INFEASIBLE)
+
+    @property
+    def residual(self) -> Array:
+        """By how much (N,) each misses the goal, rad; infinite where the nodes do not resolve the motion."""
+        numbers = self.attempts.numbers
+        return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
+
+    def answer(self, row: int) -> Answer | None:
+        """Where the best start of one of them led; None where that is no plan."""
+        attempt = self.attempts.row(row)
+        if not attempt.violation <= 0:  # which may be no number
+            return None
+        b = self.coefficients[row]
+        return Answer(
+            status=STATUS[attempt.status],
+            objective=attempt.objective if attempt.wanted else float(np.linalg.norm(b)),
+            angular_momentum=float(self.motions.momentum[row]),
+            residual=abs(attempt.missed[0]),
+            coefficients=b,
+            evaluations=attempt.evaluations,
+            iterations=attempt.iterations,
+            starts=attempt.started,
+            solved=attempt.solved,
+            message=ALL_HOLDS if self.template.rows.rows else "",
+        )
+
+    def result(self, row: int, problem: Problem) -> AttemptResult:
+        """What came of the starts of one of the problems."""
+        own = self.problem(row)
+        return own.result(FlightSpec(problem, own.start.variables.momentum))
+
+    def search(self, row: int, problem: Problem, options: SearchOptions) -> Search:
+        """A search of one of the problems, whose first attempt is done."""
+        own = self.problem(row)
+        return Search(problem, options, FlightSpec(problem, own.start.variables.momentum), followed=own)
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What problems without inequalities share that are followed together, and one of them."""
+
+    key: tuple[Any, ...]
+    problem: Problem = field(compare=False)
+
+
+@lru_cache(maxsize=32)
+def _template(kind: _Kind) -> KernelProblem:
+    """Return one of the problems of a kind for the kernel: any of them serves all."""
+    motions = PlainMotions.of(Numbers.of_problems([kind.problem]))
+    return KernelProblem.of(FlightSpec(kind.problem), motions.start(0))
+
+
+def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: int) -> Batch:
+    """Follow starts of problems without inequalities, which ``problem`` is one of, until so many of each are solved."""
+    template = _template(_Kind(key(problem), problem))
+    motions = PlainMotions.of(numbers)
+    count = len(motions.x)
+    struct = template.rows.struct
+    batch = Batch.of(template, motions, struct if count == 1 else StructRows(struct, count))
+    batch.attempts.set_numbers(count=min(MOST_STARTS + wanted - 1, ATTEMPTS), wanted=wanted, most_work=np.inf)
+    batch.draws.set_numbers(seed=seed)
+    batch.follow()
+    return batch
+
+
+def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
+    """Follow the plain motions of problems with inequalities, which that of ``spec`` is one of; each as if alone."""
+    motions = PlainMotions.of(numbers)
+    count = len(motions.x)
+    template = KernelProblem.of(spec, motions.start(0))
+    constraints = StructRows(spec.rows.struct, count)
+    constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(spec, numbers, count))
+    batch = Batch.of(template, motions, constraints)
+    batch.classes.set_numbers(orientation=numbers.values["orientation"][:, 0])
+    obstacles = numbers.obstacles or [()] * count
+    thickness = [min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]
+    batch.attempts.set_numbers(count=1, most_work=most_work, thickness=thickness)
+    batch.attempts.set_numbers(reach=spec.reach)  # it is asked first whether there is a chance
+    minima = StructRows(template.minima_struct, count)
+    number, s, least = batch.minima
+    minima.point_to(row=number, s=s, least=least)
+    batch.attempts.set_structs(minima=minima)
+    batch.follow()
+    return batch
+
+
+def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str, Array]:
+    """What of the rows each problem has for itself: obstacles, the margins to them, limits."""
+    rows = spec.rows
+    found: dict[str, Array] = {}
+    if numbers.obstacles:
+        margins = np.array([[each.margin for each in own] for own in numbers.obstacles])
+        least = np.tile(rows.least, (count, 1))
+        of_obstacles = np.diff(rows.block_first)[: margins.shape[1]]
+        least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
+        found = {"obstacles": doubles(numbers.obstacle_numbers()), "least": least}
+    if numbers.limits and numbers.limits is not numbers.like:
+        blocks = [Limit.of(shares).compiled(spec.flight) for shares in shares_of_limits(numbers.limits)]
+        shapes = [(count, len(block.constant), rows.sums.terms) for block in blocks]
+        sums = [np.broadcast_to(rows.sums.rows(b), shape) for b, shape in zip(blocks, shapes, strict=True)]
+        found["sums"] = doubles(np.concatenate((np.empty((count, 0, rows.sums.terms)), *sums), axis=1))
+    return found

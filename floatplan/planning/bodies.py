@@ -1,0 +1,105 @@
+"""A planar tree as the kernel sees it: bodies that turn alike merged, what is constant folded into the coupling.
+
+With ``q_i = centre_i + amplitude_i sin p_i`` the angle of body a is a constant and ``sum_i turns_ai amplitude_i sin
+p_i``. The constants go into C of :mod:`floatplan.motion.planar.closed_form`, and so do the senses of rotation and the
+moments of inertia. Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right,
+are then one.
+"""
+
+from bisect import bisect_left
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray, IntArray, identity
+from floatplan.kernel.structs import Struct, doubles, integers
+from floatplan.robot.planar.tree import PlanarTree
+
+NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
+
+
+class Bodies:
+    """Bodies (m,) of a tree that turn differently, for joint ranges of the given centres and amplitudes (n,), rad.
+
+    Body 0 does not turn against the base.
+
+    Attributes
+    ----------
+    real, imaginary : (m, m) kg m^2
+        C, with the moments of inertia on its diagonal.
+    parent : (m,) int
+        The body before it that each one's angle is built on.
+    first : list of m+1 int
+        Where the terms ``ratio[e] sin p`` of ``joint[e]`` of each body begin.
+    joint, ratio : (E,) int, (E,) rad
+    rotations : (m, M) complex
+        What takes the tree's M bodies, its links, to these: ``rotations^* C rotations^T`` is theirs.
+    group : (M,) int
+        As which of these bodies each link turns.
+    links : (M, m) complex, kg m^2
+        Of each link alone, the row of C by these bodies.
+    rotors : (M, n) kg m^2 rad
+        Moments on the links that turn rotors, by the accelerations of sin p; None where there are none.
+    is_mirrored : whether angles count the other way
+    """
+
+    def __init__(self, tree: PlanarTree, centre: Array, amplitude: Array) -> None:
+        constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
+        turns, self.group = tree.distinct_turns
+        # Of each body's turns (m, n) the one before it that needs fewest terms to become it, and these terms.
+        rows = np.arange(len(turns))
+        differences = turns[:, None] - turns
+        needed = (differences != 0).sum(axis=2)
+        needed[rows[:, None] <= rows] = turns.shape[1] + 1  # those after it
+        self.parent: IntArray = needed.argmin(axis=1)
+        terms = differences[rows, self.parent]
+        body, self.joint = terms.nonzero()
+        rising = body.tolist()
+        self.first = [bisect_left(rising, number) for number in range(len(turns) + 1)]
+        self.ratio = terms[body, self.joint] * amplitude[self.joint]
+        self.rotations = identity(len(turns))[self.group].T * constant
+        coupling = self.rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ self.rotations.T
+        links = (constant.conj()[:, None] * tree.coupling) @ self.rotations.T
+        links[np.arange(len(links)), self.group] += tree.inertia
+        self.is_mirrored = tree.turn < 0
+        if self.is_mirrored:
+            coupling, links = coupling.conj(), links.conj()
+        self.real, self.imaginary = np.ascontiguousarray(coupling.real), np.ascontiguousarray(coupling.imag)
+        self.links = links
+        self.rotors = None if tree.rotors is None else tree.rotors * amplitude
+
+    def of_points(self, weights: ComplexArray) -> ComplexArray:
+        """Weights (.., m) that give points by the rotations of these bodies, from those (.., M) by the tree's."""
+        points = weights @ self.rotations.T
+        return np.asarray(points.conj() if self.is_mirrored else points)
+
+
+def robot_struct(bodies: Bodies, joints: int) -> Struct:
+    """Return a robot of so many joints."""
+    is_real = bool(np.abs(bodies.imaginary).max() <= NEGLIGIBLE * np.abs(bodies.real).max())
+    return Struct(
+        "Robot",
+        joints=joints,
+        bodies=len(bodies.real),
+        real=doubles(bodies.real),
+        imaginary=doubles(bodies.imaginary),
+        is_real=is_real,
+        parent=integers(bodies.parent),
+        first=integers(bodies.first),
+        joint=integers(bodies.joint),
+        ratio=doubles(bodies.ratio),
+        links=len(bodies.group),
+        group=integers(bodies.group),
+        link_real=doubles(bodies.links.real),
+        link_imaginary=doubles(bodies.links.imag),
+        has_rotors=bodies.rotors is not None,
+        rotors=None if bodies.rotors is None else doubles(bodies.rotors),
+    )
+
+
+@lru_cache(maxsize=64)
+def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Struct]:
+    """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
+    joints = tree.turns.shape[1]
+    bodies = Bodies(tree, np.zeros(joints), np.ones(joints))
+    return bodies, robot_struct(bodies, joints)

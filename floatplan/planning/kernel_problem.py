@@ -1,0 +1,327 @@
+"""A problem as the kernel takes it, for a class of motions: starts of it are followed to their ends by ``starts.hpp``.
+
+What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache, lru_cache
+from itertools import accumulate
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.kernel.library import kernel
+from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration, integers
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, EXCHANGE_IN_SPACE, SETTINGS
+from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
+from floatplan.motion.planar.end_rates import EndRates
+from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
+from floatplan.planning.constraints import RowTable, changes_at_ends
+from floatplan.planning.kernel_rows import KernelRows
+from floatplan.planning.result import AttemptResult, Worst
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import Boundary, DecisionVariables, Start
+from floatplan.problem.problem import Problem
+from floatplan.tables import ORIENTATION
+
+INFEASIBLE, FEASIBLE, OPTIMAL = enumeration("Status")
+STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
+MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
+MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
+LEVEL_OF_DRAWS = 2  # of grids, where they are measured
+SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
+CHEAP = 192  # [-] bodies times nodes, below which the time of an evaluation hardly depends on them
+EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
+AnyStruct: TypeAlias = Any  # a Struct, StructRows, or one of these: what has a pointer
+
+
+@dataclass(frozen=True, eq=False)
+class KernelProblem:
+    """A problem as the kernel takes it, for the class of motions of a start, which is number 0; others are drawn.
+
+    Attributes
+    ----------
+    rows : KernelRows
+        With the kernel's functions.
+    table : RowTable
+    start : Start
+    constraints, motions, attempt, draws : structs of the problem
+    levels, settings, rules, powers : structs that other problems share
+    x, branch, coefficients : (size,), (n,), (n, k+1)
+        Where the kernel writes the best motion, with b of (12); that is None where accelerations at an end are free.
+    minima : three arrays (most,)
+        Where it writes the local minima of rows: number of the row, s, and value; ``minima_struct`` points to them.
+    end_values : (rows, 2)
+        Where it writes the values of rows at takeoff and landing, when it is asked about them.
+    """
+
+    rows: KernelRows
+    table: RowTable
+    start: Start
+    constraints: AnyStruct
+    motions: AnyStruct
+    attempt: AnyStruct
+    draws: AnyStruct
+    levels: StructArray
+    settings: Struct
+    rules: Struct
+    powers: Struct
+    x: Array
+    branch: IntArray
+    coefficients: Array | None
+    minima: tuple[IntArray, Array, Array]
+    minima_struct: Struct
+    end_values: Array
+
+    @classmethod
+    def of(cls, spec: FlightSpec, start: Start) -> KernelProblem:
+        """Fill the structs."""
+        rows, table = spec.rows, spec.row_table
+        variables = start.variables
+        polynomials = variables.polynomials
+        x = start.x.copy()
+        branch = np.zeros(len(polynomials.free), np.int64)
+        coefficients = None
+        if not polynomials.free_ends:
+            coefficients = np.empty((len(branch), CONDITIONS + polynomials.width))
+        most = len(table.grid) * rows.rows
+        minima = np.empty(most, np.int64), np.empty(most), np.empty(most)
+        end_values = np.empty((rows.rows, 2))
+        minima_struct = Struct(
+            "Minima",
+            instants=len(table.grid),
+            near=table.near,
+            span=table.span,
+            grid=doubles(table.grid),
+            low=doubles(table.low),
+            high=doubles(table.high),
+            row=minima[0],
+            s=minima[1],
+            least=minima[2],
+        )
+        # Where nothing is constrained, h is not tried first.
+        fractions = MOMENTUM_FRACTIONS if spec.constraints else ()
+        draws = Struct(
+            "SamplingOptions",
+            level=LEVEL_OF_DRAWS,
+            random=MOTIONS_PER_VARIABLE * variables.size,
+            spreads=SPREADS,
+            fractions=len(fractions),
+            fraction=doubles(fractions),
+            offset_map=None if variables.offset_map is None else doubles(variables.offset_map),
+            branch=branch,
+        )
+        in_plane = spec.problem.robot.in_plane is not None
+        constrained = bool(spec.constraints) or not in_plane
+        settings, rules = _numbers_of_search(constrained, in_plane, rows.node_counts, rows.bodies)
+        return cls(
+            rows=rows,
+            table=table,
+            start=start,
+            constraints=rows.struct,
+            motions=motions_struct(spec.problem, variables, rows.also is None),
+            attempt=_attempt(spec, start, minima_struct, end_values=end_values, x=x, coefficients=coefficients),
+            draws=draws,
+            levels=rows.nodes(polynomials.form),
+            settings=settings,
+            rules=rules,
+            powers=powers_of_basis(basis(polynomials.form).bubbles),
+            x=x,
+            branch=branch,
+            coefficients=coefficients,
+            minima=minima,
+            minima_struct=minima_struct,
+            end_values=end_values,
+        )
+
+    def call(self, count: int = 1) -> None:
+        """Have the kernel follow starts as the structs say, of so many problems that lie one after the other."""
+        no_memory = self.rows.attempt(
+            *self.rows.flying(self.start.variables.momentum),
+            self.constraints.pointer,
+            self.motions.pointer,
+            self.levels.pointer,
+            self.settings.pointer,
+            self.rules.pointer,
+            self.powers.pointer,
+            self.attempt.pointer,
+            self.draws.pointer,
+            count,
+            kernel().instructions,
+        )
+        if no_memory:
+            raise MemoryError("no memory to follow a start")
+
+    def follow(self, numbers: range, most_work: float, seed: int, *, reach: float = 0.0, expired: bool = False) -> None:
+        """Follow starts by number to their ends, one after the other, until one holds or has done much work.
+
+        Parameters
+        ----------
+        numbers : of the starts
+        most_work : instants of one body
+            The first start ends when it has done it, of others those are left out that would do more.
+        seed : of the starts that are drawn
+        reach : m, of the point that stays nearest to the centre of mass
+            Above 0, it is asked first if start and goal, and the path of the centre of mass, leave a chance. Where
+            they do not, none is followed.
+        expired : whether there is no time left: the first start is judged as it is
+        """
+        attempt = self.attempt.pointer
+        self.x[:] = self.start.x
+        attempt.first = numbers.start
+        attempt.count = len(numbers)
+        attempt.wanted = 0
+        attempt.most_work = EXPIRED if expired else most_work
+        attempt.reach = reach
+        self.draws.pointer.seed = seed
+        self.call()
+
+    def result(self, spec: FlightSpec) -> AttemptResult:
+        """Return the best of the starts that were followed last."""
+        attempt, table = self.attempt.pointer, self.table
+        found = attempt.minima.found
+        row, s, least = self.minima[0][:found], self.minima[1][:found], self.minima[2][:found]
+        # Without rows, the coefficients of what is no plan are of another x.
+        knows_coefficients = self.coefficients is not None and (attempt.rows > 0 or attempt.violation <= 0)
+        return AttemptResult(
+            spec=spec,
+            start_variables=self.start.variables,
+            x=self.x.copy(),
+            status=STATUS[attempt.status],
+            iterations=attempt.iterations,
+            evaluations=attempt.evaluations,
+            level=attempt.judged_level,
+            violation=attempt.violation,
+            worst=Worst(block=table.block[row], row=table.row[row], s=s.copy(), value=least.copy()),
+            missed=np.array(list(attempt.missed)[: len(self.start.variables.momentum.centre)]),
+            work=attempt.work,
+            starts=attempt.started,
+            solved=max(attempt.solved, 1),
+            coefficients=self.coefficients.copy() if self.coefficients is not None and knows_coefficients else None,
+            integral=attempt.objective if attempt.objective_sums else None,
+            branch=self.branch.copy() if self.branch.any() else None,
+        )
+
+
+def _attempt(spec: FlightSpec, start: Start, minima: Struct, **written: Array | None) -> Struct:
+    """Return starts as the kernel follows them, with the arrays in which their ends are written."""
+    rows, table = spec.rows, spec.row_table
+    changes = [changes_at_ends(start.variables, block) for block in spec.constraints]
+    instants = sorted({*((0.0, 1.0) if any(changes) else ()), *table.window_ends})
+    return Struct(
+        "SearchProblem",
+        rows=rows.rows,
+        at_once=start.at_once,
+        objective_sum=0 if rows.also is None else rows.first_also,
+        objective_sums=0 if rows.also is None else len(rows.also),
+        bodies=rows.bodies * rows.work_of_body,
+        entries=sum(rows.differentiated),
+        thickness=min((obstacle.thickness for obstacle in spec.problem.obstacles), default=np.inf),
+        plain=doubles(start.variables.plain_motion),
+        low=doubles(table.low),
+        high=doubles(table.high),
+        tolerance=doubles(table.tolerance),
+        at_ends=integers(np.array(changes)[table.block]),
+        instants=doubles(instants),
+        fixed=len(instants),
+        minima=minima,
+        **written,
+    )
+
+
+@lru_cache(maxsize=8)
+def _numbers_of_search(
+    constrained: bool, in_plane: bool, node_counts: tuple[int, ...], bodies: int
+) -> tuple[Struct, Struct]:
+    """Return every number of a search: settings, and the rules of exchange."""
+    settings = CONSTRAINED_SETTINGS if constrained else SETTINGS
+    rules = EXCHANGE if in_plane else replace(EXCHANGE_IN_SPACE, watched_at_most=len(node_counts) - 1)
+    cheap = max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
+    return (
+        Struct.of_numbers(replace(settings, tolerance=ORIENTATION, levels=len(node_counts))),
+        Struct.of_numbers(replace(rules, cheap_level=cheap)),
+    )
+
+
+@cache
+def powers_of_basis(width: int) -> Struct:
+    """Return what b is written with, of motions with so many free polynomials."""
+    arrays = {}
+    for name, fractions in (("columns", basis_columns(width)), ("lost", compensations(CONDITIONS + width))):
+        high = fractions.astype(np.float64)
+        exact = np.array([Fraction(value) for value in high.ravel().tolist()], dtype=object).reshape(high.shape)
+        arrays[name] = high
+        arrays[f"{name}_low"] = (fractions - exact).astype(np.float64)  # as sums of two doubles
+    return Struct("Powers", **arrays)
+
+
+@lru_cache(maxsize=64)
+def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficients: bool) -> Struct:
+    """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
+    polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
+    form = polynomials.form
+    series = basis(form).series
+    given = basis(form).given
+    columns = [given.index(condition) if condition in given else -1 for condition in range(CONDITIONS)]
+    coefficient_map = None
+    if of_coefficients and following is not None:
+        unit = whitening(form, (polynomials.duration,))[3]
+        coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
+    # In space the attitudes at both ends and the angular momentum are the body's.
+    orientation = change = middle = 0.0
+    axis = np.zeros(momentum.free)
+    if problem.robot.in_plane:
+        orientation = problem.initial.orientation
+        change = problem.final.orientation - orientation
+        middle = float(momentum.centre[0])
+        axis = doubles(momentum.axes.ravel())
+    return Struct(
+        "Motions",
+        size=variables.size,
+        axes=momentum.free,
+        columns=series.shape[2],
+        given=len(given),
+        terms=series.shape[1],
+        duration=polynomials.duration,
+        orientation=orientation,
+        change=change,
+        momentum=middle,
+        axis=axis,
+        centre=doubles(polynomials.centre),
+        amplitude=doubles(polynomials.amplitude),
+        first=integers(list(accumulate(polynomials.free, initial=0))),
+        condition=integers(columns),
+        boundary=doubles(polynomials.given_boundary),
+        offset=doubles(variables.offset),
+        scaling=doubles(variables.scaling),
+        series=doubles(series),
+        map=coefficient_map,
+        start=_end(following, 0, momentum.centre) if following else None,
+        goal=_end(following, 1, momentum.centre) if following else None,
+    )
+
+
+def _end(following: Boundary, end: int, middle: Array) -> Struct | None:
+    """How the conditions (13) at one end follow h; None where they do not."""
+    of_ends = following.rates
+    if not isinstance(of_ends, EndRates) or end not in of_ends.curves:
+        return None
+    momenta = of_ends.curves[end].momenta  # kg m^2/s, between which the rates are straight
+    p, _, curvature = following(middle)[:, 3 * end : 3 * end + 3].T
+    rates = np.array([following(np.array([h]))[:, 3 * end + 1] for h in momenta.tolist()])
+    at_middle = following(middle)[:, 3 * end + 1]
+    movable = (np.abs(np.cos(p)) > EDGE) & ~following.free[end]
+    bend = np.where(movable, np.tan(p), 0.0)
+    curvature = curvature - bend * at_middle**2
+    return Struct(
+        "End",
+        knots=len(rates),
+        momenta=doubles(momenta),
+        rates=doubles(rates),
+        curvature=doubles(curvature),
+        bend=doubles(bend),
+    )

@@ -1,0 +1,216 @@
+"""What comes of an attempt, one start or several that were followed together, and of a search: all its attempts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.kernel.tolerances import EXCHANGE
+from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import DecisionVariables
+
+
+@dataclass(frozen=True, eq=False)
+class Worst:
+    """Local minima of constraint rows over time: ``block``, ``row``, ``s``, ``value`` (L,)."""
+
+    block: IntArray
+    row: IntArray
+    s: Array
+    value: Array
+
+    @property
+    def least(self) -> float:
+        """The lowest value; infinite where nothing is near."""
+        return float(self.value.min(initial=np.inf))
+
+    @property
+    def lowest(self) -> tuple[int, int, float, float]:
+        """Block, row, value and s of the lowest, where there is one."""
+        index = int(np.argmin(self.value))
+        return int(self.block[index]), int(self.row[index]), float(self.value[index]), float(self.s[index])
+
+
+@dataclass(eq=False)
+class Work:
+    """Work that was done, instants of one body: a measure without a clock, the same on every machine, busy or quiet.
+
+    Where answers are compared or repeated, a search must end at the same place each time; the instants evaluated cost
+    nearly all of its time.
+    """
+
+    done: float = 0.0
+
+    def evaluated(self, instants: float) -> None:
+        """Count the evaluation of a motion at so many instants of one body."""
+        self.done += EXCHANGE.evaluation + instants
+
+    def differentiated(self, entries: int) -> None:
+        """Count a Jacobian."""
+        self.done += EXCHANGE.differentiation + EXCHANGE.entry * entries
+
+
+@dataclass(eq=False)
+class AttemptResult:
+    """The best motion that an attempt led to.
+
+    Attributes
+    ----------
+    spec : FlightSpec
+    start_variables : DecisionVariables
+        Of the motions that the attempt began with; those of its end are ``variables``.
+    x : (size,)
+        The motion.
+    status : "optimal", "feasible" or "infeasible"
+    iterations, evaluations : of all starts that were followed
+    level : of the grid that the motion was judged on
+    violation : rad, or of a row's scale
+        The largest one of (14) or of a constraint's row; 0 where everything holds.
+    worst : local minima of the constraints' rows
+    missed : (e,) rad
+        Residual of (14), with its sign.
+    work : instants of one body
+        What the attempt took, the drawing of its starts included.
+    starts, solved : starts that were followed, and those of them that hold
+    coefficients : (n, k+1), optional
+        b of (12), powers of t in seconds, where the kernel has computed them.
+    integral : float, optional
+        The objective, where it is an integral that the kernel has computed.
+    branch : (n,), optional
+        Of the arcsine at landing, against that of ``start_variables``; None where it is the same.
+    """
+
+    spec: FlightSpec
+    start_variables: DecisionVariables
+    x: Array
+    status: str
+    iterations: int
+    evaluations: int
+    level: int
+    violation: float
+    worst: Worst
+    missed: Array = field(default_factory=lambda: np.array([np.nan]))
+    work: float = 0.0
+    starts: int = 1
+    solved: int = 1
+    coefficients: Array | None = None
+    integral: float | None = None
+    branch: IntArray | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether (14) and every constraint hold."""
+        return self.violation <= 0
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether it holds, and no motion beside it costs less."""
+        return self.holds and self.status == "optimal"
+
+    @property
+    def is_exhaustive(self) -> bool:
+        """Whether the kernel has followed, in one call, as many starts as promise anything."""
+        return self.starts > 1
+
+    @cached_property
+    def variables(self) -> DecisionVariables:
+        """How x makes the motion."""
+        if self.branch is None:
+            return self.start_variables
+        branches = np.stack((np.zeros_like(self.branch), self.branch))
+        return self.spec.variables(self.start_variables.degrees, branches, self.start_variables.momentum)
+
+    @cached_property
+    def written(self) -> Array:
+        """Coefficients b (n, k+1) of (12), powers of t in seconds."""
+        if self.coefficients is not None:
+            return self.coefficients
+        variables, x = self.variables, self.x
+        motions = variables.motion_class(variables.angular_momentum(x))
+        return motions.powers_of_seconds(variables.free_coefficients(x))
+
+    @cached_property
+    def objective_value(self) -> float:
+        """The user's objective, which compares motions of any degree and branch."""
+        if self.integral is not None:
+            return self.integral
+        if self.spec.problem.robot.in_plane:
+            return float(np.linalg.norm(self.written))
+        return float(np.linalg.norm(self.x[: self.variables.coefficients]))
+
+
+def best(results: Sequence[AttemptResult]) -> AttemptResult:
+    """Return the result of the least violation, of equals the best; others have no objective.
+
+    Of several that ended at the same motion it is one that is known to be optimal, the first of these.
+    """
+    least = min(result.violation for result in results)
+    nearest = [result for result in results if result.violation == least]
+    if len(nearest) == 1:
+        return nearest[0]
+    lowest = min(nearest, key=lambda result: result.objective_value)
+    most = lowest.objective_value + EXCHANGE.same * abs(lowest.objective_value)
+    same = (result for result in nearest if result.is_optimal and result.objective_value <= most)
+    return lowest if lowest.is_optimal else min(same, key=lambda result: result.objective_value, default=lowest)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What came of a search: its attempts, and why there were no more of them.
+
+    Attributes
+    ----------
+    spec : FlightSpec
+        The problem.
+    seed : of the random starts
+    results : sequence of AttemptResult
+        In the order of the attempts.
+    impossible : list of str
+        Sentences about why no motion whatever can be a plan, as far as that is known, where none was found.
+    ran_out_of_time, ran_out_of_patience, interrupted : bool
+        Why there are no more.
+    momentum_found : (e,) kg m^2/s, optional
+        An h with which there is a plan, where the given one led to none.
+    seconds : float
+        What the search took.
+    """
+
+    spec: FlightSpec
+    seed: int
+    results: Sequence[AttemptResult]
+    impossible: Sequence[str] = ()
+    ran_out_of_time: bool = False
+    ran_out_of_patience: bool = False
+    interrupted: bool = False
+    momentum_found: Array | None = None
+    seconds: float = 0.0
+
+    @cached_property
+    def best(self) -> AttemptResult:
+        """The best of them, the first of equals."""
+        return best(self.results)
+
+    @cached_property
+    def holding(self) -> tuple[AttemptResult, ...]:
+        """All that hold, in the order of their objectives, which a single one need not have evaluated."""
+        holding = [result for result in self.results if result.holds]
+        return tuple(sorted(holding, key=lambda result: result.objective_value) if len(holding) > 1 else holding)
+
+    @property
+    def work(self) -> float:
+        """What all attempts took, instants of one body."""
+        return sum(result.work for result in self.results)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
+        return {
+            "iterations": sum(result.iterations for result in self.results),
+            "evaluations": sum(result.evaluations for result in self.results),
+            "starts": sum(result.starts for result in self.results),
+            "solved": sum(result.solved for result in self.results if result.holds),
+        }

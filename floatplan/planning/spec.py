@@ -1,0 +1,104 @@
+"""A problem as a search takes it: what it fixes of every motion, the rows that are watched, and the variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.motion.dynamics import FlightDynamics, MomentumSet
+from floatplan.motion.flight import PlanarFlight, central_reach, flight_of
+from floatplan.planning.constraints import Constraint, RowTable, constraints
+from floatplan.planning.kernel_rows import KernelRows, PlanarRows
+from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
+from floatplan.problem.problem import Problem
+from floatplan.tables import OBJECTIVE_TABLE
+
+
+@dataclass(frozen=True, eq=False)
+class FlightSpec:
+    """A problem as a search takes it; searches of one problem may share it.
+
+    Attributes
+    ----------
+    problem : Problem
+    given_momentum : MomentumSet, optional
+        The angular momenta h to choose from; left out, those of the problem.
+    """
+
+    problem: Problem
+    given_momentum: MomentumSet | None = None
+
+    @staticmethod
+    @lru_cache(maxsize=8)
+    def of(problem: Problem) -> FlightSpec:
+        """Return a problem's: each search of a problem begins with it, with another seed, or for another best one."""
+        return FlightSpec(problem)
+
+    @cached_property
+    def momentum(self) -> MomentumSet:
+        """The angular momenta h to choose from."""
+        return self.given_momentum or self.flight.momentum_set
+
+    @cached_property
+    def flight(self) -> FlightDynamics:
+        """What the problem fixes of every motion."""
+        return flight_of(self.problem)
+
+    @cached_property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """All that need watching."""
+        return constraints(self.problem, self.flight) if self.problem.has_inequalities else ()
+
+    @cached_property
+    def row_table(self) -> RowTable:
+        """Their rows, and where these are looked at."""
+        return RowTable.of(self.constraints)
+
+    @cached_property
+    def rows(self) -> KernelRows:
+        """The same rows for the kernel, with the quantity that the objective is about."""
+        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity or ""
+        if self.problem.robot.in_plane:
+            if not self.constraints:
+                return PlanarRows(self.problem.robot.tree, (), quantity)
+            flight = self.flight
+            assert isinstance(flight, PlanarFlight), "the robot flies in its plane"
+            blocks = [constraint.compiled(flight) for constraint in self.constraints]
+            return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
+        from floatplan.motion.spatial.flight import SpatialFlight  # here, since most problems do without
+        from floatplan.planning.kernel_space import SpatialRows
+
+        assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
+        return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
+
+    def variables(
+        self, degrees: tuple[int, ...], branches: IntArray | None = None, momentum: MomentumSet | None = None
+    ) -> DecisionVariables:
+        """How variables make motions of such degrees, on branches (2, n) of the arcsine: the first ones if left out."""
+        if branches is None:
+            branches = np.zeros((2, len(degrees)), np.int64)
+        return decision_variables(self.problem, degrees, branches, momentum or self.momentum)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far the robot's point that stays nearest to the centre of mass is from it, m; in space not known."""
+        return central_reach(self.problem.robot) if self.problem.robot.in_plane else np.inf
+
+    def raised(self, lower: DecisionVariables, x: Array, degrees: tuple[int, ...]) -> Start:
+        """Return the motion x of some variables as a start at higher degrees."""
+        rise = zip(lower.polynomials.free, degrees, lower.degrees, strict=True)
+        polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))
+        variables = scaled_variables(self.problem, polynomials, self.momentum, lower.following)
+        z = lower.free_coefficients(x)
+        padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
+        return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
+
+
+@lru_cache(maxsize=8)
+def plain_start(spec: FlightSpec, degrees: tuple[int, ...]) -> Start:
+    """Return the motion with no free part, of such degrees."""
+    variables = spec.variables(degrees)
+    return Start(variables, variables.plain_motion, at_once=True)

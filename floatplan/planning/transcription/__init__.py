@@ -1,1 +1,0 @@
-"""From a flight to a nonlinear program."""

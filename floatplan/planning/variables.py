@@ -1,0 +1,228 @@
+"""The numbers that the search chooses, the motions they stand for, and the conditions (13) at both ends of these."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import accumulate
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array, BoolArray, IntArray, identity
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.flight import flight_of
+from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, boundary_arguments, whitening
+from floatplan.problem.problem import Problem
+
+AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The conditions (13) of a problem, for arcsine branches (2, n) at takeoff and at landing.
+
+    ``positions, accelerations`` (2, n) rad and rad/s^2, zeros where they are ``free`` (2, 1); ``centre, amplitude``
+    (n,) rad; ``duration`` s.
+    """
+
+    positions: Array
+    accelerations: Array
+    free: BoolArray
+    rates: RatesAtEnds
+    centre: Array
+    amplitude: Array
+    duration: float
+    branches: IntArray
+
+    def __call__(self, angular_momentum: Array) -> Array:
+        """p, dp/ds, d2p/ds2 (n, 6) at s = 0, then at s = 1, for h (e,) kg m^2/s; zero for p'' that is free."""
+        rates = self.rates(angular_momentum)
+        p, rate, curvature = boundary_arguments(
+            self.positions, rates, self.accelerations, self.centre, self.amplitude, self.branches
+        )
+        curvature = np.where(self.free, 0.0, self.duration**2 * curvature)
+        ends = np.array([p, self.duration * rate, curvature])
+        return ends.transpose(2, 1, 0).reshape(-1, CONDITIONS)
+
+
+@dataclass(frozen=True, eq=False)
+class DecisionVariables:
+    """How the search's variables x make a motion: ``z = offset + scaling @ x[:m]``, ``h`` by the rest.
+
+    Attributes
+    ----------
+    polynomials : SinePolynomials
+    offset : (m,), scaling : (m, m)
+        m free coefficients in all, joint by joint.
+    momentum : MomentumSet
+        Of h, ``centre + axes @ x[m:]``.
+    following : Boundary, optional
+        The conditions (13) where they change with h; the polynomials' own are those of the middle h.
+    offset_map : (m, g), optional
+        By which the offset follows a joint's given conditions (13), where it does.
+    """
+
+    polynomials: SinePolynomials
+    offset: Array
+    scaling: Array
+    momentum: MomentumSet
+    following: Boundary | None = None
+    offset_map: Array | None = None
+
+    @cached_property
+    def coefficients(self) -> int:
+        """Number m of free coefficients."""
+        return len(self.offset)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of variables."""
+        return self.coefficients + self.momentum.free
+
+    @property
+    def degrees(self) -> tuple[int, ...]:
+        """Degree of p of each joint."""
+        given = CONDITIONS - len(self.polynomials.free_ends)
+        return tuple(free + given - 1 for free in self.polynomials.free)
+
+    @cached_property
+    def metric(self) -> Array:
+        """Matrix (size, size): ``|metric @ step|`` is 1 where p moves by 1 rad root mean square, or h by an axis."""
+        metric = np.eye(self.size)
+        joints = len(self.polynomials.centre)
+        metric[: self.coefficients, : self.coefficients] = self.scaling / np.sqrt(joints)
+        return metric
+
+    @cached_property
+    def chosen_at_ends(self) -> frozenset[AtEnds]:
+        """What the search chooses of the state at takeoff or landing."""
+        chosen: set[AtEnds] = {"momentum"} if self.momentum.free else set()
+        if self.following:
+            chosen.add("velocities")
+        if self.polynomials.free_ends:
+            chosen.add("accelerations")
+        return frozenset(chosen)
+
+    def motion_class(self, angular_momentum: Array) -> SinePolynomials:
+        """The class of motions with an angular momentum (e,)."""
+        if not self.following:
+            return self.polynomials
+        return replace(self.polynomials, boundary=self.following(angular_momentum))
+
+    def free_coefficients(self, x: Array) -> Array:
+        """Free coefficients z (n, width); zero where a joint has fewer."""
+        free = self.offset + self.scaling @ x[: self.coefficients]
+        joints, width = len(self.polynomials.free), self.polynomials.width
+        if len(free) < joints * width:
+            z = np.zeros(joints * width)
+            z[self.polynomials.free_indices] = free
+            free = z
+        return free.reshape(joints, width)
+
+    def variables(self, z: Array, angular_momentum: npt.ArrayLike) -> Array:
+        """Return the x of a motion: the inverse of :meth:`free_coefficients` and :meth:`angular_momentum`."""
+        beyond = z.ravel()[self.polynomials.free_indices] - self.offset
+        x = np.asarray(beyond if self.offset_map is None else np.linalg.solve(self.scaling, beyond), np.float64)
+        if not self.momentum.free:
+            return x
+        beside = np.atleast_1d(angular_momentum) - self.momentum.centre
+        if not beside.any():
+            return np.concatenate((x, np.zeros(self.momentum.free)))
+        return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0]))
+
+    def angular_momentum(self, x: Array) -> Array:
+        """Angular momentum h (e,), kg m^2/s."""
+        if not self.momentum.free:
+            return self.momentum.centre
+        return np.asarray(self.momentum.centre + self.momentum.axes @ x[self.coefficients :])
+
+    @cached_property
+    def plain_motion(self) -> Array:
+        """The x of the Hermite motion with no free part, and the h in the middle."""
+        return self.variables(self.polynomials.no_free_part, self.momentum.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A class of motions (with its arcsine branches) and a point x in it, from which the kernel follows the motion.
+
+    ``at_once`` says that it is followed to the objective at once, and only where that fails made feasible before, as
+    promises most of plain motions and of ones that were solved already.
+    """
+
+    variables: DecisionVariables
+    x: Array
+    at_once: bool = False
+
+
+def decision_variables(
+    problem: Problem, degrees: tuple[int, ...], branches: IntArray, momentum: MomentumSet
+) -> DecisionVariables:
+    """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
+    states = (problem.initial, problem.final)
+    low, high = problem.position_limits.T
+    free = np.array([[state.free_accelerations] for state in states])
+    conditions = Boundary(
+        positions=np.array([state.positions for state in states]),
+        accelerations=np.where(free, 0.0, np.array([state.accelerations for state in states])),
+        free=free,
+        rates=flight_of(problem).end_rates(momentum),
+        centre=(low + high) / 2,
+        amplitude=(high - low) / 2,
+        duration=problem.flight.duration,
+        branches=branches,
+    )
+    free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
+    polynomials = SinePolynomials(
+        conditions.centre,
+        conditions.amplitude,
+        conditions.duration,
+        conditions(momentum.centre),
+        tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
+        free_ends,
+    )
+    follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
+    return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
+
+
+def scaled_variables(
+    problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet, following: Boundary | None
+) -> DecisionVariables:
+    """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
+    size = sum(polynomials.free)
+    if not (problem.robot.in_plane and problem.motion.objective == "coefficients" and size):
+        return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
+    given = polynomials.given_boundary[None]
+    offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), given)
+    return DecisionVariables(polynomials, offset[0], scaling[0], momentum, following, offset_map[0])
+
+
+def whitened(
+    form: Form, free: tuple[int, ...], durations: tuple[float, ...], boundary: Array
+) -> tuple[Array, Array, Array]:
+    """Offsets (N, m), scaling (N, m, m), the offsets' maps (N, m, g) for which (17) is ``constant + unit^2 |x|^2``.
+
+    A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
+    the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
+    """
+    scale = _scale if len(durations) == 1 else _scale.__wrapped__  # what many need is large, and not needed again
+    scaling, offset_map = scale(form, free, durations)
+    offset = (offset_map * boundary.repeat(free, axis=1)).sum(axis=2)
+    if len(durations) < len(boundary):
+        scaling = np.broadcast_to(scaling, (len(boundary), *scaling.shape[1:]))
+        offset_map = np.broadcast_to(offset_map, (len(boundary), *offset_map.shape[1:]))
+    return offset, scaling, offset_map
+
+
+@lru_cache(maxsize=64)
+def _scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array]:
+    """The scaling (N, m, m) and the offsets' maps (N, m, g) of each duration."""
+    by_boundary, orthogonal, inverse, unit = whitening(form, durations)
+    maps = {w: -inverse[:, :w, :w] @ (orthogonal[..., :w].swapaxes(1, 2) @ by_boundary) for w in set(free)}
+    scaled = unit[:, None, None] * inverse
+    scaling = np.zeros((len(durations), sum(free), sum(free)))
+    for width, end in zip(free, accumulate(free), strict=True):
+        own = slice(end - width, end)
+        scaling[:, own, own] = scaled[:, :width, :width]
+    return scaling, np.concatenate([maps[width] for width in free], axis=1)

@@ -1,0 +1,207 @@
+"""The control loop of a robot that is simulated: at a fixed period it is measured, corrected, controlled and moved.
+
+Each motor gets feed-forward torque and joint feedback, held for the period, up to what it can. Corrections in flight
+are computed by a :class:`~floatplan.inflight.replanner.Replanner`, which is given what was measured, late.
+"""
+
+import time as clock
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Protocol
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.inflight.replanner import Replanner
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
+from floatplan.simulation.perturbation import Perturbation, Sample
+from floatplan.simulation.reduced_model import ReducedModel
+
+SOON = 1e-9  # [s] before the end, from which on no other period begins: rounding
+
+
+class SimulatedRobot(Protocol):
+    """A robot of J joints in a simulation."""
+
+    def state(self) -> tuple[Array, Array]:
+        """Positions and velocities (3 + J,) in its plane, the base's first."""
+        ...
+
+    def move(self, torques: Array, duration: float) -> bool:
+        """Go on for a duration, s, under torques (J,), N m; whether the state is one still."""
+        ...
+
+
+class Guide(Protocol):
+    """What the joints are to do in the course of a flight."""
+
+    @property
+    def end(self) -> float:
+        """When control ends, s."""
+        ...
+
+    def target(self, tick: int, now: float, sensors: "Sensors") -> tuple[Array, Array]:
+        """Positions and rates (2, J) of the joints at a tick, and feed-forward torques (J,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Motors:
+    """What each joint (J,) can: ``effort``, N m, and at a speed v no more than ``stall - slope |v|``."""
+
+    effort: Array
+    stall: Array
+    slope: Array
+
+    def limited(self, torques: Array, velocities: Array) -> Array:
+        """Torques (J,) as far as motors can at velocities (J,)."""
+        most = np.minimum(self.effort, np.maximum(self.stall - self.slope * np.abs(velocities), 0.0))
+        return np.asarray(np.clip(torques, -most, most))
+
+    def share(self, torques: Array, velocities: Array) -> float:
+        """The largest of the torques over what its motor can."""
+        size = np.abs(torques)
+        slowed = self.slope * np.abs(velocities)
+        return float(np.maximum(size / self.effort, (size + slowed) / self.stall).max())
+
+
+class Sensors:
+    """All states of a flight so far: ``states`` as they were, ``measured`` with noise; (2, 3 + J) each.
+
+    ``delay`` is the number of periods after which a controller knows of a measurement.
+    """
+
+    def __init__(self, perturbation: Perturbation, sample: Sample, period: float) -> None:
+        self.delay = round(perturbation.delay / period)
+        self.states: list[Array] = []
+        self.measured: list[Array] = []
+        self._deviations = np.array([[perturbation.noise], [perturbation.noise_of_rates]])
+        self._random = sample.noise
+
+    def measure(self, state: Array) -> None:
+        """Measure orientation, joints and their rates; where the base is has no noise."""
+        measured = state.copy()
+        noise = self._random.standard_normal((2, state.shape[1] - BASE + 1))
+        measured[:, BASE - 1 :] += self._deviations * noise
+        self.states.append(state)
+        self.measured.append(measured)
+
+
+class Corrections:
+    """Corrections of a flight at the rate of its replanner, from late measurements.
+
+    Attributes
+    ----------
+    statuses : how often a correction had which
+    seconds : processor time of each
+    log : time, s, predicted miss, rad, and whether the motion was changed (1 or 0), of each
+    """
+
+    def __init__(
+        self,
+        replanner: Replanner,
+        reduced: ReducedModel,
+        period: float,
+        com: Callable[[Array, Array], tuple[Array, Array]] | None,
+        begin: float = 0.0,
+        clear: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Begin a flight at ``begin``, s.
+
+        ``com`` measures place and velocity of the centre of mass, in the plane, from a state as it was and as it was
+        measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]`` before
+        the landing.
+        """
+        self.replanner = replanner
+        self.reduced = reduced
+        self.period = period
+        self.com = com
+        self.begin = begin
+        self.clear = clear
+        self.every = max(1, round(1 / (replanner.rate * period)))
+        self.statuses = Counter[str]()
+        self.seconds: list[float] = []
+        self.log: list[tuple[float, float, float]] = []
+        replanner.reset()
+
+    @property
+    def landing(self) -> float:
+        """When the flight should end, s, as corrections expect it."""
+        return self.begin + self.replanner.landing
+
+    def correct(self, tick: int, now: float, sensors: Sensors) -> None:
+        """Correct the motion at a tick, where that is due."""
+        late = tick - sensors.delay
+        after, before = self.clear
+        if tick % self.every or late < 0 or late * self.period < after or now >= self.landing - before:
+            return
+        measured = sensors.measured[late]
+        positions, velocities = (measured[:, BASE:] - self.reduced.resting) @ self.reduced.planned_of_joints.T
+        com = (None, None) if self.com is None else self.com(sensors.states[late], measured)
+        began = clock.process_time()
+        correction = self.replanner.update(
+            late * self.period - self.begin,
+            float(measured[0, BASE - 1]),
+            float(measured[1, BASE - 1]),
+            positions,
+            velocities,
+            now - self.begin,
+            *com,
+        )
+        self.seconds.append(clock.process_time() - began)
+        self.statuses[correction.status] += 1
+        changed = correction.status in ("applied", "limited")
+        self.log.append((now, correction.predicted_miss, float(changed)))
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """One period of a flight: its number and beginning, s; what the robot did then, and torques (J,), N m.
+
+    ``wanted`` are those before, ``torques`` those after the motors' limits. ``finite`` is whether the simulation still
+    had a state at its end.
+    """
+
+    number: int
+    now: float
+    state: Array
+    wanted: Array
+    torques: Array
+    finite: bool
+
+
+@dataclass(eq=False)
+class JointControl:
+    """A robot's control: a guide, feedback with gains (2, J), and motors of some strength (J,).
+
+    ``feedback_delay`` is the number of periods after which feedback knows of what was measured; ``errors`` are those of
+    the joints (2, J) so far in the flight.
+    """
+
+    guide: Guide
+    sensors: Sensors
+    gains: Array
+    motors: Motors
+    strength: Array
+    feedback_delay: int = 0
+    errors: list[Array] = field(default_factory=list)
+
+    def fly(self, robot: SimulatedRobot, period: float) -> Iterator[Tick]:
+        """Fly a robot until the guide's end, or until it diverges, and give each period; the last may be shorter."""
+        for number in count():
+            now = number * period
+            if now >= self.guide.end - SOON:
+                return
+            state = np.stack(robot.state())
+            self.sensors.measure(state)
+            target, torques = self.guide.target(number, now, self.sensors)
+            self.errors.append(target - self.sensors.measured[-1][:, BASE:])
+            if number >= self.feedback_delay:
+                torques = torques + (self.gains * self.errors[number - self.feedback_delay]).sum(axis=0)
+            limited = self.motors.limited(torques, state[1, BASE:])
+            finite = robot.move(self.strength * limited, min(period, self.guide.end - now))
+            yield Tick(number, now, state, torques, limited, finite)
+            if not finite:
+                return

@@ -1,0 +1,343 @@
+"""How many flights ended: of plans, in the air, and of whole jumps, on the ground."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
+import numpy as np
+
+from floatplan.arguments import Outlined
+from floatplan.arrays import Array, BoolArray
+from floatplan.files import plain
+from floatplan.simulation.engines import Engine
+from floatplan.simulation.flown_jump import FlownJump
+from floatplan.simulation.mujoco_model import balanced_in_words
+from floatplan.simulation.perturbation import Perturbation
+
+Motion = TypeVar("Motion")
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; of its corrections when and by what.
+
+    ``corrections`` (C, 3): time, predicted miss at once (rad), and whether the motion was changed (1 or 0).
+    """
+
+    times: Array
+    orientation: Array
+    positions: Array
+    corrections: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Flight(Generic[Motion]):
+    """One flight: its ``landing``, by the fields of how many of them ended, its motion, and its corrections.
+
+    ``statuses`` says how often a correction had which, ``seconds`` the processor time of each.
+    """
+
+    landing: Mapping[str, Any]
+    motion: Motion
+    statuses: Counter[str]
+    seconds: Sequence[float] = ()
+    balanced: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Landings(Outlined):
+    """How F flights ended, a row each."""
+
+    @classmethod
+    def of(cls, flights: Sequence[Flight[Any]]) -> Self:
+        """Gather flights' landings: arrays of numbers, tuples of names."""
+        columns: dict[str, Any] = {}
+        for row in fields(cls):
+            column = [flight.landing[row.name] for flight in flights]
+            columns[row.name] = tuple(column) if isinstance(column[0], tuple) else np.array(column)
+        return cls(**columns)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanLandings(Landings):
+    """How F flights of a plan ended.
+
+    Attributes
+    ----------
+    orientation : (F,) rad
+        Orientation at landing less the goal.
+    joints : (F,) rad
+        The largest error of a joint at landing.
+    torque_peak : (F, m) N m
+        Largest magnitude of each moving joint's torque, feedback and noise included.
+    clearance : (F,) m
+        Least distance to an obstacle or the asked ground; infinite without any.
+    """
+
+    orientation: Array
+    joints: Array
+    torque_peak: Array
+    clearance: Array
+
+    @property
+    def touched(self) -> int:
+        """Number of flights that touched an obstacle."""
+        return int((self.clearance < 0).sum())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the errors of all flights, their medians and the worst."""
+        off = np.abs(self.orientation)
+        clearance = self.clearance[np.isfinite(self.clearance)]
+        return {
+            "orientation_error": self.orientation,
+            "orientation_error_median": float(np.median(off)),
+            "orientation_error_worst": float(off.max()),
+            "joint_error_worst": float(self.joints.max()),
+            "joint_error": self.joints,
+            "torque_peak_median": np.median(self.torque_peak, axis=0),
+            "torque_peak_worst": self.torque_peak.max(axis=0),
+            "clearance_min": float(clearance.min()) if clearance.size else None,
+            "touched": self.touched,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JumpLandings(Landings):
+    """How F flights of a jump went.
+
+    Attributes
+    ----------
+    stands : (F,)
+        Whether the base is level, turned by all of the jump's turns and not far lower than planned, a second after its
+        end.
+    touched : (F) names of links other than feet that touched the ground
+    pitch : (F,) rad
+        Orientation where the flight should end, less the planned one; NaN of a motion that became none before.
+    torque : (F,)
+        The largest that was wanted of a motor over what it can at its speed; what is over 1 was cut off.
+    slid : (F,) m
+        The longest way that a foot slid on the ground until the jump's end.
+    """
+
+    stands: BoolArray
+    touched: tuple[tuple[str, ...], ...]
+    pitch: Array
+    torque: Array
+    slid: Array
+
+    @property
+    def clean(self) -> BoolArray:
+        """Whether each (F,) stands, and touched the ground by its feet alone."""
+        return self.stands & [not links for links in self.touched]
+
+    @property
+    def links(self) -> Counter[str]:
+        """How many flights touched the ground with which link."""
+        return Counter(link for links in self.touched for link in links)
+
+    @property
+    def pitch_rms(self) -> float:
+        """Root mean square of the errors at touchdown, rad, of those that came so far; NaN where none did."""
+        came = self.pitch[np.isfinite(self.pitch)]
+        return float(np.sqrt(np.mean(came**2))) if came.size else np.nan
+
+    @property
+    def pitch_worst(self) -> float:
+        """The largest of them, rad."""
+        came = self.pitch[np.isfinite(self.pitch)]
+        return float(np.abs(came).max()) if came.size else np.nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is known of all flights, and in sum."""
+        return {
+            **{row.name: getattr(self, row.name) for row in fields(self)},
+            "landed": int(self.stands.sum()),
+            "on_feet_alone": int(self.clean.sum()),
+            "links": dict(self.links),
+            "pitch_rms": self.pitch_rms,
+            "pitch_worst": self.pitch_worst,
+            "torque_worst": float(self.torque.max()),
+            "slid_median": float(np.median(self.slid)),
+            "slid_worst": float(self.slid.max()),
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Flights(Outlined):
+    """Many flights of perturbed robots.
+
+    Attributes
+    ----------
+    flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
+    seed : int
+    perturbation : Perturbation
+    joints : names of the joints that move
+    statuses : how often a correction had which
+    seconds : s that all took
+    """
+
+    flights: int
+    asked: int
+    seed: int
+    perturbation: Perturbation
+    joints: tuple[str, ...]
+    statuses: dict[str, int]
+    seconds: float
+
+    @property
+    def perturbation_facts(self) -> dict[str, Any]:
+        """What ``--json`` prints of the perturbation."""
+        return asdict(self.perturbation) | {"rate_noise": self.perturbation.noise_of_rates}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ClosedLoop(Flights):
+    """Result of :func:`floatplan.closed_loop`: as :class:`Flights`.
+
+    Attributes
+    ----------
+    engine, rate : as asked for; rate in Hz
+    corrected, uncorrected : PlanLandings
+        With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
+    update_seconds : (U,) s
+        Processor time of each call of ``update`` that corrected something.
+    plan_torque_peak : (m,) N m of each moving joint
+    effort : (m,) N m
+        What its motor can; infinite where the URDF does not say.
+    paths, uncorrected_paths : of the first flights
+    """
+
+    engine: Engine
+    rate: float
+    corrected: PlanLandings
+    uncorrected: PlanLandings
+    update_seconds: Array
+    plan_torque_peak: Array
+    effort: Array
+    paths: tuple[Trace, ...]
+    uncorrected_paths: tuple[Trace, ...]
+    shown: ClassVar[Sequence[str]] = (
+        *("engine", "rate", "flights", "asked", "seed", "perturbation", "joints", "corrected", "uncorrected"),
+        *("statuses", "update_seconds", "plan_torque_peak", "effort", "paths", "uncorrected_paths", "seconds"),
+    )
+
+    @property
+    def touched(self) -> int:
+        """Number of corrected flights that touched an obstacle."""
+        return self.corrected.touched
+
+    @property
+    def update_milliseconds(self) -> tuple[float, float]:
+        """Median and 99th percentile of the processor time of a correction, ms."""
+        median, most = 1e3 * np.percentile(self.update_seconds, (50, 99)) if self.update_seconds.size else (0.0, 0.0)
+        return float(median), float(most)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan replay --replan --json`` prints."""
+        facts: dict[str, Any] = plain(
+            {
+                "engine": self.engine,
+                "replan": self.rate,
+                "flights": self.flights,
+                "asked": self.asked,
+                "seed": self.seed,
+                "perturbation": self.perturbation_facts,
+                "corrected": self.corrected.to_dict(),
+                "uncorrected": self.uncorrected.to_dict(),
+                "statuses": self.statuses,
+                "update_milliseconds": dict(zip(("median", "p99"), self.update_milliseconds, strict=True)),
+                "torque_joints": self.joints,
+                "plan_torque_peak": self.plan_torque_peak,
+                "seconds": self.seconds,
+            }
+        )
+        return facts
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class JumpReplay(Flights):
+    """Result of :func:`floatplan.replay_jump`: as :class:`Flights`.
+
+    Attributes
+    ----------
+    friction : of the ground, as far as it is not perturbed
+    period : s, of the joints' control
+    kp, kd : (J,) N m/rad, N m s/rad
+    tried : how many pairs of them were, where none were given; else 0
+    rate : Hz of the corrections in flight, if there were any
+    uncorrected, corrected : JumpLandings
+        The same robots, the same noise; the latter where there is a rate.
+    balanced : bodies whose inertia MuJoCo refuses -> change of a principal moment, kg m^2
+    motion : FlownJump
+        The first flight, corrected where there is a rate.
+    """
+
+    friction: float
+    period: float
+    kp: Array
+    kd: Array
+    tried: int
+    rate: float | None
+    uncorrected: JumpLandings
+    corrected: JumpLandings | None
+    balanced: Mapping[str, float]
+    motion: FlownJump
+    shown: ClassVar[Sequence[str]] = ("landed", "flights", "engine", "control", "rate", "statuses", "seconds")
+
+    @property
+    def engine(self) -> str:
+        """What flew them."""
+        words = [f"friction {self.friction:g}", *self.perturbation.in_words()]
+        if self.balanced:
+            words.append(f"inertias {balanced_in_words(self.balanced)}")
+        return f"MuJoCo with contact, {', '.join(words)}"
+
+    @property
+    def control(self) -> str:
+        """How the joints were controlled."""
+        gains = []
+        for name, values, unit in (("kp", self.kp, "N m/rad"), ("kd", self.kd, "N m s/rad")):
+            least, most = float(values.min()), float(values.max())
+            size = f"{most:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
+            gains.append(f"{name} {size} {unit}")
+        searched = f", the best of {self.tried} tried" if self.tried else ""
+        return f"joints controlled at {1 / self.period:g} Hz, {', '.join(gains)}{searched}"
+
+    @property
+    def landings(self) -> JumpLandings:
+        """Those with corrections, where there are any."""
+        return self.corrected or self.uncorrected
+
+    @property
+    def landed(self) -> bool:
+        """Whether all flights stand in the end."""
+        return bool(self.landings.stands.all())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan replay --json`` prints of a jump."""
+        facts: dict[str, Any] = plain(
+            {
+                "engine": "mujoco",
+                "landed": self.landed,
+                "flights": self.flights,
+                "asked": self.asked,
+                "seed": self.seed,
+                "friction": self.friction,
+                "perturbation": self.perturbation_facts,
+                "control": {
+                    "rate": 1 / self.period,
+                    "joints": self.joints,
+                    "kp": self.kp,
+                    "kd": self.kd,
+                    "tried": self.tried,
+                },
+                "replan": self.rate,
+                "uncorrected": self.uncorrected.to_dict(),
+                "corrected": None if self.corrected is None else self.corrected.to_dict(),
+                "statuses": self.statuses,
+                "balanced": dict(self.balanced),
+                "seconds": self.seconds,
+            }
+        )
+        return facts

@@ -1,0 +1,119 @@
+"""Problems with inequalities that are followed in one call have the answers that each has alone, bit for bit."""
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.planning import many
+from floatplan.planning.numbers import is_plain, is_together
+from floatplan.plans.plans import COUNTS, NUMBERS
+
+BAR = fp.Bar(start=(1.2, 4.2), end=(1.9, 4.6), radius=0.1, margin=0.01)
+WALL = fp.HalfPlane(point=(0.0, -1.0), normal=(0.1, 1.0), velocity=(0.1, 0.0))
+
+
+@pytest.fixture(scope="module")
+def weak(root) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "studies" / "weak_motors_problem.toml")
+
+
+def assert_as_alone(problems, monkeypatch) -> fp.Plans:
+    together = fp.plan_many(problems, attempts=3)
+    with monkeypatch.context() as patched:
+        patched.setattr(many, "is_together", lambda family: False)
+        patched.setattr(many, "goes_together", is_plain)
+        alone = fp.plan_many(problems, attempts=3)
+    assert together.status.tolist() == alone.status.tolist()
+    assert together.messages == alone.messages
+    for name in (*NUMBERS, *COUNTS, "coefficients"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(alone, name), err_msg=name)
+    return together
+
+
+VARIED = {
+    "durations and limits": {"flight.duration": (1.2, 1.65), "limits.torque.q1": (2.5, 9.0)},
+    "one limit of all": {"limits.torque": (3.0, 9.0), "flight.gravity": (9.0, 10.0)},
+    "obstacles": {
+        "obstacles.0.center.0": (-0.4, 3.6),
+        "obstacles.0.radius": (0.1, 0.3),
+        "obstacles.0.margin": (0, 0.1),
+    },
+    "a bar and a wall": {"obstacles.1.start.1": (3.4, 4.6), "obstacles.2.point.1": (-3.0, -0.6)},
+    "ends": {"start.positions.q1": (0.2, 0.6), "goal.velocities.q2": (0.0, 0.8), "goal.orientation": (-1.8, -1.4)},
+    "the path": {"flight.takeoff.position.1": (0.0, 0.5), "flight.horizontal_velocity": (1.5, 2.5)},
+    "the landing": {"flight.landing.height": (0.0, 0.4), "flight.angular_momentum": (-2.0, -0.5)},
+}
+
+
+@pytest.mark.parametrize("kind", VARIED)
+def test_a_family(kind, weak, monkeypatch):
+    base = replace(weak, obstacles=(*weak.obstacles, BAR, WALL)) if "wall" in kind else weak
+    rng = np.random.default_rng(3)
+    family = fp.Family(base, {path: rng.uniform(*ends, 12) for path, ends in VARIED[kind].items()})
+    assert is_together(family)
+    assert assert_as_alone(family, monkeypatch).ok.any()
+    resolved = [each.name for each in fields(base) if not each.init]
+    for problem in family:  # of a family it is resolved again only what depends on the parts that differ
+        for name in resolved:
+            np.testing.assert_equal(*(_plain(getattr(each, name)) for each in (problem, replace(problem))), name)
+
+
+def _plain(value):
+    return vars(value) if is_dataclass(value) else value
+
+
+@pytest.mark.parametrize("degree", [5, (5, 8), (9, 6), "auto"])
+def test_degrees(degree, weak, monkeypatch):
+    base = replace(weak, motion=fp.Motion(degree=degree))
+    assert_as_alone(fp.Family(base, {"flight.duration": [1.35, 1.4, 1.45]}), monkeypatch)
+
+
+def test_however_they_are_cut(weak, monkeypatch):
+    """In any order, in small batches, in several processes; some are solved by the second of their starts or later."""
+    rng = np.random.default_rng(4)
+    varied = {
+        "limits.torque.q1": rng.uniform(1.5, 5.0, 60),
+        "obstacles.0.center.0": rng.uniform(0.5, 2.5, 60),
+        "flight.duration": rng.uniform(1.2, 1.6, 60),
+    }
+    whole, order = fp.plan_many(fp.Family(weak, varied)), rng.permutation(60)
+    assert {"optimal", "not_found"} <= set(whole.status)
+    assert whole.starts[whole.ok].max() > 1
+    monkeypatch.setattr(many, "WITH_ROWS", 7)
+    mixed = fp.Family(weak, {path: values[order] for path, values in varied.items()})
+    for other in (fp.plan_many(mixed), fp.plan_many(mixed, jobs=2)):
+        assert other.status.tolist() == whole.status[order].tolist()
+        assert [other.messages[row] for row in range(60)] == [whole.messages[row] for row in order.tolist()]
+        for name in (*NUMBERS, *COUNTS, "coefficients"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(whole, name)[order], err_msg=name)
+
+
+def test_a_list_in_any_order(weak, root, monkeypatch):
+    rates = replace(weak, limits=fp.Limits(position="full", velocity=(9.0, 9.0)), self_clearances=())
+    other = [replace(weak, flight=replace(weak.flight, duration=value)) for value in (1.2, 1.5)]
+    assert_as_alone(
+        [weak, rates, other[0], fp.load_problem(root / "problems" / "somersault.toml"), other[1]], monkeypatch
+    )
+
+
+def test_bad_numbers_are_their_rows_alone(weak, monkeypatch):
+    varied = {"obstacles.0.radius": [0.2, -1.0, 0.2, 0.2], "limits.torque.q1": [4.0, 4.0, 0.0, 4.0]}
+    plans = assert_as_alone(fp.Family(weak, varied | {"start.positions.q1": [0.3, 0.3, 0.3, 4.0]}), monkeypatch)
+    assert plans.status.tolist()[1:] == ["error"] * 3
+    assert all(word in plans.messages[row] for row, word in ((1, "radius"), (2, "torque"), (3, "range")))
+
+
+@pytest.mark.parametrize(
+    "path", ["obstacles.0.window.1", "limits.position.q1.1", "limits.motor.q1.stall", "limits.velocity.q1"]
+)
+def test_what_is_not_told_together_goes_alone(path, weak):
+    """Windows, ranges, motors' curves, and limits that the base does not have."""
+    obstacle = replace(weak.obstacles[0], window=(0.0, 1.0))
+    limits = replace(weak.limits, motor={"q1": fp.Motor(9.0, 0.1)})
+    base = replace(weak, obstacles=(obstacle,)) if "window" in path else replace(weak, limits=limits)
+    family = fp.Family(base, {path: [1.3, 1.31]})
+    assert not is_together(family)
+    plans = fp.plan_many(family, attempts=2)
+    assert [plan.status for plan in plans if plan.ok] == [s for s in plans.status if s in ("optimal", "feasible")]
