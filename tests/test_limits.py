@@ -9,9 +9,8 @@ import pytest
 from floatplan import errors, files, tables
 from floatplan.cli import clips
 from floatplan.clips import formats
-from floatplan.export import table
 from floatplan.planning import options
-from floatplan.plans import reading
+from floatplan.plans import reading, trajectory
 from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.mjcf import text as mjcf_text
 from floatplan.robot.shapes import collisions, links
@@ -41,7 +40,7 @@ SIZES = {
     "solved starts of a search, and of a study's row": options.MOST_SOLVED,
     "unsolved starts of a row, at each degree": options.ATTEMPTS,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
-    "rows of a table or an export": table.MOST_ROWS,
+    "rows of a table or an export": trajectory.MOST_ROWS,
     "steps of a replay in MuJoCo": integration.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
