@@ -17,18 +17,18 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array
+from floatplan.jumps.check import judged, stance_figures
+from floatplan.jumps.contacts import Contact, contact_at
+from floatplan.jumps.exact import OnePoint, StanceDynamics
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.model import PlanarModel, casadi
+from floatplan.jumps.motion import Grid, Stance, quintic
+from floatplan.jumps.phases import Phase, standing_posture
+from floatplan.jumps.rows import balanced
 from floatplan.motion.flight import flight_of
 from floatplan.planning.variables import decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import corners, heights_over_com, undersides
-from floatplan.stance.check import judged, stance_figures
-from floatplan.stance.contacts import Contact, contact_at
-from floatplan.stance.exact import OnePoint, StanceDynamics
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, Stance, quintic
-from floatplan.stance.phases import Phase, standing_posture
-from floatplan.stance.rows import balanced
 from floatplan.tables import POINT_FEET
 
 NODES = 61  # [-] of each phase

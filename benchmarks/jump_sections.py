@@ -15,9 +15,9 @@ from drawn_stances import drawn_hops, drawn_stances
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
-from floatplan.stance.check import judged
-from floatplan.stance.planner import ROOM
-from floatplan.stance.setup import jump_setup
+from floatplan.jumps.check import judged
+from floatplan.jumps.planner import ROOM
+from floatplan.jumps.setup import jump_setup
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")

@@ -14,6 +14,12 @@ from floatplan.inflight.authority import authority as authority
 from floatplan.inflight.replanner import Correction as Correction
 from floatplan.inflight.replanner import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
+from floatplan.jumps.check import JumpCheck as JumpCheck
+from floatplan.jumps.jump import Jump as Jump
+from floatplan.jumps.jump import load_jump as load_jump
+from floatplan.jumps.launch import Launch as Launch
+from floatplan.jumps.launch import launch as launch
+from floatplan.jumps.planner import jump as jump
 from floatplan.motion.dynamics import FlightState as FlightState
 from floatplan.motion.planar.contact import Contact as Contact
 from floatplan.motion.planar.contact import landing as landing
@@ -55,12 +61,6 @@ from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
 from floatplan.simulation.results import ClosedLoop as ClosedLoop
 from floatplan.simulation.results import JumpReplay as JumpReplay
-from floatplan.stance.check import JumpCheck as JumpCheck
-from floatplan.stance.jump import Jump as Jump
-from floatplan.stance.jump import load_jump as load_jump
-from floatplan.stance.launch import Launch as Launch
-from floatplan.stance.launch import launch as launch
-from floatplan.stance.planner import jump as jump
 from floatplan.studies.study import Study as Study
 from floatplan.studies.study import study as study
 

@@ -19,8 +19,8 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
+from floatplan.jumps.program import MOST
 from floatplan.motion.planar.contact_rates import End
-from floatplan.stance.program import MOST
 from floatplan.view.figures.snapshots import moments
 from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled

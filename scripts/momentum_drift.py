@@ -16,11 +16,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from floatplan.jumps.jump import load_jump
 from floatplan.simulation import contact_model, jump_flight
 from floatplan.simulation.gains import first_gains
 from floatplan.simulation.jump_flight import PERIOD
 from floatplan.simulation.perturbation import given_perturbation
-from floatplan.stance.jump import load_jump
 
 INTEGRATORS = ("IMPLICITFAST", "IMPLICIT", "RK4", "EULER")
 WHEN = 0.02  # [s] into the flight: from then on all feet are in the air

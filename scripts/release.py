@@ -16,7 +16,7 @@ NAMED = {  # where each file names the version
     "CITATION.cff": r"(?m)^(version: )(\S+)()$",
     "recipe/recipe.yaml": r"(?m)^(  version: )(\S+)()$",
 }
-LATEST = re.compile(r"(?m)^## (\S+)")  # heading of the changelog
+LATEST = re.compile(r"(?m)^## \[(\S+)\]")  # heading of the changelog
 VERSION = re.compile(r"\d+\.\d+\.\d+((a|b|rc)\d+)?")
 
 
@@ -41,7 +41,7 @@ def prepare(version: str, day: datetime.date, root: Path = ROOT) -> None:
             text = re.sub(r"(?m)^(version: .*)$", rf"\1\ndate-released: {day}", text)
         (root / name).write_text(text, "utf-8")
     log = (root / "CHANGELOG.md").read_text("utf-8")
-    (root / "CHANGELOG.md").write_text(log.replace("## Unreleased\n", f"## {version}\n", 1), "utf-8")
+    (root / "CHANGELOG.md").write_text(log.replace("## [Unreleased]\n", f"## [{version}] - {day}\n", 1), "utf-8")
 
 
 def main() -> None:

@@ -186,7 +186,7 @@ OBSTACLE_WORKS = """
 from floatplan.inflight.prediction import DISTANCE_AIM
 from kernel_program import KernelProgram
 from sampled_flight import nodes_of, trajectory, values_of
-from floatplan.planning.kernel_rows import DistanceRows, PlanarRows
+from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows
 from floatplan.motion.planar.flight import planar_flight
 from floatplan.planning.search import Search
 from floatplan.problem.parts import OBSTACLE_KINDS

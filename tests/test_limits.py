@@ -9,6 +9,7 @@ import pytest
 from floatplan import errors, files, tables
 from floatplan.cli import clips
 from floatplan.clips import formats
+from floatplan.export import table
 from floatplan.planning import options
 from floatplan.plans import reading, trajectory
 from floatplan.problem import family, file, parts, resolution

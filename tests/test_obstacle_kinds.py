@@ -15,7 +15,7 @@ from floatplan.certificate.planar.obstacles import SEPARATIONS
 from floatplan.inflight.prediction import distance_rows
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.motion.planar.flight import planar_flight
-from floatplan.planning.kernel_rows import DistanceRows, PlanarRows, SumRows
+from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, SumRows
 from floatplan.plans.record import OBSTACLES
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.view.outlines import OUTLINES

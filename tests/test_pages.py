@@ -74,7 +74,7 @@ def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A jump takes seconds: pages that ask for the same one are given what the first found."""
     if importlib.util.find_spec("casadi") is None:
         return
-    from floatplan.stance import planner
+    from floatplan.jumps import planner
 
     search = planner.jump
 

@@ -184,7 +184,7 @@ class TestRelease:
         day = datetime.date(2001, 2, 3)
         for version in ("7.0.0rc1", "7.0.0"):
             log = tmp_path / "CHANGELOG.md"
-            log.write_text("# Changelog\n\n## Unreleased\n" + log.read_text().partition("## Unreleased\n")[2])
+            log.write_text("# Changelog\n\n## [Unreleased]\n" + log.read_text().partition("## [Unreleased]\n")[2])
             assert release.missing(f"v{version}", tmp_path)
             release.prepare(version, day, tmp_path)
             assert release.missing(f"v{version}", tmp_path) == []

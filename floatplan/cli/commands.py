@@ -107,7 +107,7 @@ def plan(
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if launch:
-        from floatplan.stance.launch import launches
+        from floatplan.jumps.launch import launches
 
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
@@ -236,7 +236,7 @@ def launch(
 
 def needs_casadi(option: str) -> None:
     """Refuse an option where CasADi is not installed."""
-    from floatplan.stance.model import casadi
+    from floatplan.jumps.model import casadi
 
     try:
         casadi()

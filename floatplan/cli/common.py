@@ -282,7 +282,7 @@ def program() -> str:
 
 def read_motion(path: str, urdf: str | None) -> fp.Plan | fp.Jump:
     """Read a plan or a jump, whichever the file says that it holds."""
-    from floatplan.stance.jump import FORMAT
+    from floatplan.jumps.jump import FORMAT
 
     content = read_json(Path(path), kind="a plan or jump file")
     is_jump = isinstance(content, dict) and content.get("format") == FORMAT

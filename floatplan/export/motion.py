@@ -10,13 +10,13 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.export.model_names import ModelNames, own_names
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.flight import FullMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import MotionSample, Trajectory, phase_of, sampled
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
-from floatplan.stance.jump_motion import JumpMotion
 
 
 @dataclass(frozen=True, eq=False)

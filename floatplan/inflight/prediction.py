@@ -19,7 +19,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
-from floatplan.planning.kernel_rows import SUMMED, Block, DistanceRows, can_write
+from floatplan.planning.kernel_input.rows import SUMMED, Block, DistanceRows, can_write
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares, shares_of_limits

@@ -23,8 +23,8 @@ from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.planning.bodies import Bodies, robot_struct
-from floatplan.planning.kernel_rows import PlanarRows
+from floatplan.planning.kernel_input.bodies import Bodies, robot_struct
+from floatplan.planning.kernel_input.rows import PlanarRows
 from floatplan.robot.planar.tree import PlanarTree
 
 ROUNDING = 1e-9  # [s] of instants at the ends of a window

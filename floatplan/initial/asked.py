@@ -11,8 +11,8 @@ from floatplan.arguments import number
 from floatplan.errors import InputError
 from floatplan.initial.feet import place, standing_height, upright
 from floatplan.initial.robots import ChosenRobot
+from floatplan.jumps.setup import usual_groups
 from floatplan.problem.jump import Groups, JumpLanding, JumpRequest, JumpTakeoff, Standing
-from floatplan.stance.setup import usual_groups
 from floatplan.tables import Unit
 
 GRAVITY = 9.81  # [m/s^2]

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from floatplan.jumps.check import FIGURES, touchdown_height
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.motion import flight_state
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot.standing import Spot, heights_over_com
-from floatplan.stance.check import FIGURES, touchdown_height
-from floatplan.stance.jump import Jump
-from floatplan.stance.motion import flight_state
 
 STEP = math.radians(0.1)  # of a pitch error, which is written in degrees
 USUAL = JumpRequest().pitch_error  # rad

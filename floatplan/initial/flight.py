@@ -16,14 +16,14 @@ from floatplan.initial.asked import GRAVITY, Asked, wrong
 from floatplan.initial.barely import as_clear_as_it_lands, barely_kept
 from floatplan.initial.feet import standing_height, upright
 from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.model import casadi
+from floatplan.jumps.motion import Stance
+from floatplan.jumps.planner import jump
 from floatplan.planning.planner import plan
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, JointState, Landing, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.stance.jump import Jump
-from floatplan.stance.model import casadi
-from floatplan.stance.motion import Stance
-from floatplan.stance.planner import jump
 
 LONG, SHORT = 2.57, 1.2  # [-] durations of flights over sqrt(height / g), with a turn and without
 DIGITS = 6  # [-] of numbers of a jump in the problem file

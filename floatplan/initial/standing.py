@@ -26,10 +26,10 @@ from scipy.optimize import least_squares
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.initial.legs import Leg
+from floatplan.jumps.contacts import BENT, Contact, contact_at, in_the_air
+from floatplan.jumps.phases import not_static, standing_posture
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.robot.standing import Spot, corners, spot_weights
-from floatplan.stance.contacts import BENT, Contact, contact_at, in_the_air
-from floatplan.stance.phases import not_static, standing_posture
 
 # What each term may be off, where lengths are over that of the longest leg.
 LEVEL = 1e-3  # [-] of the feet's heights, and of both ends of a sole

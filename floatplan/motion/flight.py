@@ -13,6 +13,7 @@ from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_dis
 from floatplan.motion.planar.closed_form import Dynamics, frame_from_com, tree_dynamics
 from floatplan.motion.planar.contact import FAST, Contact, landing, no_common_momentum, reachable_sets, takeoff
 from floatplan.motion.planar.contact_rates import End, Reachable
+from floatplan.motion.planar.end_rates import EndRates
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.planar.full_model import (
     FlightCoordinates,
@@ -26,7 +27,8 @@ from floatplan.motion.spatial.flight import spatial_flight
 from floatplan.motion.spatial.out_of_plane import missed_in_space
 from floatplan.problem.problem import Problem
 
-__all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "FlightCoordinates", "FullMotion", "GaussGrid"]
+__all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "EndRates"]
+__all__ += ["FlightCoordinates", "FullMotion", "GaussGrid"]
 __all__ += ["LinkShapes", "MotionInFile", "PinocchioDynamics", "PlanarFlight", "PlanarMotion", "Reachable", "Segments"]
 __all__ += ["central_reach", "flight_of", "frame_from_com", "free_flyer", "gauss_grid", "inertia_extremes", "landing"]
 __all__ += ["missed_in_space", "no_common_momentum", "obstacle_distances", "planar_flight", "reachable_sets", "takeoff"]

@@ -19,8 +19,8 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import Form, SinePolynomials, boundary_arguments
 from floatplan.planning.constraints import Limit
+from floatplan.planning.kernel_input.numbers import Numbers, key
 from floatplan.planning.kernel_problem import INFEASIBLE, OPTIMAL, STATUS, KernelProblem
-from floatplan.planning.numbers import Numbers, key
 from floatplan.planning.options import ATTEMPTS, SearchOptions
 from floatplan.planning.result import AttemptResult
 from floatplan.planning.search import Search

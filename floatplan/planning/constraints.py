@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray, distinct, read_only
 from floatplan.motion.dynamics import FlightDynamics
-from floatplan.planning.kernel_rows import Block, DistanceRows, SumRows
+from floatplan.planning.kernel_input.rows import Block, DistanceRows, SumRows
 from floatplan.planning.variables import AtEnds, DecisionVariables
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares, shares_of_limits

@@ -18,10 +18,10 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration, integers
 from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, EXCHANGE_IN_SPACE, SETTINGS
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
-from floatplan.motion.planar.end_rates import EndRates
+from floatplan.motion.flight import EndRates
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
 from floatplan.planning.constraints import RowTable, changes_at_ends
-from floatplan.planning.kernel_rows import KernelRows
+from floatplan.planning.kernel_input.rows import KernelRows
 from floatplan.planning.result import AttemptResult, Worst
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Boundary, DecisionVariables, Start

@@ -32,8 +32,8 @@ from floatplan.motion.spatial.attitude import (
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.motion.spatial.goal import wrong_way as wrong_turns
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
+from floatplan.planning.kernel_input.space import cells_and_stages, spatial_body
 from floatplan.planning.kernel_problem import motions_struct
-from floatplan.planning.kernel_space import cells_and_stages, spatial_body
 from floatplan.planning.result import AttemptResult, Work
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables

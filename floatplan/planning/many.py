@@ -15,8 +15,8 @@ from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.planning.batch import Batch, follow_batch, follow_unconstrained
+from floatplan.planning.kernel_input.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.planning.kernel_problem import INFEASIBLE, STATUS
-from floatplan.planning.numbers import Numbers, goes_together, is_plain, is_together, key
 from floatplan.planning.options import JOBS, Allowance, SearchOptions
 from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan

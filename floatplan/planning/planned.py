@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import refuse
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.batch import Batch, follow_unconstrained
-from floatplan.planning.numbers import Numbers, is_plain
+from floatplan.planning.kernel_input.numbers import Numbers, is_plain
 from floatplan.planning.options import SearchOptions, expiry
 from floatplan.planning.result import AttemptResult, SearchResult
 from floatplan.planning.search import Search

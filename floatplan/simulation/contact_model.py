@@ -10,14 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.jumps.check import LIGHT
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import BASE, point_in_joint
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
 from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
 from floatplan.simulation.reduced_model import ReducedModel
-from floatplan.stance.check import LIGHT
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import BASE, point_in_joint
 
 LINK = "link "  # before the name of its shape, since a foot may be called as its link
 TIPPED = 0.5  # [rad] of the base: no more is standing

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import read_only
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import JumpState
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import JumpState
 
 STANDING = 1.0  # [s] that a jump is to stand at the end
 

@@ -9,8 +9,8 @@ import pinocchio as pin
 from floatplan.arguments import by_name, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.robot.planar.model import BASE_COORDINATES, FREE_FLYER
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))

@@ -15,14 +15,14 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import BASE, JumpState
 from floatplan.simulation.contact_model import ContactRobot, least_heights
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
 from floatplan.simulation.flown_jump import STANDING, FlownJump
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.results import Flight
-from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import BASE, JumpState
 
 PERIOD = 2e-3  # [s] of the joints' control
 CLEAR = 5e-3  # [m] of feet above the ground as planned: lower ones of a robot that is not as planned may touch it

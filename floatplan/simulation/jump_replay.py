@@ -13,6 +13,7 @@ import numpy as np
 from floatplan.arguments import SEED, function, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.jumps.jump import Jump, load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
@@ -21,7 +22,6 @@ from floatplan.simulation.gains import Gains, first_gains, joint_inertia
 from floatplan.simulation.jump_flight import PERIOD, JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.simulation.results import Flight, JumpLandings, JumpReplay
-from floatplan.stance.jump import Jump, load_jump
 from floatplan.tables import Range
 
 MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains

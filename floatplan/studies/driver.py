@@ -16,7 +16,7 @@ from typing import Any
 
 from floatplan.arguments import optional
 from floatplan.errors import FloatplanError, InputError, import_optional, printable
-from floatplan.planning.numbers import is_together
+from floatplan.planning.kernel_input.numbers import is_together
 from floatplan.planning.options import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile

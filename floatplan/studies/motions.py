@@ -15,13 +15,13 @@ from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.export.formats import format_of
 from floatplan.files import check_readable, is_file, read_json, read_regular, write_atomically
-from floatplan.planning.numbers import is_plain_family
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.planner import jump
+from floatplan.planning.kernel_input.numbers import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
 from floatplan.pool import in_order, processes
-from floatplan.stance.jump import Jump
-from floatplan.stance.planner import jump
 from floatplan.studies.file import StudyFile
 from floatplan.studies.rows import row_seed
 

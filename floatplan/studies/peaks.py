@@ -12,9 +12,9 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import NULL, Struct, StructArray, doubles
 from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
-from floatplan.planning.bodies import unscaled_robot
-from floatplan.planning.kernel_rows import DistanceRows, PlanarRows, can_write
-from floatplan.planning.numbers import Numbers
+from floatplan.planning.kernel_input.bodies import unscaled_robot
+from floatplan.planning.kernel_input.numbers import Numbers
+from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, can_write
 from floatplan.problem.problem import Problem
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs

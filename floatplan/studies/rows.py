@@ -13,8 +13,10 @@ from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, InputError, printable
+from floatplan.jumps.check import RATE
+from floatplan.jumps.planner import jump
+from floatplan.planning.kernel_input.numbers import Numbers, is_plain_family, is_together
 from floatplan.planning.many import planned_together
-from floatplan.planning.numbers import Numbers, is_plain_family, is_together
 from floatplan.planning.options import SearchOptions
 from floatplan.plans.measures import largest_use, limits_of_motors
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
@@ -22,8 +24,6 @@ from floatplan.pool import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
-from floatplan.stance.check import RATE
-from floatplan.stance.planner import jump
 from floatplan.studies.file import OF_JUMPS, StudyFile, Values, versions
 from floatplan.studies.folder import read_table, table_of, written
 from floatplan.studies.peaks import ORDERS, ManyPeaks, can_measure, many_peaks

@@ -20,11 +20,11 @@ from floatplan.arguments import flag, function, optional, outline, positive, tex
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError
 from floatplan.export.formats import format_of
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.model import casadi
 from floatplan.planning.options import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import SOLVED
-from floatplan.stance.jump import Jump
-from floatplan.stance.model import casadi
 from floatplan.studies.driver import Engine, Progress, StudyRun, processors, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
 from floatplan.studies.folder import SHARDS, Shard, StudyFolder, arrow, naming_the_folder, words

@@ -11,14 +11,14 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import printable
-from floatplan.planning.numbers import is_plain_family
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.launch import launches
+from floatplan.planning.kernel_input.numbers import is_plain_family
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
 from floatplan.plans.trajectory import Trajectory
-from floatplan.stance.jump import Jump
-from floatplan.stance.launch import launches
 from floatplan.studio.curves import Shares, shares
 from floatplan.view.outlines import Poses, body_poses, coordinates, postures
 

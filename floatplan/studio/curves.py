@@ -9,9 +9,9 @@ import numpy as np
 
 from floatplan.arguments import short
 from floatplan.arrays import Array
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.problem import Problem
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.jumps import footing, limit_shares
 
 SAMPLES = 401  # [-] instants of a curve

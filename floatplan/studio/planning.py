@@ -19,8 +19,8 @@ from multiprocessing import Pipe
 from typing import Any
 
 import floatplan as fp
+from floatplan.jumps.jump import Jump
 from floatplan.pool import processes
-from floatplan.stance.jump import Jump
 from floatplan.studio.answers import Failure, LaunchTask, Map, MapTask, PlanTask, ShownPlan
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown

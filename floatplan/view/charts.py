@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Certificate
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.jumps import efforts, footing
 from floatplan.view.outlines import robot_size

@@ -7,12 +7,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.jumps.check import LIGHT, JumpCheck
+from floatplan.jumps.contacts import Contact
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import LIGHT, JumpCheck
-from floatplan.stance.contacts import Contact
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.style import CONTACTS, round_below
 
 UNKNOWN = complex(np.nan, np.nan)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
@@ -20,7 +21,6 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.jumps import moments
 from floatplan.view.solids import CAMERA, drawn_solids, face_normals
 from floatplan.view.style import round_below

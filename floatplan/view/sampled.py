@@ -9,11 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.problem import Problem
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.tables import JOINT_LIMITS
 from floatplan.view.jumps import jump_columns
 

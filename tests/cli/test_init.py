@@ -18,8 +18,8 @@ from long_cases import cases
 
 import floatplan as fp
 from floatplan.initial import flight
+from floatplan.jumps.setup import jump_setup
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
-from floatplan.stance.setup import jump_setup
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 

@@ -14,10 +14,10 @@ from jumps import INSTALLED, backflip
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.stance import launch as launching
-from floatplan.stance.check import JumpCheck
-from floatplan.stance.jump import Jump
-from floatplan.stance.launch import Launch
+from floatplan.jumps import launch as launching
+from floatplan.jumps.check import JumpCheck
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.launch import Launch
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

@@ -11,10 +11,10 @@ import pytest
 
 import floatplan as fp
 from floatplan.arguments import in_line, percent, short, shortened
+from floatplan.jumps.check import FIGURES, JumpCheck, judged
 from floatplan.keys import homes_of
 from floatplan.problem.file import ProblemFile
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.stance.check import FIGURES, JumpCheck, judged
 
 Command = Callable[..., Any]
 NEGATIVE_ZERO = re.compile(r"(?<![\w.])-0(?:\.0+)?(?![\w.])")

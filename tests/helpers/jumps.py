@@ -10,9 +10,9 @@ import numpy as np
 from once import made_once
 
 import floatplan as fp
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.planner import jump
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.stance.jump import Jump
-from floatplan.stance.planner import jump
 
 INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"

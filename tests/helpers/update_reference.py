@@ -19,7 +19,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.sine_polynomial import joint_motion
-from floatplan.planning.kernel_rows import DistanceRows
+from floatplan.planning.kernel_input.rows import DistanceRows
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
 

@@ -19,7 +19,7 @@ from floatplan.initial.asked import Asked
 from floatplan.initial.flight import NoFlightError, asked_flight, first_flight, jump_problem
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
-from floatplan.stance.jump import Jump
+from floatplan.jumps.jump import Jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

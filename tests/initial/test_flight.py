@@ -23,12 +23,12 @@ from floatplan.initial.barely import as_clear_as_it_lands, barely_kept, feet_ris
 from floatplan.initial.flight import FirstFlight, first_flight
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
+from floatplan.jumps import planner
+from floatplan.jumps.check import touchdown_height
+from floatplan.jumps.jump import Jump
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.plans.measures import PlanWarning
-from floatplan.stance import planner
-from floatplan.stance.check import touchdown_height
-from floatplan.stance.jump import Jump
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 

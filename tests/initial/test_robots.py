@@ -15,11 +15,11 @@ from floatplan.initial.asked import Asked
 from floatplan.initial.feet import feet, standing_height, upright
 from floatplan.initial.flight import jump_problem
 from floatplan.initial.robots import chosen_robot
+from floatplan.jumps.contacts import contact_at, ground_below
+from floatplan.jumps.setup import jump_setup
 from floatplan.robot.standing import corners, undersides
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 from floatplan.robot.wheels import PLANNED, explain_wheels, wheels
-from floatplan.stance.contacts import contact_at, ground_below
-from floatplan.stance.setup import jump_setup
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 

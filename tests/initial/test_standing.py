@@ -17,10 +17,10 @@ from floatplan.initial.asked import Asked
 from floatplan.initial.flight import jump_problem
 from floatplan.initial.legs import Leg
 from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.jumps.contacts import BENT, contact_at
+from floatplan.jumps.setup import jump_setup
 from floatplan.robot.standing import heights_over_com, undersides
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
-from floatplan.stance.contacts import BENT, contact_at
-from floatplan.stance.setup import jump_setup
 
 FLAT = math.pi / 2
 ROBOTS = {  # whose zero postures do not stand, or not so that legs could push

@@ -21,8 +21,8 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.batch import follow_unconstrained
-from floatplan.planning.bodies import Bodies
-from floatplan.planning.numbers import Numbers
+from floatplan.planning.kernel_input.bodies import Bodies
+from floatplan.planning.kernel_input.numbers import Numbers
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -16,7 +16,8 @@ from floatplan.inflight import prediction
 from floatplan.kernel import build, library
 from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, dtype, enumeration, layout
 from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
-from floatplan.planning import batch, kernel_rows
+from floatplan.planning import batch
+from floatplan.planning.kernel_input import rows
 
 
 def all_names(kind: str) -> list[str]:
@@ -180,12 +181,12 @@ def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypa
     with pytest.raises(ValueError, match="must be a multiple of 8"):
         Struct("Nodes", nodes=41, **node_arrays())
     problem = fp.load_problem(root / "problems" / "handstand.toml")
-    monkeypatch.setattr(kernel_rows, "NODE_COUNTS", (16, 24, 36, 48))
-    kernel_rows.nodes_of_levels.cache_clear()
+    monkeypatch.setattr(rows, "NODE_COUNTS", (16, 24, 36, 48))
+    rows.nodes_of_levels.cache_clear()
     batch._template.cache_clear()
     with pytest.raises(ValueError, match=r"Nodes\.nodes is 36: it must be a multiple of 8"):
         fp.plan(problem)
-    kernel_rows.nodes_of_levels.cache_clear()
+    rows.nodes_of_levels.cache_clear()
 
 
 def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.planning import many
-from floatplan.planning.numbers import is_plain, is_together
+from floatplan.planning.kernel_input.numbers import is_plain, is_together
 from floatplan.plans.plans import COUNTS, NUMBERS
 
 BAR = fp.Bar(start=(1.2, 4.2), end=(1.9, 4.6), radius=0.1, margin=0.01)

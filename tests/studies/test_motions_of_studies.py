@@ -14,7 +14,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.jump import Jump
+from floatplan.jumps.jump import Jump
 from floatplan.studies import motions, rows, study
 
 SOME = """

@@ -11,7 +11,7 @@ from plain_problems import problem_of, random_robot
 
 import floatplan as fp
 from floatplan.kernel.library import kernel
-from floatplan.planning.bodies import Bodies
+from floatplan.planning.kernel_input.bodies import Bodies
 from floatplan.plans.plans import Answer
 from floatplan.studies import peaks
 from floatplan.studies.peaks import many_peaks

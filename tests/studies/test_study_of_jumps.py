@@ -14,7 +14,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.jump import Jump
+from floatplan.jumps.jump import Jump
 from floatplan.studies import motions, rows
 from floatplan.studies.file import load_study_file
 

@@ -14,7 +14,7 @@ from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.stance.jump import Jump
+from floatplan.jumps.jump import Jump
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.curves import curves_card, phase_colours

@@ -16,9 +16,9 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.jumps.check import JumpCheck
+from floatplan.jumps.jump import Jump
 from floatplan.motion.planar.full_model import free_flyer
-from floatplan.stance.check import JumpCheck
-from floatplan.stance.jump import Jump
 from floatplan.view.figures import animation
 from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import efforts, footing, jump_columns, moments

@@ -14,8 +14,8 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.trajectory import Trajectory
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.figures import snapshots
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled

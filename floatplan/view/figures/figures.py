@@ -17,9 +17,9 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
 from floatplan.view.sampled import SampledPlan

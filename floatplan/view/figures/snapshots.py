@@ -18,10 +18,10 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import Obstacle
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.jumps import moments as moment_times

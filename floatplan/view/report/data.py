@@ -14,6 +14,8 @@ from matplotlib.colors import to_hex
 from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import plain
+from floatplan.jumps.check import JumpCheck, judged
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.trajectory import Trajectory
@@ -22,8 +24,6 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_place
-from floatplan.stance.check import JumpCheck, judged
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, largest
 from floatplan.view.jumps import CheckedJump, footing

@@ -19,13 +19,13 @@ from urllib.parse import quote
 from floatplan.arguments import html_table
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, plan_verdict, raised
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.file import problem_text
 from floatplan.problem.problem import Problem
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view.charts import charts
 from floatplan.view.jumps import CheckedJump
 from floatplan.view.report.data import chart_data, jump_data, jump_sections, motion_data, sample_grid, sections

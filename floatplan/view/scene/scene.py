@@ -25,13 +25,13 @@ from scipy.spatial.transform import Rotation
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.files import write_atomically
+from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_place
-from floatplan.stance.jump_motion import JumpMotion
 from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space

@@ -1,0 +1,311 @@
+"""The answer: a jump from standing to standing, what its check found, and its file, ``jump.json``.
+
+JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``problem`` as in plan files, ``flight``,
+an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its first contact,
+and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (orientation and joints with
+their derivatives), ``ratios``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.arguments import flag, many, number, numbers, one_of, optional, text
+from floatplan.arguments import path as as_path
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError, naming, refuse, single
+from floatplan.files import check_finite, plain, read_json, write_atomically
+from floatplan.jumps.check import JumpCheck, check_jump
+from floatplan.jumps.contacts import Contact
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import Grid, Stance
+from floatplan.planning.repair import judged
+from floatplan.plans.outputs import Outputs
+from floatplan.plans.plan import rebuild
+from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot, robot_record
+from floatplan.plans.record import POINT, KeyedTable, RobotRecord, table
+from floatplan.plans.verdicts import Certificate, Tone, verdict_in_words
+from floatplan.pool import one_thread
+from floatplan.problem.file import problem_from_dict, problem_to_dict
+from floatplan.problem.jump import JumpRequest
+from floatplan.robot import Robot
+from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
+from floatplan.tables import Range
+
+FORMAT = "floatplan.jump/1"
+ARRAYS = ("times", "y", "v", "a", "ratios")
+LARGEST_DEPTH = 10.0  # [m] of a foot's point over the ground
+LONGEST_EXPLANATION = 300  # [characters] in a representation
+WHOLE = "take the file as it was written, or plan the jump again"
+UNKNOWN = "must not be there: a jump's file has no such key"
+CONTACT = KeyedTable(
+    {
+        "frames": many(text, "names of frames"),
+        "suffix": one_of("", *SOLE_ENDS, TIP),
+        "places": many(POINT, "places"),
+        "depth": number(Range(0.0, LARGEST_DEPTH, "m")),
+        "vertical": flag,
+    },
+    {"rolls": flag},
+    UNKNOWN,
+)
+STANCE = KeyedTable(
+    {
+        "side": one_of("takeoff", "landing"),
+        "contacts": many(CONTACT, "tables"),
+        "place": POINT,
+        **dict.fromkeys(ARRAYS, many(lambda value, _: value, "numbers")),
+    },
+    unknown=UNKNOWN,
+)
+JUMP = KeyedTable(
+    {
+        "format": one_of(FORMAT),
+        "status": text,
+        "explanation": text,
+        "robot": table,
+        "problem": table,
+        "flight": optional(table),
+        "stances": many(STANCE, "tables"),
+    },
+    unknown="",
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Jump(Outputs, JumpMotion):
+    """A jump from standing to standing: a motion that can be evaluated at any time, and whether it holds.
+
+    Attributes
+    ----------
+    problem : Problem, as given
+    request : JumpRequest
+    flight : the Plan in its middle, whose t = 0 is the takeoff; None where nothing was found
+    before, after : stances of takeoff and landing, in order of time
+    status : "found" or "not_found"
+    explanation : sentences for a person
+    """
+
+    status: str = "not_found"
+    explanation: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether a jump was found, and its stances passed the check."""
+        return self.status == "found" and self.check.ok
+
+    @cached_property
+    @one_thread
+    def check(self) -> JumpCheck:
+        """The stances, judged at 2 kHz; see :func:`floatplan.jumps.check.check_jump`."""
+        if self.flight is None:
+            return JumpCheck(False, {}, ("no jump was found",))
+        return check_jump(self)
+
+    def with_certificate(self, certificate: Certificate) -> Jump:
+        """Return the same jump with what was proved of its flight, which both files then hold."""
+        if self.flight is None:
+            return self
+        found = copy(self)  # with its check
+        object.__setattr__(found, "flight", judged(self.flight, certificate))
+        return found
+
+    def refuse_unless_ok(self, action: str) -> None:
+        """Raise InputError where there is no jump to "fly", say, or it is no motion that its robot can make."""
+        super().refuse_unless_ok(action)
+        if not self.ok:
+            fault = self.check.sentences[0] if self.status == "found" else f"its status is {self.status!r}"
+            reason = f"a jump that does not hold is none to {action}: {fault}"
+            raise InputError(reason, element="stances", advice="plan it again")
+
+    @property
+    def verdict(self) -> str:
+        """What was found out, for a person: "flight proved, stances checked" only where both are true."""
+        if self.flight is None:
+            return "no jump found"
+        flight, _ = verdict_in_words(self.flight.ok, self.flight.certificate, False)
+        stances = "stances checked" if self.check.ok else "stances not within limits"
+        return ", ".join([flight, stances, *(["with warnings"] if self.warnings else [])])
+
+    @property
+    def tone(self) -> Tone:
+        """Whether the verdict is good, bad or open."""
+        assert self.flight is not None
+        if not self.check.ok:
+            return "bad"
+        return verdict_in_words(self.flight.ok, self.flight.certificate, bool(self.warnings))[1]
+
+    def refuse_unless_shown(self) -> None:
+        """Raise InputError where no jump was found, so that pictures have nothing to show."""
+        if self.flight is None:
+            raise InputError(f"{self.verdict}, so there is nothing to show")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""
+        told = {name: getattr(self, name) for name in ("status", "ok", "verdict", "explanation", "duration")}
+        phases = [vars(phase) for phase in self.phases]
+        facts: dict[str, Any] = plain(
+            {
+                **told,
+                "warnings": [warning.to_dict() for warning in self.warnings],
+                "phases": phases,
+                "figures": dict(self.check.figures),
+                "sentences": self.check.sentences,
+            }
+        )
+        return facts
+
+    def save(self, path: str | Path) -> Path:
+        """Write ``jump.json``; it appears whole or not at all."""
+        return write_atomically(as_path(path, "path"), self.to_json())
+
+    def to_json(self) -> str:
+        """The content of ``jump.json``."""
+        sides = (("takeoff", self.before), ("landing", self.after))
+        content = {
+            "format": FORMAT,
+            "status": self.status,
+            "explanation": self.explanation,
+            "robot": robot_record(self.problem.robot).to_dict(),
+            "problem": problem_to_dict(self.problem),
+            "flight": None if self.flight is None else self.flight.record.to_dict(),
+            "stances": [{"side": side, **_stance(each)} for side, stances in sides for each in stances],
+        }
+        return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+
+    def __repr__(self) -> str:
+        checked = "" if self.flight is None else f", stances {'checked' if self.check.ok else 'not within limits'}"
+        return f"Jump({self.status}{checked}, {self.duration:.3g} s)\n  {self.explanation[:LONGEST_EXPLANATION]}"
+
+
+def _stance(stance: Stance) -> dict[str, Any]:
+    return {
+        "contacts": [
+            {
+                "frames": list(each.frames),
+                "suffix": each.suffix,
+                "places": [[spot.place.real, spot.place.imag] for spot in each.spots],
+                "depth": each.depth,
+                "vertical": each.vertical,
+                "rolls": each.radius > 0,
+            }
+            for each in stance.contacts
+        ],
+        "place": [stance.place.real, stance.place.imag],
+        **{name: getattr(stance.grid, name) for name in ARRAYS},
+    }
+
+
+@one_thread
+def load_jump(path: str | Path, urdf: str | Path | None = None) -> Jump:
+    """Read a jump's file and the URDF that it names, or another place of the same file.
+
+    Raises
+    ------
+    InputError
+        Either is missing, damaged, or does not belong to the other.
+    """
+    path = as_path(path, "path")
+    content = read_json(path, kind="a jump file")
+    with naming(path):
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise InputError(f"is no jump file: its format is not {FORMAT!r}", element="format")
+        check_finite(content)
+    given = optional(as_path)(urdf, "urdf")
+    with naming(path), _within():
+        return _read(content, path, given)
+
+
+def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Jump:
+    JUMP(content, "")
+    flight = None
+    if content["flight"] is not None:
+        with _within("flight"):
+            flight = rebuild(record_from_dict(content["flight"]), path, urdf)
+    found = RobotRecord.from_dict(content["robot"])
+    robot = recorded_robot(found, path, urdf) if flight is None else flight.robot
+    if robot.sha256 != found.sha256:
+        advice = "take the jump's file as it was written, or plan it again"
+        raise InputError("is not the robot of the flight", element="robot.sha256", advice=advice)
+    if isinstance(content["problem"].get("jump"), dict):  # files from before this key asked for nothing of it
+        content["problem"]["jump"].setdefault("pitch_error", 0.0)
+    with _within("problem"):
+        problem = problem_from_dict(content["problem"], robot)
+    request = problem.jump or JumpRequest()
+    check_size(content["stances"], "stances", LARGEST)
+    sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
+    for index, each in enumerate(content["stances"]):
+        stance = _read_stance(each, robot, problem.flight.gravity, f"stances[{index}]")
+        sides[each["side"]].append(stance)
+    rolls = {each.radius > 0 for stances in sides.values() for stance in stances for each in stance.contacts}
+    if request.feet != "auto" and rolls - {request.feet == "rolling"}:
+        raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
+    if (flight is None) == all(sides.values()):
+        raise InputError("do not fit the flight", element="stances")
+    answer = {"status": content["status"], "explanation": content["explanation"]}
+    return Jump(problem, request, flight, tuple(sides["takeoff"]), tuple(sides["landing"]), **answer)
+
+
+@contextmanager
+def _within(element: str | None = None) -> Iterator[None]:
+    """Name the table of a jump's file in which an error is, and advise, where nothing else is, to take a whole file."""
+    try:
+        yield
+    except InputError as error:
+        found = [one.within(element=element) for one in single(error)]
+        refuse(
+            [
+                InputError(one.reason, source=one.source, element=one.element, advice=one.advice or WHOLE)
+                for one in found
+            ]
+        )
+
+
+def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:
+    contacts = [_read_contact(each, robot, f"{element}.contacts[{k}]") for k, each in enumerate(content["contacts"])]
+    if not contacts:
+        raise InputError("must name what stands", element=f"{element}.contacts")
+    times = _array(content["times"], f"{element}.times", (None,))
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise InputError("must be increasing instants", element=f"{element}.times")
+    size, count = 1 + len(robot.joints), len(times)
+    y, v, a = (_array(content[name], f"{element}.{name}", (size, count)) for name in ("y", "v", "a"))
+    ratios = _array(content["ratios"], f"{element}.ratios", (len(contacts) - 1, count))
+    grid = Grid(times, y, v, a, ratios)
+    return Stance(robot, float(gravity), tuple(contacts), complex(*content["place"]), grid)
+
+
+def _read_contact(content: Mapping[str, Any], robot: Robot, element: str) -> Contact:
+    frames, places = tuple(content["frames"]), content["places"]
+    if not frames or len(places) != len(frames):
+        reason = f"has {len(frames)} frames and {len(places)} places, not as many of both"
+        raise InputError(reason, element=element)
+    unknown = [frame for frame in frames if frame not in robot.frames]
+    if unknown:
+        reason = f"the robot has no frame {unknown[0]!r}"
+        raise InputError(reason, element=f"{element}.frames")
+    radius = float(content["depth"]) if content.get("rolls") is True else 0.0
+    spots = [Spot(robot.frames[name].body, complex(*place), radius) for name, place in zip(frames, places, strict=True)]
+    return Contact(frames, content["suffix"], tuple(spots), float(content["depth"]), content["vertical"])
+
+
+def _array(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
+    """Finite numbers of a shape, in which None is any size; lists of no numbers have any other sizes."""
+    array = numbers(value, element) if value != [] else np.zeros([size or 0 for size in shape])
+    if len(array.shape) != len(shape) or any(
+        size not in (None, own) for own, size in zip(array.shape, shape, strict=True)
+    ):
+        reason = f"has shape {array.shape}, not {shape}"
+        raise InputError(reason, element=element)
+    if not np.isfinite(array).all():
+        raise InputError("must be finite numbers", element=element)
+    return read_only(array.astype(np.float64))

@@ -1,0 +1,245 @@
+"""The motion of a whole jump, stances and flight: its state at any time, forces, and the coordinates of a plan."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arguments import numbers
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
+from floatplan.motion.dynamics import FlightState
+from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
+from floatplan.plans.measures import PlanWarning, overlap_warnings
+from floatplan.plans.plan import Plan
+from floatplan.plans.planned_motion import least_distances
+from floatplan.plans.trajectory import JumpPhase
+from floatplan.pool import one_thread
+from floatplan.problem.jump import JumpRequest
+from floatplan.problem.parts import Obstacle, Posture
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
+
+HEIGHTS = 601  # [-] instants among which the centre of mass is highest
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JumpMotion(MotionInFile):
+    """A jump as a function of time; its world is that of its flight.
+
+    Attributes
+    ----------
+    problem : Problem, as given
+    request : JumpRequest
+    flight : the Plan in its middle, whose t = 0 is the takeoff; None where nothing was found
+    before, after : stances of takeoff and landing, in order of time
+    """
+
+    problem: Problem
+    request: JumpRequest
+    flight: Plan | None = None
+    before: tuple[Stance, ...] = ()
+    after: tuple[Stance, ...] = ()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that jumps."""
+        return self.problem.robot
+
+    @property
+    def stances(self) -> tuple[Stance, ...]:
+        """All stances."""
+        return (*self.before, *self.after)
+
+    @property
+    def takeoff_time(self) -> float:
+        """When the flight begins, s from the jump's start."""
+        return self.before[-1].span[1] if self.before else 0.0
+
+    @property
+    def duration(self) -> float:
+        """From standing to standing, s."""
+        return self.after[-1].span[1] if self.after else 0.0
+
+    @property
+    def flight_span(self) -> tuple[float, float]:
+        """Takeoff and landing, s."""
+        assert self.flight is not None
+        return self.takeoff_time, self.takeoff_time + self.flight.duration
+
+    @property
+    def ground(self) -> float:
+        """Height of the ground, m."""
+        return min(stance.ground for stance in self.stances)
+
+    @cached_property
+    def height(self) -> float:
+        """Greatest height of the centre of mass over the ground, m."""
+        times = np.linspace(0.0, self.duration, HEIGHTS)
+        return float(self.state(times).com_position[:, 1].max()) - self.ground
+
+    @property
+    def dynamics(self) -> PinocchioDynamics:
+        """The robot's rigid-body dynamics."""
+        assert self.flight is not None
+        return self.flight.in_plane.dynamics
+
+    @cached_property
+    def whole_problem(self) -> Problem:
+        """The flight's problem with what was asked of the jump: its name, limits and obstacles, its ends and duration.
+
+        Its clock begins with the jump, that of its obstacles too.
+        """
+        ends = self.state([0.0, self.duration])  # refused where no jump was found
+        assert self.flight is not None
+        found = self.flight.problem
+        within = np.clip(ends.positions, *found.position_limits.T)  # which robots that fall may leave
+        start, goal = map(Posture, ends.orientation.tolist(), within)
+        return replace(
+            found,
+            name=self.problem.name,
+            limits=self.problem.limits,
+            start=start,
+            goal=goal,
+            flight=replace(found.flight, duration=self.duration),
+            obstacles=tuple(delayed(obstacle, self.takeoff_time) for obstacle in self.problem.obstacles),
+        )
+
+    @property
+    def phases(self) -> tuple[JumpPhase, ...]:
+        """Phases in order of time."""
+        if self.flight is None:
+            return ()
+        before, after = (
+            [JumpPhase("stance", tuple(n for c in each.contacts for n in c.names), *each.span) for each in side]
+            for side in (self.before, self.after)
+        )
+        flight = JumpPhase("flight", (), self.takeoff_time, self.takeoff_time + self.flight.duration)
+        return (*before, flight, *after)
+
+    @cached_property
+    @one_thread
+    def warnings(self) -> tuple[PlanWarning, ...]:
+        """What it does beside what was asked: its flight's warnings, and links that overlap, at instants of the jump.
+
+        None where no jump was found.
+        """
+        if self.flight is None:
+            return ()
+        of_flight = [warning for warning in self.flight.warnings if warning.kind != "overlap"]
+        return (*of_flight, *overlap_warnings(self.problem, self.planned_positions, self.duration))
+
+    def refuse_unless_ok(self, action: str) -> None:
+        """Raise InputError where there is no jump to "fly", say."""
+        if self.flight is None:
+            reason = f"no jump was found, so there is nothing to {action}"
+            advice = "plan it with other limits, durations or friction"
+            raise InputError(reason, element="status", advice=advice)
+
+    @one_thread
+    def at(self, times: npt.ArrayLike) -> JumpState:
+        """State at times (N,) s from the jump's start; at a change of contacts that of the phase before.
+
+        Raises
+        ------
+        InputError
+            A time is not a number or lies outside the jump; or no jump was found.
+        """
+        instants = np.atleast_1d(np.asarray(numbers(times, "times"), dtype=np.float64)).ravel()
+        if self.flight is None:
+            raise InputError("no jump was found", element="times")
+        if not ((instants >= 0) & (instants <= self.duration)).all():
+            raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
+        phases = self.phases
+        index = np.searchsorted([phase.end for phase in phases[:-1]], instants)
+        motions: list[Callable[[Array], JumpState]] = [each.at for each in self.stances]
+        motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
+        rows = [np.flatnonzero(index == number) for number in range(len(phases))]
+        parts = [(own, motion(instants[own])) for own, motion in zip(rows, motions, strict=True) if len(own)]
+        size = self.problem.robot.model.nv
+        return joined(instants, size, parts, [name for phase in phases for name in phase.contacts])
+
+    def state(self, times: npt.ArrayLike) -> FlightState:
+        """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
+        full, robot, tree = self.at(times), self.robot, self.robot.tree
+        orientation, orientation_rate = full.positions[:, 2], full.velocities[:, 2]
+        positions, velocities, accelerations = full.planned(robot)[:, 1:].transpose(0, 2, 1)
+
+        # The coordinates' place is the base's; the centre of mass is where the base's origin is seen from it.
+        weights = tree.point_weights(np.array([0]), np.array([0j]))[0]
+        rotations = tree.rotations(tree.absolute_angles(orientation, positions))
+        rotation_rates = 1j * tree.turn * (orientation_rate[:, None] + velocities @ tree.turns.T) * rotations
+        base_from_com, base_speed = rotations @ weights, rotation_rates @ weights
+
+        momentum_map = self.dynamics.momentum_map(positions)
+        return FlightState(
+            times=full.times,
+            orientation=orientation,
+            orientation_rate=orientation_rate,
+            positions=positions,
+            velocities=velocities,
+            accelerations=accelerations,
+            torques=full.torques @ robot.selection,
+            motor_torques=full.torques @ robot.transmission,
+            com_position=full.positions[:, :2] - np.stack((base_from_com.real, base_from_com.imag), axis=1),
+            com_velocity=full.velocities[:, :2] - np.stack((base_speed.real, base_speed.imag), axis=1),
+            base_position=full.positions[:, :2],
+            angular_momentum=momentum_map[:, 0] * orientation_rate + (momentum_map[:, 1:] * velocities).sum(axis=1),
+        )
+
+    def clearances(self, times: Array, obstacles: Sequence[Obstacle]) -> Array:
+        """Least distance (N,), m, between any link and any of the obstacles that exist then; infinite without any."""
+        state, tree = self.state(times), self.robot.tree
+        angles, com = tree.absolute_angles(state.orientation, state.positions), state.com_position @ [1, 1j]
+        segments = LinkShapes(tree, self.robot.shapes).place(np.asarray(com, np.complex128), angles)
+        return np.asarray(np.min([least_distances(segments, each, times) for each in obstacles], axis=0))
+
+    @one_thread
+    def planned_positions(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s from the jump's start; there has to be a flight."""
+        assert self.flight is not None
+        ends = np.array([phase.end for phase in self.phases])
+        index = np.searchsorted(ends[:-1], times)
+        found = np.empty((len(times), len(self.problem.robot.joints)))
+        stances = dict(
+            zip([*range(len(self.before)), *range(len(self.before) + 1, len(ends))], self.stances, strict=True)
+        )
+        for number in range(len(ends)):
+            own = np.flatnonzero(index == number)
+            if not len(own):
+                continue
+            if number in stances:
+                found[own] = stances[number].grid.curve(times[own])[:, 1:]
+            else:
+                since = np.clip(times[own] - self.takeoff_time, 0.0, self.flight.duration)
+                found[own] = self.flight.joint_motion(since)[0]
+        return found
+
+    def full_motion(self, times: npt.ArrayLike) -> FullMotion:
+        """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
+        return FullMotion(self.problem.robot, self.at(times))
+
+    def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Forces (..., 3), N, in the world's axes, of every point that stands at some time; zero where it does not."""
+        plane = self.problem.robot.plane
+        axes, found = np.stack((plane.horizontal, plane.vertical)), self.at(times).forces
+        return {name: (force @ axes).reshape(*np.shape(times), 3) for name, force in found.items()}
+
+    def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Where those forces act (..., 3), m, in the world; NaN where the point is not in contact.
+
+        Of a point it is the origin of its frame, of a foot that rolls the lowest point of its circle.
+        """
+        return {name: place.reshape(*np.shape(times), 3) for name, place in self.at(times).points.items()}
+
+
+def delayed(obstacle: Obstacle, delay: float) -> Obstacle:
+    """Return the same obstacle for a clock that begins so many seconds earlier."""
+    shift = delay * np.array(obstacle.velocity)
+    places: dict[str, Any] = {name: tuple((getattr(obstacle, name) - shift).tolist()) for name in obstacle.places()}
+    window = obstacle.window and (obstacle.window[0] + delay, obstacle.window[1] + delay)
+    return replace(obstacle, **places, window=window)

@@ -1,0 +1,261 @@
+"""Problems that the kernel plans together, and what they differ in as arrays: of a family without making its problems.
+
+Plain ones have no inequalities. Others have obstacles, clearances or limits, of the same kinds in all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.errors import InputError
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.planar.bounds import momentum_intervals
+from floatplan.motion.planar.closed_form import frame_weights, places_from_com, rising
+from floatplan.planning.kernel_input.rows import can_write, obstacle_numbers
+from floatplan.problem.family import Family, motor_limits_with, obstacles_with
+from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import least_of_motors, sum_of_motors
+from floatplan.robot.robot import Robot
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
+
+ENDS = ("start", "goal")
+OF_JOINTS = ("positions", "velocities", "accelerations")
+OF_STATES = ("orientation", *OF_JOINTS)
+BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre of mass depends on: name, column
+    "flight.gravity": ("gravity", None),
+    "flight.horizontal_velocity": ("horizontal_velocity", None),
+    "flight.takeoff.position.0": ("position", 0),
+    "flight.takeoff.position.1": ("position", 1),
+    "flight.landing.height": ("height", None),
+}
+MOTOR_LIMITS = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
+OF_LIMITS = ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope")
+NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
+
+
+def is_plain(problem: Problem) -> bool:
+    """Whether a problem asks for no more than the kernel does: (17) between given states, h given, no inequalities."""
+    return _is_given(problem) and not problem.has_inequalities
+
+
+def _is_given(problem: Problem) -> bool:
+    """Whether a problem asks for (17), between given states, with h given."""
+    return (
+        problem.robot.in_plane is not None
+        and problem.motion.objective == "coefficients"
+        and problem.flight.angular_momentum != "free"
+        and not problem.chooses_ends
+        and len(problem.robot.joints) > 0
+    )
+
+
+def goes_together(problem: Problem) -> bool:
+    """Whether problems that differ from this one in numbers are planned together, plain or not."""
+    always = all(obstacle.window is None and can_write(obstacle) for obstacle in problem.obstacles)
+    steers = max(problem.degrees, default=0) >= CONDITIONS
+    return is_plain(problem) or (_is_given(problem) and steers and not problem.ground and always)
+
+
+def is_plain_family(family: Family) -> bool:
+    """Whether all problems of a family are plain, with the same joint ranges and degrees."""
+    return is_plain(family.base) and all(_is_plain(path, family.base.robot) for path in family.arrays)
+
+
+def is_together(family: Family) -> bool:
+    """Whether the problems of a family, of which there are some, are planned together, plain or not."""
+    if not len(family):
+        return False
+    base = family.base
+    others = {path: array[:1] for path, array in family.arrays.items() if not _is_plain(path, base.robot)}
+    known = (path.split(".")[:2] for path in others)
+    if not (
+        goes_together(base)
+        and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in known)
+    ):
+        return False
+    first = _limits_of_family(base, others)
+    return first is not None and _finite(first) == _finite(base) and not any(".window" in path for path in others)
+
+
+def _finite(of: Problem) -> list[list[bool]]:
+    """Which limits there are; of many, of the first."""
+    return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in of.limited]
+
+
+def _is_plain(path: str, robot: Robot) -> bool:
+    return path in BALLISTIC or _place(path, robot) is not None
+
+
+def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
+    """End (or ""), quantity and joint (None for all) that a path is about; None where it is about something else."""
+    match path.split("."):
+        case ["flight", "duration" | "angular_momentum" as name]:
+            return "", name, None
+        case ["start" | "goal" as end, name] if name in OF_STATES:
+            return end, name, None
+        case ["start" | "goal" as end, name, joint] if name in OF_JOINTS and joint in robot.joints:
+            return end, name, robot.joints.index(joint)
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """What N problems of one robot, joint ranges, degrees and kinds of rows differ in.
+
+    ``values`` are ``duration`` (N,) s; ``angular_momentum`` (N,) kg m^2/s, left out for the middle of (9); at both ends
+    ``orientation`` (N, 2) rad and ``positions, velocities, accelerations`` (N, 2, n). ``sound`` (N,) says whether all
+    else is in its range. Where there are inequalities: ``position`` (N, 2) m at takeoff, ``height`` (N,) m at landing,
+    ``horizontal_velocity`` (N,) m/s, ``gravity`` (N,) m/s^2, the ``obstacles`` of each, and ``limits``, which may be
+    one problem's where they are the same.
+    """
+
+    like: Problem
+    values: Mapping[str, Array]
+    sound: BoolArray
+    obstacles: Sequence[tuple[Obstacle, ...]] = ()
+    limits: Problem | None = None
+
+    @classmethod
+    def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
+        """Of problems as they are; all of them give h, or all take the middle."""
+        like, states = problems[0], [state for problem in problems for state in (problem.initial, problem.final)]
+        arrays = {name: np.array([getattr(state, name) for state in states]) for name in OF_STATES}
+        values = {name: array.reshape(-1, 2, *array.shape[1:]) for name, array in arrays.items()}
+        middle = isinstance(like.flight.angular_momentum, str)
+        given = ("duration",) if middle else ("duration", "angular_momentum")
+        for name in given:
+            values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
+        sound = np.ones(len(problems), dtype=np.bool_)
+        if not like.has_inequalities:
+            return cls(like, values, sound)
+        values["position"] = np.array([problem.takeoff.place_in_plane for problem in problems], dtype=np.float64)
+        values["height"] = np.array([problem.landing_height for problem in problems], dtype=np.float64)
+        for name in ("horizontal_velocity", "gravity"):
+            values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
+        limits = like
+        if len(problems) > 1:
+            of_joints = {row.key: np.array([each.joint_limits[row.key] for each in problems]) for row in JOINT_LIMITS}
+            others = {name: np.array([getattr(each, name) for each in problems]) for name in OF_LIMITS}
+            limits = _limited(like, joint_limits=of_joints, **others)
+        return cls(like, values, sound, [problem.obstacles for problem in problems], limits)
+
+    @classmethod
+    def of_family(cls, family: Family, rows: IntArray) -> Numbers:
+        """Of some rows of a family that goes together; numbers may be bad, see :meth:`doubtful`."""
+        base, like = family.base, cls.of_problems([family.base])
+        values = {name: np.repeat(array, len(rows), axis=0) for name, array in like.values.items()}
+        varied = {path: array[rows].astype(np.float64) for path, array in family.arrays.items()}
+        sound = np.ones(len(rows), dtype=np.bool_)
+        for path, array in varied.items():
+            if place := _place(path, base.robot):
+                end, name, joint = place
+                if not end:
+                    values[name] = array
+                elif joint is None:
+                    target = values[name][:, ENDS.index(end)]
+                    target[...] = array if target.ndim == 1 else array[:, None]
+                else:
+                    values[name][:, ENDS.index(end), joint] = array
+            elif path in BALLISTIC:
+                name, column = BALLISTIC[path]
+                sound &= _within(name, array)
+                if name in values:
+                    values[name][(...,) if column is None else (..., column)] = array
+            elif path.startswith("limits."):
+                sound &= _within("limit", array)
+        if like.limits and not base.flight.landing and "flight.landing.height" not in varied:
+            values["height"] = values["position"][:, 1]
+        obstacles = _obstacles_of_family(base, varied, sound)
+        return cls(base, values, sound, obstacles, _limits_of_family(base, varied) if like.limits else None)
+
+    def doubtful(self) -> BoolArray:
+        """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
+        low, high = self.like.position_limits.T
+        margin, positions = NEAR_EDGE * (high - low), self.values["positions"]
+        good = [_within(name, array) for name, array in self.values.items()]
+        good += [self.sound, positions > low + margin, positions < high - margin]
+        return np.asarray(~np.all([each.all(axis=tuple(range(1, each.ndim))) for each in good], axis=0))
+
+    def angular_momentum(self) -> Array:
+        """The h (N,) of each, kg m^2/s."""
+        values = self.values
+        if "angular_momentum" in values:
+            return values["angular_momentum"]
+        changes = np.diff(np.concatenate((values["orientation"][..., None], values["positions"]), axis=2), axis=1)
+        low, high = momentum_intervals(self.like, changes[:, 0], values["duration"])
+        return (low + high) / 2
+
+    def paths(self) -> Array:
+        """Of the centre of mass (N, 5), as the kernel has it: place, velocity, gravity."""
+        like, values = self.like, self.values
+        orientation, positions, gravity = values["orientation"], values["positions"], values["gravity"]
+        foot, landing = (
+            places_from_com(like.robot.tree, frame_weights(like.robot, frame), orientation[:, end], positions[:, end])
+            for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
+        )
+        takeoff = values["position"][:, 0] + 1j * values["position"][:, 1] - foot
+        upwards = rising(takeoff, landing, values["height"], gravity, values["duration"])
+        return np.stack((takeoff.real, takeoff.imag, values["horizontal_velocity"], upwards, gravity), axis=1)
+
+    def obstacle_numbers(self) -> Array:
+        """Of the obstacles (N, k), as the kernel has them."""
+        return np.array([[number for each in own for number in obstacle_numbers(each)] for own in self.obstacles])
+
+
+def _obstacles_of_family(
+    base: Problem, varied: Mapping[str, Array], sound: BoolArray
+) -> Sequence[tuple[Obstacle, ...]]:
+    """Obstacles of some rows; where they are wrong, rows are not ``sound``."""
+    of_obstacles = {path: array.tolist() for path, array in varied.items() if path.startswith("obstacles.")}
+    found = [base.obstacles] * (len(sound) if base.obstacles else 0)
+    for row in range(len(sound) if of_obstacles else 0):
+        try:
+            found[row] = obstacles_with(base, tuple((path, values[row]) for path, values in of_obstacles.items()))
+        except InputError:
+            sound[row] = False
+    return found
+
+
+def _limited(like: Problem, **limits: Any) -> Problem:
+    """Return a problem whose limits are those (N, ..) of many, for what is made of limits alone."""
+    many = copy(like)
+    vars(many).update(limits)
+    return many
+
+
+def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | None:
+    """The base problem with the limits of some rows; None where they cannot be told together."""
+    limits: dict[str, Any] = {"joint_limits": dict(base.joint_limits)}
+    for key, row in MOTOR_LIMITS.items():
+        about = {path: array for path, array in varied.items() if path.split(".")[:2] == ["limits", key]}
+        own = motor_limits_with(base, row, about) if about else None
+        if about and own is None:
+            return None
+        if own is not None and key == "torque":
+            limits |= {"motor_torque_limits": own, "torque_limits": sum_of_motors(base.robot, own)}
+        elif own is not None:
+            limits["joint_limits"][key] = least_of_motors(base.robot, own)
+    return _limited(base, **limits) if any(path.startswith("limits.") for path in varied) else base
+
+
+def _within(key: str, values: Array) -> BoolArray:
+    allowed = RANGES[key]
+    return np.asarray((values >= allowed.low) & (values <= allowed.high))
+
+
+def key(problem: Problem) -> tuple[Any, ...]:
+    """What problems must share to be planned in one batch."""
+    given = not isinstance(problem.flight.angular_momentum, str)
+    of_motion = problem.robot, problem.position_limits.tobytes(), problem.degrees, given
+    if not problem.has_inequalities:
+        return of_motion
+    limits = str(_finite(problem)), problem.limits.orientation_rate
+    kinds = tuple((type(each), len(each.pieces)) for each in problem.obstacles)
+    return *of_motion, *limits, kinds, problem.self_clearances, problem.takeoff.frame, problem.landing.frame

@@ -1,0 +1,111 @@
+"""Stances from rest to a takeoff: those of a jump are found again, and those that no robot can have are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from drawn_stances import Drawing, drawn_stance
+from jumps import INSTALLED, backflip, go2_problem
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.jumps.check import judged
+from floatplan.jumps.launch import Launch, launch
+from floatplan.jumps.program import JumpProgram
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+
+@pytest.mark.long
+def test_the_takeoff_of_a_jump_is_reached() -> None:
+    """A stance is known, within 0.88 of the rates and 0.85 of the torques."""
+    flight = backflip().flight
+    assert flight is not None
+    found = launch(flight, starts=1)
+    assert found.ok
+    assert found.ratio < 0.9
+    assert found.sentences[0].startswith("Takeoff: reachable, with ")
+    assert found.joint in found.sentences[0]
+    assert found.sentences[-1].startswith("Friction 0.6, at rest with FL_thigh_joint 0.7")
+    assert found.figures["residual"] < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "seed", "together"), [("Go2", 324, False), ("A1", 1460, True), ("A1", 7043, True), ("A1", 9478, True)]
+)
+def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: int, together: bool) -> None:
+    """A foot that dips as little as the check lets; forces that leave the cone only between nodes; far guesses."""
+    drawn = drawn_stance(Drawing(name), np.random.default_rng(seed), together)
+    assert drawn is not None
+    found = launch(drawn.plan, drawn.request)
+    assert found.ok
+    assert found.ratio <= 1
+    shares = {"torque", "torque_speed", "velocity"}
+    assert max(found.figures[share] for share in shares) == found.ratio
+    assert not judged(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
+
+
+@pytest.mark.long
+def test_the_factor_that_is_told_is_nearly_the_least(root: Path) -> None:
+    """With a weight of squared torques ten times as large it is 2.7, where the program's nodes alone need 1.86.
+
+    Of programs that are stricter, as where limits suffice, it is 2.26.
+    """
+    found = launch(fp.plan(root / "problems" / "gallery" / "go2.toml"), starts=1)
+    assert (found.ok, found.limit, found.impossible) == (False, "torque", False)
+    assert 1.8 < found.ratio < 2.1
+    assert found.sentences[0].startswith(
+        f"Takeoff: no stance was found within the limits (least factor {found.ratio:.2f}"
+    )
+
+
+def test_an_answer_that_holds_or_has_a_factor_is_told_rather_than_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever later starts come to."""
+    flight = backflip().flight
+    assert flight is not None
+    told = [
+        Launch(False, ratio, "", "", (f"{ratio}",), {}, broken=broken)
+        for ratio, broken in ((2.7, ("",)), (1.9, ()), (1.2, ("",)))
+    ]
+    answers = iter(told)
+    monkeypatch.setattr("floatplan.jumps.launch.corrected", lambda *_: next(answers))
+    monkeypatch.setattr("floatplan.jumps.launch.solved", lambda first, _: (first, next(solves)))
+    one, two, three, none = (SimpleNamespace(converged=at < 3, y=np.full(1, at)) for at in range(4))
+    solves = iter((one, two, three))
+    assert launch(flight).ratio == 1.9
+    answers, solves = iter(told[:1]), iter((one, one, none))  # the second start comes to the same
+    assert launch(flight).ratio == 2.7
+
+
+def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rates with which the foot is at rest are those of ``takeoff``: beyond the limits there is nothing to find."""
+    monkeypatch.setattr(JumpProgram, "solve", lambda *_: pytest.fail("a search for what there is not"))
+    problem = replace(go2_problem(), limits=fp.Limits(velocity=12.0), jump=None)
+    plan = fp.plan(replace(problem, limits=fp.Limits()))
+    found = launch(replace(plan, problem=problem))
+    assert found.impossible
+    assert found.ratio == pytest.approx(fp.takeoff(problem, plan.angular_momentum).ratio, rel=1e-9)
+    words = f"with RL_foot at rest then, {found.joint}'s rate is at least {found.ratio:.2f} of its limit"
+    assert found.sentences[0] == f"Takeoff: no stance reaches it: {words}, whatever came before."
+    after = launch(replace(plan, problem=problem), end="landing")
+    assert after.impossible
+    assert after.sentences[0].endswith(", whatever comes after.")
+
+
+def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path: Path) -> None:
+    """The reference posture is in no URDF, and friction in no flight: the plan's file holds both."""
+    problem = replace(go2_problem(), jump=fp.JumpRequest(friction=0.45))
+    plan = fp.plan(problem)
+    again = fp.load_plan(plan.save(tmp_path / "plan.json"))
+    np.testing.assert_array_equal(again.robot.resting, problem.robot.resting)
+    assert again.problem.jump == problem.jump
+    flight = backflip().flight
+    assert flight is not None
+    assert flight.problem.jump == backflip().request
+    np.testing.assert_array_equal(flight.robot.resting, problem.robot.resting)
