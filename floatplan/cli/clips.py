@@ -12,7 +12,6 @@ import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
-from floatplan.cli.results import REPORT, check_folder
 from floatplan.errors import InputError
 
 if TYPE_CHECKING:
@@ -182,6 +181,8 @@ def _clip_files(files: Sequence[Path]) -> list[Path]:
 
 def _page(paths: Sequence[Path]) -> Path:
     """Where the page goes: into the folder of the clip's name, of several into that of all clips."""
+    from floatplan.cli.results import REPORT, check_folder
+
     folder = Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
     check_folder(folder)
     return folder / REPORT
