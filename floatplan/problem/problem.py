@@ -60,6 +60,8 @@ class Problem(Checked):
     motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
     motor_slope : (m,) N m s/rad
     degrees : (n,) int
+    reference : (K, n) rad, or None
+        The recorded motion of the objective "clip", at instants evenly apart from takeoff to landing.
     file_text : str or None
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
