@@ -33,7 +33,7 @@ from floatplan.studio import edits
 from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.page import Studio
 from floatplan.studio.session import Part
-from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.tables import OBJECTIVES
 
 GENTLY = np.radians(4.0)  # [rad] that they turn a joint by, at most
 PATIENCE = 60.0  # [s]
@@ -142,7 +142,7 @@ class Drags:
         needed = dict.fromkeys(self.base.robot.motors, float(self.rng.uniform(0.1, 50.0)))
         choices = [
             edits.change("flight", angular_momentum=str(self.rng.choice(["free", "midpoint"]))),
-            edits.change("motion", objective=str(self.rng.choice(list(OBJECTIVE_TABLE)))),
+            edits.change("motion", objective=str(self.rng.choice(list(OBJECTIVES)))),
             edits.change("motion", degree=degrees[int(self.rng.integers(4))]),
             edits.ground(bool(self.rng.integers(2))),
             edits.limit("torque", str(self.rng.choice(["none", "urdf", edits.BY_HAND])), needed),

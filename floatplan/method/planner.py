@@ -104,7 +104,7 @@ def refuse(problem: Problem) -> None:
     asked |= {f"{end}.velocities": state.frame_rests for end, state in ends}
     asked |= {f"{end}.accelerations": state.free_accelerations for end, state in ends}
     asked |= {f"obstacles.{i}.kind": shape.kind == "capsule" for i, shape in enumerate(problem.obstacles)}
-    asked |= {"self_clearance": bool(problem.self_clearances)}
+    asked |= {"self_clearance": bool(problem.self_clearances), "motion.clip": problem.reference is not None}
     for element in filter(asked.get, asked):
         reason = (
             "the reference method plans flights in a plane, between given states, past circles and half-planes alone"

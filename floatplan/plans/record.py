@@ -35,7 +35,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.keys import Key, Keyed, is_needed
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, Range, RobotKind
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, REST, Range, RobotKind
 
 FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
@@ -401,7 +401,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
         {
             **postures,
             "flight": KeyedTable(flight),
-            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVES)}, {"clip": table}),
+            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVE_TABLE)}, {"clip": table}),
             "limits": KeyedTable(kept, may_be_kept),
         },
         {

@@ -18,7 +18,7 @@ from floatplan.studio.inputs import Inputs, by_user, in_turn, is_alike, on
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Part, Session, View
 from floatplan.studio.stage import Player, Stage
-from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitKey
+from floatplan.tables import LIMIT_TABLE, OBJECTIVES, LimitKey
 
 DEGREE = math.pi / 180  # [rad]
 TURNS = 400 * DEGREE  # [rad] that an orientation's slider reaches, to both sides
@@ -187,7 +187,7 @@ class Controls:
         self.inputs.slider("speed, m/s", (path,), speed - FASTER, speed + FASTER, hint=hint)
         self.inputs.choice(
             "least",
-            tuple(OBJECTIVE_TABLE),
+            OBJECTIVES,
             lambda each: each.motion.objective,
             lambda word: edits.change("motion", objective=word),
             "What the motion minimises.",
