@@ -7,6 +7,8 @@ from floatplan.clips.clip import Clip as Clip
 from floatplan.clips.flights import ClipFlight as ClipFlight
 from floatplan.clips.judge import FlightJudgement as FlightJudgement
 from floatplan.clips.loading import load_clip as load_clip
+from floatplan.clips.repair import ClipRepair as ClipRepair
+from floatplan.clips.repair import repair_clip as repair_clip
 from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
 from floatplan.inflight.authority import Authority as Authority
@@ -41,6 +43,7 @@ from floatplan.problem.jump import JumpRequest as JumpRequest
 from floatplan.problem.jump import JumpTakeoff as JumpTakeoff
 from floatplan.problem.parts import Bar as Bar
 from floatplan.problem.parts import Circle as Circle
+from floatplan.problem.parts import ClipReference as ClipReference
 from floatplan.problem.parts import Flight as Flight
 from floatplan.problem.parts import HalfPlane as HalfPlane
 from floatplan.problem.parts import Landing as Landing

@@ -26,7 +26,7 @@ Unit: TypeAlias = Literal["rad", "deg"]  # of angles
 RobotKind: TypeAlias = Literal["urdf", "mjcf"]  # what a robot's file is
 ROBOT_KINDS: tuple[RobotKind, ...] = get_args(RobotKind)
 
-Objective: TypeAlias = Literal["coefficients", "torque", "acceleration"]
+Objective: TypeAlias = Literal["coefficients", "torque", "acceleration", "clip"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class ObjectiveRow:
     ----------
     unit : of its value
     description : for a person
-    quantity : the joints' quantity whose square is integrated over the flight; None for the norm of (17)
+    quantity : the joints' quantity whose square is integrated over the flight; None for the norm of (17), and for
+        how far the joints are from a recorded motion
     """
 
     unit: str
@@ -49,6 +50,7 @@ OBJECTIVE_TABLE: dict[Objective, ObjectiveRow] = {
     "coefficients": ObjectiveRow("mixed", "norm of the polynomials' coefficients"),
     "torque": ObjectiveRow("N^2 m^2 s", "integral of the squared joint torques", "torques"),
     "acceleration": ObjectiveRow("rad^2/s^3", "integral of the squared joint accelerations", "accelerations"),
+    "clip": ObjectiveRow("rad", "root mean square of the joints' differences from a recorded motion, clip"),
 }
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 

@@ -22,10 +22,6 @@ from floatplan.studies import maps as study_maps
 from floatplan.studies import study
 
 SIZES = {
-    "a recorded motion, and what it holds when unpacked": f"{formats.LARGEST_CLIP // 1_000_000} MB",
-    "frames of a recorded motion": formats.MOST_FRAMES,
-    "columns of a recorded motion's CSV": formats.MOST_COLUMNS,
-    "recorded motions of one command": clips.MOST_CLIPS,
     "planned joints": resolution.MOST_JOINTS,
     "joints of a URDF that move": check.MOST_JOINTS,
     "fixed joints of a URDF": check.MOST_FIXED_JOINTS,
@@ -34,6 +30,10 @@ SIZES = {
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": resolution.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
+    "a recorded motion, and what it holds when unpacked": f"{formats.LARGEST_CLIP // 1_000_000} MB",
+    "frames of a recorded motion": formats.MOST_FRAMES,
+    "columns of a recorded motion's CSV": formats.MOST_COLUMNS,
+    "recorded motions of one command": clips.MOST_CLIPS,
     "processes of a search or a study, threads of a batch": options.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "motions that a study writes": study.MOST_MOTIONS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn, cast
 
 import typer
 
@@ -13,6 +13,9 @@ from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
+
+if TYPE_CHECKING:
+    from floatplan.clips.repaired_flight import Choice
 
 ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
 MOST_CLIPS = 10_000  # [-] of one command
@@ -65,6 +68,99 @@ def clip_check(
         common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0], page), ok)
     facts = {"model": model, "clips": [each.to_dict() for each in checks]}
     common.finish(facts, json_output, lambda summary: summary.clips_summary(checks, page), ok)
+
+
+def clip_repair(
+    file: Annotated[Path, typer.Argument(metavar="CLIP", help="A recorded motion.")],
+    model: Model,
+    choice: Annotated[
+        str, option("NAME", "'retime', 'raise', or 'auto': retime where the limits hold, else raise.")
+    ] = "auto",
+    flights: Annotated[
+        str | None, option("N,..", "Flights to repair, from 0; the unphysical ones if left out.")
+    ] = None,
+    degree: Annotated[
+        int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
+    ] = None,
+    problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
+    form: Format = None,
+    quaternion: Quaternion = None,
+    fps: Fps = None,
+    feet: Feet = None,
+    ground: Ground = None,
+    output: Annotated[
+        Path | None, option("FILE", "Where it goes; beside the clip if left out.", "--output", "-o")
+    ] = None,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
+) -> None:
+    """Make the flights of a recorded motion fly, as near to it as they can, and write it in its own format.
+
+    "retime" keeps postures and heights, so that a flight takes as long as its fall; "raise" keeps its duration, and the
+    robot rises higher. Flights that are physical are left as they are; a clip without others is written as it is. Exit
+    code 1 where a flight is not repairable: why is said.
+    """
+    from floatplan.clips.formats import LARGEST_CLIP
+    from floatplan.clips.writing import write_clip
+    from floatplan.files import read_regular, write_atomically
+
+    robot = fp.Robot.from_file(model, base="free-flyer")
+    clip = fp.load_clip(
+        file, model=robot, format=form, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
+    )
+    if problem is not None:
+        _write_problem(clip, problem, choice, degree, output)
+    with progress("repairing", quiet):
+        repaired, told = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree)
+    target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
+    if told.changed:
+        write_clip(repaired, target)
+    else:
+        write_atomically(target, read_regular(file, LARGEST_CLIP, "a recorded motion"))
+    facts = {**told.to_dict(), "output": str(target)}
+    common.finish(
+        facts,
+        json_output,
+        lambda summary: summary.repair_summary(told, target),
+        told.ok,
+        told=not quiet and not json_output,
+    )
+
+
+def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, output: Path | None) -> NoReturn:
+    """Write one flight as a problem file, with the recorded motion that it is to be near inside it."""
+    from floatplan.clips.repaired_flight import flight_problem  # here: it loads the planner
+
+    if not 0 <= number < len(clip.flights):
+        reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
+        raise InputError(reason, element="--problem")
+    wanted = "retime" if choice == "auto" else choice
+    made = flight_problem(clip, clip.flights[number], wanted, degree)
+    if made is None:
+        raise InputError(
+            "the centre of mass does not rise in this flight", element="--problem", advice="give --choice raise"
+        )
+    target = output or clip.path.with_name(f"{clip.path.stem}_flight{number}.toml")
+    common.print_path(fp.save_problem(made, target))
+    raise typer.Exit(common.DONE)
+
+
+def _choice(word: str) -> Choice:
+    """One of the ways in which a flight is repaired."""
+    from floatplan.arguments import one_of
+    from floatplan.clips.repaired_flight import CHOICES
+
+    one_of(*CHOICES)(word, "--choice")
+    return cast("Choice", word)
+
+
+def _numbers(words: str | None) -> tuple[int, ...] | None:
+    if words is None:
+        return None
+    try:
+        return tuple(int(word) for word in words.split(","))
+    except ValueError:
+        raise InputError(f"{words!r} are not numbers of flights", element="--flights", advice="such as 0,3") from None
 
 
 def _clip_files(files: Sequence[Path]) -> list[Path]:

@@ -246,9 +246,14 @@ def needs_casadi(option: str) -> None:
 
 COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
-    *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init, clips.clip_check),
+    *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
+    *(clips.clip_check, clips.clip_repair),
 )
-TWO_WORDS: Mapping[object, str] = {merge: "study merge", clips.clip_check: "clip check"}
+TWO_WORDS: Mapping[object, str] = {
+    merge: "study merge",
+    clips.clip_check: "clip check",
+    clips.clip_repair: "clip repair",
+}
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:
     typed = common.reporting_errors(common.with_options(command))

@@ -311,6 +311,50 @@ def _clip_share(found: tuple[float, str] | None) -> str:
     return "" if found is None else f"{100 * found[0]:.0f} %"
 
 
+def repair_summary(repair: fp.ClipRepair, path: Path) -> RenderableType:
+    """Return what ``floatplan clip repair`` did, for reading: a line for each flight that is not physical."""
+    clip = repair.before.clip
+    titles = ("flight", "done", "duration, s", "joints, deg rms", "most", "base", "feet, mm", "rate", "torque")
+    rows: list[Sequence[str | Text]] = []
+    reasons: list[Text] = []
+    for each in repair.flights:
+        found, flight = each.repaired, each.flight
+        if found is None:
+            continue
+        when = f"{flight.begin:.2f} to {flight.end:.2f} s"
+        shares = [_clip_share(share) for share in (found.rate_share, found.torque_share)]
+        degrees = [
+            f"{math.degrees(value):.2f}" for value in (found.joints_rms, found.joints_largest, found.base_largest)
+        ]
+        word = Text(found.choice, "green") if found.repairable else Text("left", "red")
+        rows.append(
+            (
+                when,
+                word,
+                f"{flight.duration:.3f} to {found.duration:.3f}",
+                *degrees,
+                f"{1e3 * each.seam_foot:.1f}",
+                *shares,
+            )
+        )
+        if not found.repairable:
+            reasons.append(Text(f"{when}: not repairable: {found.reason}", "red"))
+        elif each.stance is not None and each.stance.vertical_least < 0:
+            reasons.append(
+                Text(
+                    f"{when}: a stance beside it would have to pull at the ground: stances are bent, not planned",
+                    "yellow",
+                )
+            )
+    words = f"{clip.path.name}: {_counted(len(rows), 'flight')} of {len(repair.flights)} to repair"
+    return Group(
+        Text(escaped(words), f"bold {COLOURS['good' if repair.ok else 'bad']}"),
+        *([_table(titles, rows)] if rows else []),
+        *reasons[:MOST_FINDINGS_SHOWN],
+        _named([Row("clip", escaped(str(path)))]),
+    )
+
+
 def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> RenderableType:
     """Return a table of several clips, in their order, and the page."""
     titles = ("clip", "flights", "physical", "unphysical", "worst fall, m/s^2", "most off a flight, deg")

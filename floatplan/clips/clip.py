@@ -57,6 +57,8 @@ class Clip:
     layout : FileLayout
     feet : names of links whose bodies are feet; found by their geometry where none are given
     ground_height : m, of a level ground; found from the feet where none is given
+    velocities : (N, 6 + J), optional
+        Of Pinocchio's model, the base's in its own axes: of a repaired clip.
     """
 
     robot: Robot
@@ -71,6 +73,7 @@ class Clip:
     remarks: tuple[str, ...] = ()
     feet: tuple[str, ...] | None = None
     ground_height: float | None = None
+    velocities: Array | None = None
 
     @property
     def frames(self) -> int:

@@ -47,6 +47,7 @@ class Recording:
     joint_names : (J,), or None where the file has none
     body_places : (N, B, 3) m, or None
         Of the robot's links in an order that tells that of the joints.
+    body_quaternions : (N, B, 4) w, x, y, z, or None, of the same
     contact_names, contacts : (C,), (N, C) whether each stands; none where the file does not say it
     others : what else is kept for writing, by its key
     """
@@ -58,6 +59,7 @@ class Recording:
     quaternion_order: str
     joint_names: tuple[str, ...] | None = None
     body_places: Array | None = None
+    body_quaternions: Array | None = None
     contact_names: tuple[str, ...] = ()
     contacts: BoolArray | None = None
     others: Mapping[str, Any] = field(default_factory=dict)
@@ -219,6 +221,7 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
         fps=_rate(data, "fps"),
         quaternion_order="wxyz",
         body_places=places,
+        body_quaternions=quaternions,
         others={"fps_shape": np.shape(data["fps"])},
     )
 

@@ -119,10 +119,12 @@ def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict
     q[:, 3:7] = (Rotation.from_quat(turn.coeffs()) * Rotation.from_quat(q[:, 3:7])).as_quat()
     order = [motion.joints.index(name) for name in motion.names.joints]
     joints = {"positions": whole.positions, "velocities": whole.velocities, "torques": whole.motor_torques}
-    return {f"dof_{name}": values[:, order] for name, values in joints.items()} | _bodies(flyer.model, bodies, q, v)
+    return {f"dof_{name}": values[:, order] for name, values in joints.items()} | body_motions(
+        flyer.model, bodies, q, v
+    )
 
 
-def _bodies(model: Any, names: tuple[str, ...], q: Array, v: Array) -> dict[str, Array]:
+def body_motions(model: Any, names: tuple[str, ...], q: Array, v: Array) -> dict[str, Array]:
     """Motion of bodies of a free-flyer model, from its coordinates (N, nq) and (N, nv); see :func:`_frames`."""
     data, frames = model.createData(), [model.getFrameId(name, pin.FrameType.BODY) for name in names]
     places, linear, angular = np.empty((3, len(q), len(names), 3))

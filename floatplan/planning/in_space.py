@@ -28,6 +28,7 @@ DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
 WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OF_ONE = 0.5  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
+LEAST_BY_VARIABLES = ("coefficients", "clip")  # objectives that are the norm of the variables x
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
 
 
@@ -148,7 +149,7 @@ class SpatialSearch(Search):
         before = self.work.done
         motion = close(start)
         usable = motion.is_closed() and motion.makes_right_turns
-        if usable and (self.spec.constraints or self.spec.problem.motion.objective != "coefficients"):
+        if usable and (self.spec.constraints or self.spec.problem.motion.objective not in LEAST_BY_VARIABLES):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:

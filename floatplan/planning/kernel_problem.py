@@ -118,12 +118,13 @@ class KernelProblem:
         in_plane = spec.problem.robot.in_plane is not None
         constrained = bool(spec.constraints) or not in_plane
         settings, rules = _numbers_of_search(constrained, in_plane, rows.node_counts, rows.bodies)
+        of_coefficients = spec.problem.motion.objective == "coefficients"
         return cls(
             rows=rows,
             table=table,
             start=start,
             constraints=rows.struct,
-            motions=motions_struct(spec.problem, variables, rows.also is None),
+            motions=motions_struct(spec.problem, variables, of_coefficients),
             attempt=_attempt(spec, start, minima_struct, end_values=end_values, x=x, coefficients=coefficients),
             draws=draws,
             levels=rows.nodes(polynomials.form),

@@ -10,8 +10,11 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.tolerances import EXCHANGE
+from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables
+from floatplan.problem.reference import REFERENCE_NODES, distance_from
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +141,20 @@ class AttemptResult:
         """The user's objective, which compares motions of any degree and branch."""
         if self.integral is not None:
             return self.integral
+        if self.spec.problem.reference is not None:
+            return self._distance_from(self.spec.problem.reference)
         if self.spec.problem.robot.in_plane:
             return float(np.linalg.norm(self.written))
         return float(np.linalg.norm(self.x[: self.variables.coefficients]))
+
+    def _distance_from(self, reference: Array) -> float:
+        """Root mean square, rad, of the joints' differences from a recorded motion (K, n)."""
+        variables, x = self.variables, self.x
+        motions = variables.motion_class(variables.angular_momentum(x))
+        grid = gauss_legendre(REFERENCE_NODES)
+        values = basis(motions.form).values(grid.nodes)
+        positions = motions.motion(variables.free_coefficients(x), values).positions
+        return distance_from(reference, grid.nodes, grid.weights, positions)
 
 
 def best(results: Sequence[AttemptResult]) -> AttemptResult:

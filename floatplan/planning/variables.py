@@ -12,9 +12,12 @@ from floatplan.arrays import Array, BoolArray, IntArray, identity
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_of
-from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, boundary_arguments, whitening
+from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, basis, boundary_arguments, whitening
 from floatplan.problem.problem import Problem
+from floatplan.problem.reference import REFERENCE_NODES, reference_at
 
+LEAST_COSINE = 0.1  # [-] of cos p in weights of differences: at the edge of its range a joint hardly moves with p
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
 
 
@@ -191,11 +194,43 @@ def scaled_variables(
 ) -> DecisionVariables:
     """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
     size = sum(polynomials.free)
+    if problem.reference is not None:
+        offset, scaling = near_reference(problem.reference, polynomials)
+        return DecisionVariables(polynomials, offset, scaling, momentum, following)
     if not (problem.robot.in_plane and problem.motion.objective == "coefficients" and size):
         return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
     given = polynomials.given_boundary[None]
     offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), given)
     return DecisionVariables(polynomials, offset[0], scaling[0], momentum, following, offset_map[0])
+
+
+def near_reference(reference: Array, polynomials: SinePolynomials) -> tuple[Array, Array]:
+    """Offset (m,) and scaling (m, m) about the motion that is nearest to a recorded one (K, n), rad.
+
+    With p_ref the arguments of the recorded positions and weights ``w = amplitude cos(p_ref)``, the mean square over
+    time of the joints' differences is ``|W (B z + p_0 - p_ref)|^2`` to first order: with ``W B = Q R`` that is
+    ``|x|^2`` and a constant, for ``z = R^-1 (x + Q^T W (p_ref - p_0))``. So the norm of x is the objective.
+    """
+    grid = gauss_legendre(REFERENCE_NODES)
+    s = grid.nodes
+    recorded = reference_at(reference, s)
+    columns = basis(polynomials.form).values(s)[0]
+    free = columns[:, columns.shape[1] - polynomials.width :]
+    plain = columns[:, : columns.shape[1] - polynomials.width] @ polynomials.given_boundary.T
+    sine = np.clip((recorded - polynomials.centre) / polynomials.amplitude, -1.0, 1.0)
+    arguments = np.arcsin(sine)
+    weights = np.sqrt(grid.weights / len(polynomials.free))[:, None] * polynomials.amplitude
+    weights = weights * np.maximum(np.cos(arguments), LEAST_COSINE)
+    offset = np.zeros(sum(polynomials.free))
+    scaling = np.zeros((len(offset), len(offset)))
+    for joint, (width, end) in enumerate(zip(polynomials.free, accumulate(polynomials.free), strict=True)):
+        own = slice(end - width, end)
+        orthogonal, triangular = np.linalg.qr(weights[:, joint, None] * free[:, :width])
+        inverse = np.linalg.inv(triangular)
+        difference = weights[:, joint] * (arguments[:, joint] - plain[:, joint])
+        offset[own] = inverse @ (orthogonal.T @ difference)
+        scaling[own, own] = inverse
+    return offset, scaling
 
 
 def whitened(

@@ -18,6 +18,7 @@ from floatplan.motion.sine_polynomial import WrittenMotion, free_part
 from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.problem.reference import REFERENCE_NODES, distance_from
 from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
@@ -271,6 +272,10 @@ class PlannedMotion(flight.MotionInFile):
     def objective_value(self) -> float:
         """Value of the problem's objective, in the unit that the table of objectives gives."""
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
+        if self.problem.reference is not None:
+            grid = quadrature.gauss_legendre(REFERENCE_NODES)
+            positions = self.at(self.duration * grid.nodes).positions
+            return distance_from(self.problem.reference, grid.nodes, grid.weights, positions)
         if quantity is None:
             return self._size
         return self.duration * quadrature.integral_of_squares(getattr(self._resolved, quantity))

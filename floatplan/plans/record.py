@@ -401,7 +401,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
         {
             **postures,
             "flight": KeyedTable(flight),
-            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVES)}),
+            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVES)}, {"clip": table}),
             "limits": KeyedTable(kept, may_be_kept),
         },
         {

@@ -18,6 +18,7 @@ from floatplan.keys import Key, Keyed, json_schema, read_tables, table_of, table
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
+from floatplan.problem.reference import read_reference
 from floatplan.problem.resolution import NOT_IN_SPACE
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
@@ -162,7 +163,11 @@ def load_problem(path: str | Path) -> Problem:
         wrong: list[InputError] = []
         refuse(_not_in_space(content))
         tables = read_tables(ProblemFile, content, wrong)
-        return _problem(tables, wrong, _robot(tables.robot, path, tables.angles), path.stem, text)
+        robot = _robot(tables.robot, path, tables.angles)
+        if tables.motion.clip is not None and tables.motion.clip.file is not None:
+            clip = read_reference(tables.motion.clip, path.parent, robot)
+            tables = tables.changed(motion=tables.motion.changed(clip=clip))
+        return _problem(tables, wrong, robot, path.stem, text)
 
 
 def _not_in_space(content: Mapping[str, Any]) -> list[InputError]:
@@ -263,6 +268,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "motion": {
             "degree": "auto" if problem.raises_degree else problem.degrees,
             "objective": problem.motion.objective,
+            **({} if problem.reference is None else {"clip": {"positions": problem.reference}}),
         },
         "limits": limits,
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],

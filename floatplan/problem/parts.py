@@ -10,7 +10,20 @@ from typing import Annotated, ClassVar, Literal, Self, TypeAlias, cast
 
 import numpy as np
 
-from floatplan.arguments import FINITE, Check, by_joint, made, number, one_of, optional, pair, shortened, text, whole
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    by_joint,
+    made,
+    many,
+    number,
+    one_of,
+    optional,
+    pair,
+    shortened,
+    text,
+    whole,
+)
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
@@ -219,6 +232,42 @@ class Flight(Keyed):
         return cast("float", self.horizontal_velocity)
 
 
+MOST_SAMPLES = 2000  # [-] instants of a recorded motion: more than a flight's polynomials could tell apart
+
+
+@dataclass(frozen=True, eq=False)
+class ClipReference(Keyed):
+    """A recorded motion of the joints, to which a flight is to be near: a part of a file, or positions themselves.
+
+    Parameters
+    ----------
+    file : str, optional
+        Path of a table (CSV) with a column `time` and one `<joint>_position` for each planned joint, such as the
+        trajectory.csv of a plan.
+    from_ : float, s, optional
+        Time in the file that is takeoff; its first if left out.
+    to : float, s, optional
+        Time in the file that is landing; its last if left out.
+    positions : (K, n) sequences, optional
+        Positions of the joints at K instants evenly apart, of which takeoff is the first and landing the last.
+    """
+
+    about: ClassVar[str] = "The recorded motion of the objective `clip`"
+    file: Annotated[str | None, Key()] = None
+    from_: Annotated[float | None, Key(unit="s", numbers="duration", check=optional(FINITE))] = None
+    to: Annotated[float | None, Key(unit="s", numbers="duration", check=optional(FINITE))] = None
+    positions: Annotated[
+        Sequence[Sequence[float]] | None, Key(unit="rad", check=optional(many(many(FINITE, "numbers"), "lists")))
+    ] = None
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """It is one of both, and has at least two instants."""
+        if self.file is None and self.positions is None:
+            yield "file", "is missing: give it, or positions"
+        if self.positions is not None and not 2 <= len(self.positions) <= MOST_SAMPLES:
+            yield "positions", f"has {len(self.positions)} instants, not 2 to {MOST_SAMPLES}"
+
+
 @dataclass(frozen=True, eq=False)
 class Motion(Keyed):
     """The class of motions searched, (12), and the objective.
@@ -230,6 +279,8 @@ class Motion(Keyed):
         it where nothing else helps.
     objective : str
         What is least; "coefficients" is (17).
+    clip : ClipReference, optional
+        The recorded motion that the objective "clip" is about.
     """
 
     degree: Annotated[
@@ -237,6 +288,14 @@ class Motion(Keyed):
         Key(check=by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False)),
     ] = 7
     objective: Annotated[Objective, Key(f"What is least. {MINIMISED}")] = "coefficients"
+    clip: Annotated[ClipReference | None, Key("The recorded motion that the objective `clip` is about")] = None
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """The objective "clip" needs a recorded motion, and no other has one."""
+        if self.objective == "clip" and self.clip is None:
+            yield "clip", 'is missing: the objective "clip" needs a recorded motion'
+        if self.objective != "clip" and self.clip is not None:
+            yield "clip", f'is of the objective "clip", not of "{self.objective}"'
 
 
 @dataclass(frozen=True, eq=False)

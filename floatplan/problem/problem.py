@@ -60,6 +60,8 @@ class Problem(Checked):
     motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
     motor_slope : (m,) N m s/rad
     degrees : (n,) int
+    reference : (K, n) rad, or None
+        The recorded motion of the objective "clip", at instants evenly apart from takeoff to landing.
     file_text : str or None
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
@@ -86,6 +88,7 @@ class Problem(Checked):
     motor_stall: Array = field(init=False)
     motor_slope: Array = field(init=False)
     degrees: tuple[int, ...] = field(init=False)
+    reference: Array | None = field(init=False)
     takeoff: parts.Takeoff = field(init=False)
     landing: parts.Landing = field(init=False)
     file_text: str | None = field(init=False, repr=False)
@@ -214,6 +217,7 @@ class Problem(Checked):
             "motor_stall": ("limits", lambda: resolution.motor_values(robot, limits, "stall", math.inf)),
             "motor_slope": ("limits", lambda: resolution.motor_values(robot, limits, "slope", 0.0)),
             "degrees": ("motion", lambda: resolution.degrees_of(robot, self.motion)),
+            "reference": ("motion", lambda: resolution.reference_of(robot, self.motion)),
             "takeoff": ("flight", lambda: resolution.takeoff_of(robot, flight)),
             "landing": (
                 "flight start goal ground",

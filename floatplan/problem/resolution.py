@@ -120,6 +120,20 @@ def degrees_of(robot: Robot, motion: parts.Motion) -> tuple[int, ...]:
     return tuple(_in_order(robot, degrees, "motion.degree"))
 
 
+def reference_of(robot: Robot, motion: parts.Motion) -> Array | None:
+    """Return the recorded motion (K, n), rad, of the objective "clip", at instants evenly apart; None of others."""
+    if motion.clip is None:
+        return None
+    element = "motion.clip.positions"
+    if motion.clip.positions is None:
+        raise InputError("are missing", element=element, advice="load the problem from its file, which reads clip.file")
+    widths = {len(row) for row in motion.clip.positions}
+    if widths != {len(robot.joints)}:
+        reason = f"has {min(widths)} numbers an instant, for {len(robot.joints)} planned joints"
+        raise InputError(reason, element=element)
+    return read_only(motion.clip.positions)
+
+
 def takeoff_of(robot: Robot, flight: parts.Flight) -> parts.Takeoff:
     """Return the takeoff with its default filled in."""
     takeoff = flight.takeoff or parts.Takeoff(robot.joint_tree.root)

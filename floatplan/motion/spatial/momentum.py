@@ -19,6 +19,7 @@ from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.goal import angle_changes, attitude_of
 from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
 from floatplan.problem.problem import Problem
+from floatplan.problem.reference import reference_at
 
 ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it and across
 STEPS = 12  # [-] of Newton's method
@@ -73,7 +74,7 @@ def suggested_momentum(problem: Problem) -> Array:
 
 
 class _PlainMotion:
-    """The motion with no free part, as it turns the base for any h.
+    """The motion with no free part, or the recorded one of the objective "clip", as it turns the base for any h.
 
     ``mean_inertia_B`` (3, 3) is the mean over the flight in the base's axes, kg m^2; ``mean_inertia_W`` the same in the
     world's axes, at takeoff.
@@ -96,12 +97,17 @@ class _PlainMotion:
                 )
             ]
         ]
-        polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
-        values = basis(polynomials.form).values(self.cells.s)
-        joints = polynomials.motion(polynomials.no_free_part, values)
-        inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(joints.positions)
+        if problem.reference is None:
+            polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
+            values = basis(polynomials.form).values(self.cells.s)
+            joints = polynomials.motion(polynomials.no_free_part, values)
+            positions, velocities = joints.positions, joints.velocities
+        else:
+            positions = reference_at(problem.reference, self.cells.s)
+            velocities = reference_at(problem.reference, self.cells.s, 1) / duration
+        inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(positions)
         self._inertia = inertia
-        self._relative = np.einsum("kan,kn->ka", joint_map, joints.velocities)
+        self._relative = np.einsum("kan,kn->ka", joint_map, velocities)
         self.mean_inertia_B = np.asarray(np.linalg.inv(np.linalg.inv(inertia).mean(axis=0)))
         self.mean_inertia_W = np.asarray(self.initial_attitude @ self.mean_inertia_B @ self.initial_attitude.T)
 

@@ -1,0 +1,293 @@
+"""One flight of a clip, planned anew: the nearest motion that falls at g and turns with one angular momentum.
+
+Postures at both ends are the clip's. How long the flight takes is chosen: "retime" keeps postures and heights, so that
+the centre of mass takes as long as it needs to fall; "raise" keeps the duration, and the centre of mass rises higher.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from floatplan.arrays import Array, read_only
+from floatplan.clips.clip import Clip
+from floatplan.clips.curve import body_poses, centre_of_mass
+from floatplan.clips.flights import ClipFlight
+from floatplan.clips.timing import fall_duration
+from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
+from floatplan.planning.planner import plan as plan_flight
+from floatplan.plans.plan import Plan
+from floatplan.problem.attitude import Attitude
+from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
+from floatplan.problem.problem import Problem
+
+Choice: TypeAlias = Literal["retime", "raise", "auto"]
+CHOICES = ("retime", "raise", "auto")
+DEGREES = ((0.35, 9), (0.7, 11), (math.inf, 13))  # [s, -] degree of the polynomials of flights no longer than that
+NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
+ROUGHNESS = 1e-4  # [-] weight of the polynomials' order, squared: without it few frames would leave ends undetermined
+RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
+SHORTEST = 0.05  # [s] of a repaired flight
+FULL = 1.0  # [-] share of a limit
+INSIDE = 0.97  # [-] of the limits that a flight which exceeds them is planned again within
+LARGEST_CHANGE = math.radians(30.0)  # [rad] of a joint: a flight that is changed more is another motion
+HALF_TURN = math.pi / 2  # [rad] of rotation from takeoff to landing, below which the shortest way is the clip's
+CHECKED = 101  # [-] instants at which the flight is compared with the clip
+BUDGET = 2.0  # [s] of one plan
+
+
+@dataclass(frozen=True, eq=False)
+class RepairedFlight:
+    """A flight of a clip and the plan in its place.
+
+    Attributes
+    ----------
+    flight : ClipFlight
+    plan : Plan, optional
+        None where none was found.
+    choice : "retime" or "raise"
+    joints_rms, joints_largest : rad, by which joints differ from the clip's
+    base_largest : rad, by which the base's attitude does, along the way
+    rate_share, torque_share : the largest share of a limit, and whose; None without limits
+    reason : why it is not repaired; "" where it is
+    """
+
+    flight: ClipFlight
+    plan: Plan | None
+    choice: str
+    joints_rms: float
+    joints_largest: float
+    base_largest: float
+    rate_share: tuple[float, str] | None
+    torque_share: tuple[float, str] | None
+    reason: str
+
+    @property
+    def duration(self) -> float:
+        """Of the plan, or of the clip's flight where there is none, s."""
+        return self.flight.duration if self.plan is None else self.plan.duration
+
+    @property
+    def repairable(self) -> bool:
+        """Whether there is a plan in its place, within the robot's limits and near to the clip."""
+        return not self.reason
+
+
+def repair_flight(
+    clip: Clip, flight: ClipFlight, choice: Choice = "auto", degree: int | None = None, gravity: float = 9.81
+) -> RepairedFlight:
+    """Plan a flight of a clip anew.
+
+    Parameters
+    ----------
+    choice : "retime", "raise", or "auto": the first of both that keeps the robot's limits, else the nearer one
+    degree : of the polynomials (12); by the flight's duration where left out
+    gravity : m/s^2
+    """
+    wanted = ("retime", "raise") if choice == "auto" else (choice,)
+    tried: list[RepairedFlight] = []
+    for each in wanted:
+        found = _planned(clip, flight, each, degree, gravity)
+        if found.repairable:
+            return found
+        tried.append(found)
+    return min(tried, key=lambda found: (found.plan is None, _largest_share(found), found.joints_largest))
+
+
+def _largest_share(found: RepairedFlight) -> float:
+    shares = (found.rate_share, found.torque_share)
+    return max((share[0] for share in shares if share is not None), default=0.0)
+
+
+def _planned(clip: Clip, flight: ClipFlight, choice: str, degree: int | None, gravity: float) -> RepairedFlight:
+    """Plan with one choice; again within the limits where the nearest motion exceeds them."""
+    problem = flight_problem(clip, flight, choice, degree, gravity)
+    if problem is None:
+        return _none(flight, choice, "the centre of mass does not rise over its heights at takeoff and landing")
+    plan = plan_flight(problem, budget=BUDGET)
+    if not plan.ok:
+        return _none(flight, choice, f"no flight was found: {plan.explanation}")
+    found = _judged(clip, flight, choice, plan)
+    if _largest_share(found) <= FULL:
+        return found
+    limits = _limits_within(problem, INSIDE)
+    within = plan_flight(replace(problem, limits=limits), budget=BUDGET)
+    return _judged(clip, flight, choice, within) if within.ok else found
+
+
+def _none(flight: ClipFlight, choice: str, reason: str) -> RepairedFlight:
+    return RepairedFlight(flight, None, choice, math.nan, math.nan, math.nan, None, None, reason)
+
+
+def _limits_within(problem: Problem, share: float) -> Limits:
+    """The limits of the robot's file, less a margin."""
+    robot = problem.robot
+    rates = zip(robot.motors, robot.motor_velocity_limits.tolist(), strict=True)
+    torques = zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True)
+    return replace(
+        problem.limits,
+        velocity={motor: share * limit for motor, limit in rates if math.isfinite(limit)} or "none",
+        torque={motor: share * limit for motor, limit in torques if math.isfinite(limit)} or "none",
+    )
+
+
+def flight_problem(
+    clip: Clip, flight: ClipFlight, choice: str, degree: int | None = None, gravity: float = 9.81
+) -> Problem | None:
+    """The problem whose plan is a flight of a clip, nearest to it; None where the clip's flight does not rise."""
+    robot = clip.robot
+    grid = gauss_legendre(NODES)
+    ends = np.array([flight.begin, flight.end])
+    at = np.concatenate((ends, flight.begin + flight.duration * grid.nodes))
+    attitudes = clip.curve.attitudes(at)
+    bases = clip.curve.base_positions(at)
+    positions = clip.curve.positions(at)
+    com = centre_of_mass(robot.model, body_poses(robot.model, bases, attitudes, positions))
+    duration = flight.duration
+    if choice == "retime":
+        duration = fall_duration(com[0, 2], float(com[:, 2].max()), com[1, 2], gravity)
+        if duration < SHORTEST:
+            return None
+    columns = [robot.model_joints.index(joint) for joint in robot.joints]
+    planned = positions[:, columns]
+    low, high = _ranges(robot.position_limits, planned)
+    chosen = degree or next(value for longest, value in DEGREES if duration <= longest)
+    rates = _end_rates(planned, (low + high) / 2, (high - low) / 2, duration, chosen)
+    goal_angles = _attitudes_of_ends(clip, flight)
+    postures = [
+        Posture(
+            orientation=goal_angles[end],
+            positions=tuple(planned[end].tolist()),
+            velocities=tuple(rates[end].tolist()),
+            accelerations="free",
+        )
+        for end in (0, 1)
+    ]
+    across = (com[1, :2] - com[0, :2]) / duration
+    instants = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
+    reference = clip.curve.positions(instants)[:, columns]
+    root = robot.joint_tree.root
+    return Problem(
+        robot,
+        start=postures[0],
+        goal=postures[1],
+        flight=Flight(
+            duration=duration,
+            angular_momentum="free",
+            takeoff=Takeoff(frame=root, position=tuple(bases[0].tolist())),
+            landing=Landing(frame=root, height=float(bases[1, 2])),
+            horizontal_velocity=tuple(across.tolist()),
+            gravity=gravity,
+        ),
+        motion=Motion(degree=chosen, objective="clip", clip=ClipReference(positions=reference.tolist())),
+        limits=Limits(position=tuple(zip(low.tolist(), high.tolist(), strict=True))),
+        name=f"{clip.path.stem}_{flight.begin:.2f}",
+    )
+
+
+def _ranges(limits: Array, positions: Array) -> tuple[Array, Array]:
+    """Ranges (n,) of the joints that hold a clip's positions (K, n) well inside, so that none is at an edge."""
+    low = np.minimum(np.maximum(limits[:, 0], -math.pi), positions.min(axis=0) - RANGE_MARGIN)
+    high = np.maximum(np.minimum(limits[:, 1], math.pi), positions.max(axis=0) + RANGE_MARGIN)
+    return low, high
+
+
+def _end_rates(positions: Array, centre: Array, amplitude: Array, duration: float, degree: int) -> Array:
+    """Rates (2, n), rad/s, at takeoff and landing of the polynomials (12) that are nearest to a clip's positions.
+
+    The clip's own rates there are of no use: the joints' accelerations jump where feet leave the ground, which the
+    splines between frames smear over both sides.
+
+    Parameters
+    ----------
+    positions : (2 + K, n) rad
+        At takeoff, at landing, and at the nodes of the quadrature.
+    """
+    grid = gauss_legendre(NODES)
+    s = grid.nodes[:, None]
+    arguments = np.arcsin(np.clip((positions - centre) / amplitude, -1.0, 1.0))
+    first, last, between = arguments[0], arguments[1], arguments[2:]
+    legendre = np.polynomial.legendre.legvander(2.0 * grid.nodes - 1.0, degree - 2)
+    free = s * (1.0 - s) * legendre
+    weights = np.sqrt(grid.weights)[:, None]
+    smooth = ROUGHNESS * np.diag(np.arange(degree - 1) ** 2.0)
+    wanted = weights * (between - first - s * (last - first))
+    coefficients, *_ = np.linalg.lstsq(
+        np.concatenate((weights * free, smooth)),
+        np.concatenate((wanted, np.zeros((degree - 1, len(centre))))),
+        rcond=None,
+    )
+    at_ends = np.polynomial.legendre.legvander(np.array([-1.0, 1.0]), degree - 2) @ coefficients
+    slopes = np.stack((last - first + at_ends[0], last - first - at_ends[1]))
+    return np.asarray(amplitude * np.cos(arguments[:2]) * slopes / duration)
+
+
+def _attitudes_of_ends(clip: Clip, flight: ClipFlight) -> tuple[Attitude, Attitude]:
+    """Attitudes at takeoff and landing; of more than a quarter of a turn as angles, which count whole turns."""
+    instants = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
+    attitudes = clip.curve.attitudes(instants)
+    steps = logarithm(np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
+    turned = float(np.linalg.norm(steps, axis=1).sum())
+    if turned < HALF_TURN:
+        quaternions = Rotation.from_matrix(attitudes[[0, -1]]).as_quat()
+        first, last = (Attitude(quaternion_xyzw=tuple(each.tolist())) for each in quaternions)
+        return first, last
+    orders = ("yxz", "xyz", "zyx", "yzx", "xzy", "zxy")
+    unwrapped = {axes: unwrapped_angles(axes, attitudes) for axes in orders}
+    # the middle angle is between -90 and 90 degrees: the order in which it stays smallest
+    axes = min(orders, key=lambda order: float(np.abs(unwrapped[order][:, 1]).max()))
+    ends = unwrapped[axes][[0, -1]].tolist()
+    first, last = (Attitude(angles=tuple(angles), axes=axes) for angles in ends)
+    return first, last
+
+
+def _judged(clip: Clip, flight: ClipFlight, choice: str, plan: Plan) -> RepairedFlight:
+    """Compare a plan with the flight of the clip, and with the robot's limits."""
+    robot = clip.robot
+    s = np.linspace(0.0, 1.0, CHECKED)
+    q = plan.q(s * plan.duration)
+    instants = flight.begin + s * flight.duration
+    change = q[:, 7:] - clip.curve.positions(instants)
+    turned = logarithm(of_quaternions(q[:, 3:7]) @ np.swapaxes(clip.curve.attitudes(instants), 1, 2))
+    rates = np.abs(plan.v(s * plan.duration)[:, 6:])
+    motors = [robot.model_joints.index(motor) for motor in robot.motors]
+    torques = np.abs(plan.at(s * plan.duration).motor_torques)
+    rate_share = largest_share(rates[:, motors], robot.motor_velocity_limits, robot.motors)
+    torque_share = largest_share(torques, robot.motor_torque_limits, robot.motors)
+    largest = float(np.abs(change).max())
+    reasons = [
+        f"{motor} needs {100 * share:.0f} % of its {what}"
+        for what, found in (("rate", rate_share), ("torque", torque_share))
+        if found is not None
+        for share, motor in [found]
+        if share > FULL
+    ]
+    if largest > LARGEST_CHANGE:
+        joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]
+        reasons.append(f"{joint} would move {math.degrees(largest):.0f} degrees from the clip")
+    return RepairedFlight(
+        flight=flight,
+        plan=plan,
+        choice=choice,
+        joints_rms=float(np.sqrt((change**2).mean())),
+        joints_largest=largest,
+        base_largest=float(np.linalg.norm(turned, axis=1).max()),
+        rate_share=rate_share,
+        torque_share=torque_share,
+        reason="; ".join(reasons),
+    )
+
+
+def largest_share(values: Array, limits: Array, names: tuple[str, ...]) -> tuple[float, str] | None:
+    """The largest share that values (K, m) have of limits (m,), and whose it is; None where nothing is limited."""
+    limited = np.flatnonzero(np.isfinite(limits))
+    if not len(limited):
+        return None
+    shares = read_only(values[:, limited].max(axis=0) / limits[limited])
+    largest = int(shares.argmax())
+    return float(shares[largest]), names[limited[largest]]

@@ -1,0 +1,162 @@
+"""Clips repaired: their flights fly, near to the clip, and what was right is left alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import clip_samples as samples
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+import floatplan as fp
+from floatplan.cli.commands import app
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("robot") / "hopper.urdf"
+    path.write_text(samples.robot_text())
+    return path
+
+
+@pytest.fixture(scope="module")
+def robot(model: Path) -> fp.Robot:
+    return fp.Robot.from_urdf(model, base="free-flyer")
+
+
+def clip_of(sample: samples.Sample, robot: fp.Robot, folder: Path) -> fp.Clip:
+    path = samples.write_csv(sample, folder / "clip.csv", digits=9)
+    return fp.load_clip(path, model=robot, fps=sample.fps, quaternion="xyzw")
+
+
+@pytest.mark.parametrize("gravity", [5.0, 8.5, 14.0])
+def test_a_flight_that_falls_wrongly_is_retimed(gravity: float, robot: fp.Robot, tmp_path: Path) -> None:
+    clip = clip_of(samples.hops(60, (0.5,), gravity=gravity), robot, tmp_path)
+    repaired, told = fp.repair_clip(clip, "retime")
+    assert told.ok
+    (each,) = told.flights
+    assert each.repaired is not None
+    expected = clip.flights[0].duration * math.sqrt(gravity / 9.81)
+    assert each.repaired.duration == pytest.approx(expected, rel=0.02)
+    assert each.repaired.joints_rms < math.radians(0.5)
+    (judged,) = fp.check_clip(repaired).flights
+    assert judged.verdict == "physical"
+    assert judged.fall.fall == pytest.approx(9.81, abs=1e-9)
+    assert each.seam_base < 1e-6
+    assert each.seam_turn < 1e-6
+    assert each.seam_foot < 1e-2
+
+
+def test_a_flight_is_raised_in_its_own_time(robot: fp.Robot, tmp_path: Path) -> None:
+    clip = clip_of(samples.hops(60, (0.5,), gravity=6.0), robot, tmp_path)
+    repaired, told = fp.repair_clip(clip, "raise")
+    assert told.ok
+    assert repaired.duration == pytest.approx(clip.duration, abs=1.5 / clip.fps)
+    assert repaired.base_position[:, 2].max() > clip.base_position[:, 2].max() + 0.05
+    assert [each.verdict for each in fp.check_clip(repaired).flights] == ["physical"]
+
+
+def test_momentum_is_constant_in_a_repaired_flight(robot: fp.Robot, tmp_path: Path) -> None:
+    sample = samples.hops(60, (0.5,), gravity=7.0, tilt=math.radians(8))
+    repaired, told = fp.repair_clip(clip_of(sample, robot, tmp_path))
+    (flight,) = repaired.flights
+    assert told.ok
+    assert repaired.velocities is not None
+    inside = slice(flight.first + 1, flight.last)
+    data = robot.model.createData()
+    momenta = []
+    for q, v in zip(repaired.configurations[inside], repaired.velocities[inside], strict=True):
+        pin.ccrba(robot.model, data, q, v)
+        momenta.append(data.hg.angular.copy())
+    spread = np.ptp(np.array(momenta), axis=0).max()
+    assert spread < 1e-6 * max(float(np.abs(momenta).max()), 1e-3)
+
+
+def test_true_flights_are_left_alone(robot: fp.Robot, tmp_path: Path) -> None:
+    clip = clip_of(samples.hops(60, (0.4, 0.5)), robot, tmp_path)
+    same, told = fp.repair_clip(clip)
+    assert same is clip
+    assert not told.changed
+    assert told.ok
+
+
+def test_a_repaired_clip_needs_no_repair(robot: fp.Robot, tmp_path: Path) -> None:
+    clip = clip_of(samples.hops(60, (0.4, 0.5, 0.4), gravity=7.0, steps=(0.2, -0.1, -0.1)), robot, tmp_path)
+    repaired, told = fp.repair_clip(clip)
+    assert told.ok
+    assert [each.repaired is not None for each in told.flights] == [True] * 3
+    again, nothing = fp.repair_clip(repaired)
+    assert again is repaired
+    assert not nothing.changed
+
+
+def test_one_of_several_flights_is_repaired(robot: fp.Robot, tmp_path: Path) -> None:
+    clip = clip_of(samples.hops(60, (0.4, 0.5), gravity=7.0), robot, tmp_path)
+    repaired, told = fp.repair_clip(clip, flights=[1])
+    assert [each.repaired is not None for each in told.flights] == [False, True]
+    assert [each.verdict for each in fp.check_clip(repaired).flights] == ["unphysical", "physical"]
+    with pytest.raises(fp.InputError, match="no flight 5"):
+        fp.repair_clip(clip, flights=[5])
+    with pytest.raises(fp.InputError, match="choice"):
+        fp.repair_clip(clip, "sideways")  # type: ignore[arg-type]
+
+
+def test_configurations_are_continuous(robot: fp.Robot, tmp_path: Path) -> None:
+    clip = clip_of(samples.hops(200, (0.5,), gravity=6.0), robot, tmp_path)
+    repaired, _ = fp.repair_clip(clip)
+    assert repaired.velocities is not None
+    steps = np.abs(np.diff(repaired.positions, axis=0)).max() * repaired.fps
+    fastest = np.abs(repaired.velocities[:, 6:]).max()
+    assert steps <= 1.5 * fastest + 1e-3
+    turns = Rotation.from_quat(repaired.base_quaternion[:-1]).inv() * Rotation.from_quat(repaired.base_quaternion[1:])
+    assert np.linalg.norm(turns.as_rotvec(), axis=1).max() * repaired.fps < 20.0
+
+
+def test_every_format_is_written_back(robot: fp.Robot, model: Path, tmp_path: Path) -> None:
+    sample = samples.hops(50, (0.5,), gravity=6.5)
+    for name, path in samples.write_all(sample, tmp_path).items():
+        out = tmp_path / f"repaired_{name}{path.suffix}"
+        words = ["clip", "repair", str(path), "--model", str(model), "-o", str(out), "--json"]
+        done = CliRunner().invoke(app, [*words, "--fps", "50"])
+        assert done.exit_code == 0, done.output
+        facts = json.loads(done.stdout)
+        assert facts["repairs"][0]["changed"] is True
+        clip = fp.load_clip(out, model=robot, fps=50)
+        assert clip.layout.format == name
+        assert [each.verdict for each in fp.check_clip(clip).flights] == ["physical"], name
+
+
+def test_an_unchanged_file_comes_back_equal(model: Path, tmp_path: Path) -> None:
+    path = samples.write_csv(samples.hops(60, (0.5,)), tmp_path / "true.csv")
+    done = CliRunner().invoke(app, ["clip", "repair", str(path), "--model", str(model), "--fps", "60", "-q"])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "true_repaired.csv").read_bytes() == path.read_bytes()
+
+
+def test_a_flight_can_be_planned_as_a_problem(model: Path, tmp_path: Path) -> None:
+    path = samples.write_csv(samples.hops(60, (0.5,), gravity=6.5), tmp_path / "clip.csv")
+    words = ["clip", "repair", str(path), "--model", str(model), "--fps", "60", "--problem", "0"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    plan = fp.plan(tmp_path / "clip_flight0.toml")
+    assert plan.ok
+    assert plan.objective_value < math.radians(0.5)
+    saved = plan.save(tmp_path / "plan.json")
+    assert fp.load_plan(saved).objective_value == pytest.approx(plan.objective_value, rel=1e-12)
+
+
+def test_what_cannot_be_repaired_says_why(robot: fp.Robot, tmp_path: Path) -> None:
+    sample = samples.hops(60, (0.8,), gravity=2.0, tilt=math.radians(80))
+    clip = clip_of(sample, robot, tmp_path)
+    same, told = fp.repair_clip(clip, "raise")
+    (each,) = told.flights
+    assert each.repaired is not None
+    if not each.repaired.repairable:
+        assert same is clip
+        assert each.repaired.reason
+        assert not told.ok
