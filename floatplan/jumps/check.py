@@ -170,15 +170,19 @@ def _stances(jump: JumpMotion) -> Iterator[Value]:
 
 
 def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Value]:
-    robot, problem, torques = stance.robot, jump.problem, state.torques
-    model, weight = robot.model, robot.mass * stance.gravity
+    robot = stance.robot
+    problem = jump.problem
+    torques = state.torques
+    model = robot.model
+    weight = robot.mass * stance.gravity
     standing = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(standing) - stance.ground
     lever = height if height > 0 else float(np.finfo(float).tiny)  # what is not above the ground does not stand on it
     yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * lever]).max()
     yield from ((name, shares.max(initial=0.0)) for name, shares in limit_shares(problem, state).items())
     yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
-    joints, (low, high) = state.planned(robot)[0, 1:].T, np.asarray(problem.position_limits).T
+    joints = state.planned(robot)[0, 1:].T
+    low, high = np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
         mean = (ahead[1:] + ahead[:-1]) / 2
@@ -191,10 +195,12 @@ def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
 
     (N, motors) of torque and torque-speed curve, (N, n) of rates, (N, locked) of the efforts of joints that are held.
     """
-    robot, model = problem.robot, problem.robot.model
+    robot = problem.robot
+    model = robot.model
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     efforts = [robot.joint_tree.joint[name].effort for name in robot.locked]
-    motors, rates = np.abs(state.torques @ robot.transmission), state.velocities @ np.linalg.pinv(robot.selection).T
+    motors = np.abs(state.torques @ robot.transmission)
+    rates = state.velocities @ np.linalg.pinv(robot.selection).T
     slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     found = motors / problem.motor_torque_limits, (motors + slowed) / problem.motor_stall
     held = np.abs(state.torques[:, locked]) / efforts
@@ -213,8 +219,11 @@ def _unlimited(problem: Problem) -> frozenset[str]:
 
 def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
     """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
-    robot, tree, weight = stance.robot, stance.robot.tree, stance.robot.mass * stance.gravity
-    y, touching = state.planned(robot)[0], stance.touching(state.positions)
+    robot = stance.robot
+    tree = robot.tree
+    weight = robot.mass * stance.gravity
+    y = state.planned(robot)[0]
+    touching = stance.touching(state.positions)
     angles = tree.absolute_angles(y[0], y[1:].T)
     for contact in stance.contacts:
         for name, spot in zip(contact.names, contact.spots, strict=True):
@@ -222,7 +231,8 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
             yield "drift", np.ptp(places @ robot.plane.horizontal + tree.turn * spot.radius * angles[:, spot.body])
             yield "drift", np.ptp(places @ robot.plane.vertical)
             yield "foot_speed", np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max()
-            horizontal, vertical = np.abs(state.forces[name][:, 0]), state.forces[name][:, 1]
+            horizontal = np.abs(state.forces[name][:, 0])
+            vertical = state.forces[name][:, 1]
             pressed = vertical > LIGHT * weight
             yield "friction", (horizontal[pressed] / vertical[pressed]).max(initial=0.0)
             yield "slip", (horizontal - friction * np.maximum(vertical, 0)).max() / weight
@@ -234,12 +244,14 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
 
     ``stance`` is what stands, nothing where there is none.
     """
-    robot, y = jump.problem.robot, state.planned(jump.problem.robot)[0]
+    robot = jump.problem.robot
+    y = state.planned(robot)[0]
     base = state.positions[:, 0] + 1j * state.positions[:, 1]
     com = base - heights_over_com(robot, [Spot(0, 0j)], y)[:, 0]
     own = () if stance is None else stance.contacts
     feet = links_of(robot, [contact for each in jump.stances for contact in each.contacts])
-    stands, rolls = links_of(robot, own), links_of(robot, [each for each in own if each.radius])
+    stands = links_of(robot, own)
+    rolls = links_of(robot, [each for each in own if each.radius])
     yield from (("ground", np.inf), ("feet", np.inf), ("lifted", 0.0))
     for link in robot.touching_links:
         heights = undersides(robot, corners(robot.link_hulls[link]), y) + com.imag[:, None] - ground
@@ -287,7 +299,8 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
     ]
     landing = jump.after[0].span[0]
     for stance in jump.after if watched else ():
-        begin, end = stance.span[0], min(stance.span[1], landing + TOUCHDOWN)
+        begin = stance.span[0]
+        end = min(stance.span[1], landing + TOUCHDOWN)
         if begin >= end:
             continue
         times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
@@ -305,7 +318,8 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
 def _seams(jump: JumpMotion) -> Iterator[Value]:
     """Steps of places, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
     assert jump.flight is not None
-    flight, limits = jump.flight, jump.problem.motor_torque_limits
+    flight = jump.flight
+    limits = jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
     takes_off, lands = (flight_state(flight, 0.0, np.array([time])) for time in (0.0, flight.duration))
     seams = [("takeoff_seam", jump.before[-1], 1, takes_off), ("landing_seam", jump.after[0], 0, lands)]
@@ -343,7 +357,8 @@ def judged(
         if name in unlimited:
             said[1].extend([(figure.unlimited, "-")] if figure.unlimited else [])
         elif name in figures:
-            value, most = figures[name], figure.most(request)
+            value = figures[name]
+            most = figure.most(request)
             bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "no limit"
             holds = value >= most if figure.least else value <= most * (1 + ROUNDING)
             said[holds].append((figure.sentence.format(value), bound))

@@ -82,7 +82,8 @@ class Contact:
 
 def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[float, float]:
     """From one spot to another in a posture y (n+1,), where what rolls would be at its body's angle 0, m."""
-    angles, (one, two) = robot.tree.absolute_angles(y[0], y[1:]), spot_weights(robot, [first, second])
+    angles = robot.tree.absolute_angles(y[0], y[1:])
+    one, two = spot_weights(robot, [first, second])
     way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
     return float(way.real), float(way.imag)
 
@@ -159,7 +160,8 @@ def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
     Of several on a body that is one with geometry where the frame's link has it, and whose own shape has a corner
     nearest to the point.
     """
-    tree, home = robot.tree, robot.frames[frame]
+    tree = robot.tree
+    home = robot.frames[frame]
     alike = [
         (name, each)
         for name, each in robot.frames.items()
@@ -248,7 +250,8 @@ class _Leg:
 
 def _legs(robot: Robot, contacts: Sequence[Contact]) -> list[_Leg]:
     """Legs with one joint between thigh and shank, of the contacts that are points."""
-    tree, legs = robot.tree, list[_Leg]()
+    tree = robot.tree
+    legs: list[_Leg] = []
     for contact in contacts:
         foot = contact.spots[0]
         thigh = int(tree.parent[foot.body])
@@ -268,7 +271,8 @@ def with_bent_knees(robot: Robot, contacts: Sequence[Contact], y: Array, limits:
     legs = _legs(robot, contacts)
     if sum(not contact.vertical for contact in contacts) < 2:
         return y
-    tree, bent = robot.tree, y.copy()
+    tree = robot.tree
+    bent = y.copy()
     for leg in legs:
         if abs(np.sin(leg.bends(robot, y[None])[0])) > BENT:
             continue
@@ -336,7 +340,10 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
             own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
             if all(apart + corner.radius > most for apart, most in own):
                 group.append((corner, shape.link in feet_links))
-    spots, least, low, touchdown = [], [], [], []
+    spots = []
+    least = []
+    low = []
+    touchdown = []
     ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
     turned = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
     for members in filter(None, kept.values()):
@@ -350,7 +357,8 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
                 farthest[int(facing[missing.argmax()].argmax())] = under
         heights = undersides(robot, [corner for corner, _ in members], y) - ground
         for index in sorted(farthest):
-            above, (spot, is_foot) = heights[index], members[index]
+            above = heights[index]
+            spot, is_foot = members[index]
             stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME for foot in feet)
             if above > STANDING and not stands:
                 spots.append(spot._replace(radius=0.0))

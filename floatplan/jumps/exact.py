@@ -62,14 +62,17 @@ class StanceDynamics:
 
     def __init__(self, model: PlanarModel, phase: Phase, home: Array) -> None:
         ca = casadi()
-        self.model, self.phase = model, phase
+        self.model = model
+        self.phase = phase
         forces = ca.SX.sym("forces", 2 * len(phase.others))
         own, pairs = balanced(model, phase, forces)
         moments = model.moments(phase.anchor.spots[0], spread(phase.contacts, [own, *pairs]))
         self.moment = model.function("moment", [ca.sum1(moments)], forces)
-        parts, anchor = list[Any](), phase.anchor.spots[0]
+        parts: list[Any] = []
+        anchor = phase.anchor.spots[0]
         for spot, axes in ((contact.spots[0], axes_of(contact)) for contact in phase.others):
-            places, at_home = model.places(model.weights([spot], anchor)), way_between(model.robot, anchor, spot, home)
+            places = model.places(model.weights([spot], anchor))
+            at_home = way_between(model.robot, anchor, spot, home)
             parts += [places[k] - at_home[k] for k in axes]
         closure = ca.vertcat(*parts) if parts else ca.SX(0, 1)
         drift = ca.jtimes(ca.jtimes(closure, model.y, model.v), model.y, model.v)
@@ -90,8 +93,10 @@ class StanceDynamics:
 
     def turned(self, y: Array, v: Array, a: Array) -> Array:
         """Orientation's acceleration (N,) rad/s^2 by the balance of moments, on the anchor alone."""
-        still, unit = a.copy(), a.copy()
-        still[0], unit[0] = 0.0, 1.0
+        still = a.copy()
+        unit = a.copy()
+        still[0] = 0.0
+        unit[0] = 1.0
         forces = np.zeros(2 * len(self.phase.others))
         rest, one = (np.asarray(self.moment(y, v, each, forces)).ravel() for each in (still, unit))
         return np.asarray(-rest / (one - rest))
@@ -104,7 +109,8 @@ class StanceDynamics:
         LinAlgError
             A leg is straight; callers do this in :func:`may_fail`.
         """
-        motion, columns = np.stack((y, v, a)), self.dependent
+        motion = np.stack((y, v, a))
+        columns = self.dependent
         if not self.size:
             return motion
         for _ in range(NEWTON):
@@ -134,7 +140,8 @@ class StanceDynamics:
         """
         if len(grid.ratios) != 1:
             return grid.ratios
-        motion, light = grid.motion, FALLING * self.model.robot.mass
+        motion = grid.motion
+        light = FALLING * self.model.robot.mass
         horizontal, vertical = (np.asarray(each) for each in self.total(*motion))
         same = horizontal / np.maximum(vertical, light)
         if self.phase.others[0].vertical:
@@ -164,9 +171,11 @@ class OnePoint:
 
     def __init__(self, dynamics: StanceDynamics, times: Array) -> None:
         ca = casadi()
-        self.dynamics, self.times = dynamics, times
+        self.dynamics = dynamics
+        self.times = times
         n = len(dynamics.model.robot.joints)
-        state, step = ca.SX.sym("state", 2), ca.SX.sym("step")
+        state = ca.SX.sym("state", 2)
+        step = ca.SX.sym("step")
         joints = ca.SX.sym("joints", 9 * n)
 
         def rate(now: Any, stage: int) -> Any:
@@ -264,11 +273,16 @@ def _exact_stances(program: JumpProgram, solution: Solution, side: str, plan: Pl
     near, far, way = (-1, 0, -1) if side == "takeoff" else (0, -1, 1)  # ends of phases, and from where to where
     outwards = [index for index, phase in enumerate(program.phases) if phase.side == side][::way]
     state = plan.at(0.0 if side == "takeoff" else plan.duration)
-    y, rate = np.append(state.orientation, state.positions), float(state.orientation_rate) if rate is None else rate
-    robot, spot, gravity = program.model.robot, program.phases[outwards[0]].anchor.spots[0], program.model.gravity
+    y = np.append(state.orientation, state.positions)
+    rate = float(state.orientation_rate) if rate is None else rate
+    robot = program.model.robot
+    spot = program.phases[outwards[0]].anchor.spots[0]
+    gravity = program.model.gravity
     rolled = robot.tree.turn * spot.radius * robot.tree.absolute_angles(y[0], y[1:])[spot.body]
     place = complex(*state.com_position) + complex(heights_over_com(robot, [spot], y)[0]) + rolled
-    home, stances, junction = program.ends[far], list[Stance](), None
+    home = program.ends[far]
+    stances: list[Stance] = []
+    junction = None
     each = [StanceDynamics(program.model, program.phases[index], home) for index in outwards]
     for index, dynamics, beyond in zip(outwards, each, [*each[1:], None], strict=True):
         nodes = _nodes(program, solution, index)
@@ -294,7 +308,8 @@ def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:
     nodes = slice(program.starts[index], program.starts[index + 1] + 1)
     coarse = instants(program.phases, solution.durations)[nodes]
     fine = refined(coarse, REFINED)
-    horizontal, vertical = solution.forces[index][0::2], solution.forces[index][1::2]
+    horizontal = solution.forces[index][0::2]
+    vertical = solution.forces[index][1::2]
     small = vertical < 1e-3 * program.node.weight
     ratios = np.where(small, 0.0, horizontal / np.where(small, 1.0, vertical))
     for row, lost in zip(ratios, small, strict=True):
@@ -311,7 +326,9 @@ def _one_point(
 
     Unknowns are changes of joints: at the junction, of those that the next closure leaves no choice; or in between.
     """
-    n, ends, way = len(nodes.y) - 1, nodes.times[[0, -1]], 1 if stance.times[0] > stance.times[-1] else -1
+    n = len(nodes.y) - 1
+    ends = nodes.times[[0, -1]]
+    way = 1 if stance.times[0] > stance.times[-1] else -1
     span = ends[1] - ends[0]
     scale = np.array([[1.0], [1 / span], [1 / span**2]])
     rows = [] if beyond is None else [each - 1 for each in beyond.dependent]
@@ -327,7 +344,8 @@ def _one_point(
             if beyond is None:
                 changed.append(joints + _bumps(times, ends, unknown.reshape(n, 2)))
                 continue
-            change, found = scale * unknown.reshape(3, -1), joints.copy()
+            change = scale * unknown.reshape(3, -1)
+            found = joints.copy()
             found[:, rows] += change.T @ shape
             changed.append(found)
         return stance.follow(changed, meeting)
@@ -347,15 +365,18 @@ def _one_point(
 
 def _bumps(times: Array, span: Array, sizes: Array) -> Array:
     """Changes (3, n, N) with two derivatives, all of which vanish at two times (2,); sizes (n, 2)."""
-    lasts, base = span[1] - span[0], np.polynomial.Polynomial([0, 0, 0, 64, -192, 192, -64])
-    s, shapes = (times - span[0]) / lasts, [base, base * np.polynomial.Polynomial([-1, 2])]
+    lasts = span[1] - span[0]
+    base = np.polynomial.Polynomial([0, 0, 0, 64, -192, 192, -64])
+    s = (times - span[0]) / lasts
+    shapes = [base, base * np.polynomial.Polynomial([-1, 2])]
     found = [[(each.deriv(k) if k else each)(s) / lasts**k for each in shapes] for k in range(3)]
     return np.asarray(sizes @ np.array(found))
 
 
 def _least_change(residual: Any, start: Array) -> tuple[Array, bool]:
     """Newton's steps of least norm to a root of no more equations than unknowns; and whether they came there."""
-    unknown, step = start, 1e-6
+    unknown = start
+    step = 1e-6
     for _ in range(12):
         value = residual(unknown)
         if np.abs(value).max() < MET:

@@ -48,7 +48,8 @@ def solved(first: JumpProgram, guess: Array, known: JumpProgram | None = None) -
         strained = program.node.strained((solution.y, solution.v, solution.a), solution.forces, solution.factor)
         if not wider and not strained:
             break
-        held, tried = (*program.node.held, *strained), list[tuple[JumpProgram, Solution]]()
+        held = (*program.node.held, *strained)
+        tried: list[tuple[JumpProgram, Solution]] = []
         for separation in wider or [program.separation]:
             other = first.kept(separation, held)
             tried.append((other, other.solve(before)))

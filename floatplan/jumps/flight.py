@@ -20,7 +20,8 @@ from floatplan.tables import POINT_FEET
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
 PATIENCE = 1.6e7  # [instants of one body] with each of them at first, about a second
 BEYOND_NODES = (1.0, 1.04, 1.12)  # [-] of the least largest share, in a flight whose joints are polynomials
-HIGH, KEPT = 0.8, 0.6  # [-] of what a hop lifts its feet by at most: where it does so, and what it keeps there
+HIGH = 0.8  # [-] of what a hop lifts its feet by at most, where it does so
+KEPT = 0.6  # [-] of the same: what it keeps there
 LIFTED = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
 
 
@@ -40,12 +41,14 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
     and acceleration, at both ends, where no force acts.
     """
     index = program.flight
-    first, last = program.starts[index], program.starts[index + 1]
+    first = program.starts[index]
+    last = program.starts[index + 1]
     start, goal = (
         Posture(float(solution.y[0, node]), solution.y[1:, node].copy(), solution.v[1:, node], solution.a[1:, node])
         for node in (first, last)
     )
-    before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor
+    before = program.phases[index - 1].anchor
+    after = program.phases[index + 1].anchor
     lifted = problem.takeoff.position[1] - before.depth
     ground = lifted + _from_frame(program, before, solution.y[:, first]).imag
     height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
@@ -78,7 +81,9 @@ def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground:
 
     Another is as high as the ground, as long as the program's capsules are well above it: so long its feet are lifted.
     """
-    index, robot, shares = program.flight, problem.robot, program.phases[program.flight].shares
+    index = program.flight
+    robot = problem.robot
+    shares = program.phases[index].shares
     flown = solution.y[:, program.starts[index] : program.starts[index + 1] + 1]
     anchors = program.phases[index - 1].anchor, program.phases[index + 1].anchor
     before, after = (ground_below(robot, *each) for each in zip(anchors, flown[:, [0, -1]].T, strict=True))
@@ -108,7 +113,8 @@ def tighter_limits(problem: Problem, program: JumpProgram, solution: Solution) -
     request = problem.jump
     if request is None or request.objective != "limits":
         return []
-    velocity, known = program.node.bounds.velocity, np.isfinite(problem.velocity_limits)
+    velocity = program.node.bounds.velocity
+    known = np.isfinite(problem.velocity_limits)
     rates = (velocity[known] / problem.velocity_limits[known]).tolist()
     shares = [program.node.bounds.held, *(rate / request.margin["velocity"] for rate in rates)]
     least = solution.factor * max(shares)

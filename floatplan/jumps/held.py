@@ -55,9 +55,11 @@ class HeldJoints:
     @cached_property
     def efforts(self) -> dict[str, float]:
         """N m, by joint."""
-        robot, found = self.model.robot, {}
+        robot = self.model.robot
+        found = {}
         for name in robot.locked:
-            column, effort = robot.model.joints[robot.model.getJointId(name)].idx_v, robot.joint_tree.joint[name].effort
+            column = robot.model.joints[robot.model.getJointId(name)].idx_v
+            effort = robot.joint_tree.joint[name].effort
             if effort < np.inf and self._data.J[3:, column].any():
                 found[name] = effort
         return found
@@ -75,16 +77,22 @@ class HeldJoints:
 
     def _turned(self, body: int, vector: Array) -> tuple[Any, Any, float]:
         """Horizontal, vertical and third part of a vector (3,) of the reference posture that turns with a body."""
-        tree, ((c, s), *_) = self.model.robot.tree, self.model.rotations
+        tree = self.model.robot.tree
+        (c, s), *_ = self.model.rotations
         x, z, out = self._axes @ vector
         local = complex(x, z) * complex(np.exp(-1j * tree.turn * tree.offsets[body]))
         return c[body] * local.real - s[body] * local.imag, c[body] * local.imag + s[body] * local.real, float(out)
 
     def _torque(self, name: str, contacts: Sequence[Contact], forces: Sequence[Pair]) -> Any:
         """Torque about a joint's axis, N m."""
-        model, robot, data = self.model, self.model.robot, self._data
-        joint, home = robot.model.getJointId(name), robot.frames[name]
-        beyond, origin, turn = list(robot.model.subtrees[joint]), data.oMi[joint].translation, robot.tree.turn
+        model = self.model
+        robot = model.robot
+        data = self._data
+        joint = robot.model.getJointId(name)
+        home = robot.frames[name]
+        beyond = list(robot.model.subtrees[joint])
+        origin = data.oMi[joint].translation
+        turn = robot.tree.turn
         x, z, out = self._turned(home.body, data.J[3:, robot.model.joints[joint].idx_v])
         anchor, gravity = (contacts[0].spots[0], model.gravity) if contacts else (None, 0.0)
 
@@ -95,10 +103,13 @@ class HeldJoints:
             along = own[0] * force[1] - (own[1] - spot.radius) * force[0]
             return out * along + lever * (z * force[0] - x * force[1])
 
-        hinge, spots, points = Spot(home.body, home.local), list[Spot](), list[Array]()
+        hinge = Spot(home.body, home.local)
+        spots: list[Spot] = []
+        points: list[Array] = []
         spins = dict[int, Array]()  # I n of what moves with a body, in the reference posture
         for each in beyond:
-            inertia, placement = robot.model.inertias[each], data.oMi[each]
+            inertia = robot.model.inertias[each]
+            placement = data.oMi[each]
             frame = robot.frames[robot.model.names[each]]
             points.append(placement.act(inertia.lever))
             way = self._axes[:2] @ (points[-1] - placement.translation)

@@ -277,7 +277,8 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
     times = _array(content["times"], f"{element}.times", (None,))
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise InputError("must be increasing instants", element=f"{element}.times")
-    size, count = 1 + len(robot.joints), len(times)
+    size = 1 + len(robot.joints)
+    count = len(times)
     y, v, a = (_array(content[name], f"{element}.{name}", (size, count)) for name in ("y", "v", "a"))
     ratios = _array(content["ratios"], f"{element}.ratios", (len(contacts) - 1, count))
     grid = Grid(times, y, v, a, ratios)
@@ -285,7 +286,8 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
 
 
 def _read_contact(content: Mapping[str, Any], robot: Robot, element: str) -> Contact:
-    frames, places = tuple(content["frames"]), content["places"]
+    frames = tuple(content["frames"])
+    places = content["places"]
     if not frames or len(places) != len(frames):
         reason = f"has {len(frames)} frames and {len(places)} places, not as many of both"
         raise InputError(reason, element=element)

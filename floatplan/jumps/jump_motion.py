@@ -165,15 +165,19 @@ class JumpMotion(MotionInFile):
 
     def state(self, times: npt.ArrayLike) -> FlightState:
         """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
-        full, robot, tree = self.at(times), self.robot, self.robot.tree
-        orientation, orientation_rate = full.positions[:, 2], full.velocities[:, 2]
+        full = self.at(times)
+        robot = self.robot
+        tree = robot.tree
+        orientation = full.positions[:, 2]
+        orientation_rate = full.velocities[:, 2]
         positions, velocities, accelerations = full.planned(robot)[:, 1:].transpose(0, 2, 1)
 
         # The coordinates' place is the base's; the centre of mass is where the base's origin is seen from it.
         weights = tree.point_weights(np.array([0]), np.array([0j]))[0]
         rotations = tree.rotations(tree.absolute_angles(orientation, positions))
         rotation_rates = 1j * tree.turn * (orientation_rate[:, None] + velocities @ tree.turns.T) * rotations
-        base_from_com, base_speed = rotations @ weights, rotation_rates @ weights
+        base_from_com = rotations @ weights
+        base_speed = rotation_rates @ weights
 
         momentum_map = self.dynamics.momentum_map(positions)
         return FlightState(
@@ -193,8 +197,10 @@ class JumpMotion(MotionInFile):
 
     def clearances(self, times: Array, obstacles: Sequence[Obstacle]) -> Array:
         """Least distance (N,), m, between any link and any of the obstacles that exist then; infinite without any."""
-        state, tree = self.state(times), self.robot.tree
-        angles, com = tree.absolute_angles(state.orientation, state.positions), state.com_position @ [1, 1j]
+        state = self.state(times)
+        tree = self.robot.tree
+        angles = tree.absolute_angles(state.orientation, state.positions)
+        com = state.com_position @ [1, 1j]
         segments = LinkShapes(tree, self.robot.shapes).place(np.asarray(com, np.complex128), angles)
         return np.asarray(np.min([least_distances(segments, each, times) for each in obstacles], axis=0))
 
@@ -226,7 +232,8 @@ class JumpMotion(MotionInFile):
     def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
         """Forces (..., 3), N, in the world's axes, of every point that stands at some time; zero where it does not."""
         plane = self.problem.robot.plane
-        axes, found = np.stack((plane.horizontal, plane.vertical)), self.at(times).forces
+        axes = np.stack((plane.horizontal, plane.vertical))
+        found = self.at(times).forces
         return {name: (force @ axes).reshape(*np.shape(times), 3) for name, force in found.items()}
 
     def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:

@@ -34,7 +34,8 @@ FRAMES_AT_REST = JumpRequest(feet="points")  # of flights alone, which know fram
 ITERATIONS = 250  # of IPOPT, of each program
 ROOM = Room(1.0, 1.0, 0.95, 0.8, clear=3e-3)  # of the nodes: limits are those of the factor
 CALM = Room(0.95, 0.97, 0.8, clear=3e-3)  # of the nodes, where squared torques are least within the limits
-LASTS, DRAWN = (0.8, 1.5), (0.25, 1.05)  # [-] of the usual durations in the first two starts; then at random
+LASTS = (0.8, 1.5)  # [-] of the usual durations, in the first two starts
+DRAWN = (0.25, 1.05)  # [-] of the usual durations, between which later starts are sampled
 FAR_TURNED = math.pi / 2  # [rad] from standing, beyond which the other way around is tried too
 FARTHEST = 2.0  # [rad] that a joint may be off for feet to be where they stand
 SAME = 1e-5  # [rad] solutions of starts that are nearer are one
@@ -114,20 +115,15 @@ def launch(
     plan = given_plan(plan)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or FRAMES_AT_REST
     end = one_of("takeoff", "landing")(end, "end")
-    seed, starts = SEED(seed, "seed"), TRIES(starts, "starts")
+    seed = SEED(seed, "seed")
+    starts = TRIES(starts, "starts")
     say = optional(function)(progress, "progress") or (lambda _: None)
     margins = replace(
         request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0
     )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     meeting = np.append(state.orientation, state.positions)
-    setup = side_setup(plan.problem, margins, end, meeting)
-    met = _meeting(plan, setup, end)
-    if met.v is None and margins.feet == "auto":
-        # round feet do not roll with these rates; of a flight whose frame is at rest they are points
-        on_points = side_setup(plan.problem, replace(margins, feet="points"), end, meeting)
-        other = _meeting(plan, on_points, end)
-        setup, met = (on_points, other) if other.v is not None else (setup, met)
+    setup, met = _setup_and_meeting(plan, margins, end, meeting)
     v, shown = _least(plan, setup, met, end)
     standing = zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True)
     posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
@@ -157,6 +153,21 @@ def launch(
     none = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
     answer = min(answers, key=lambda each: (not each.ok, bool(each.broken), each.ratio), default=none)
     return replace(answer, sentences=(*answer.sentences, told))
+
+
+def _setup_and_meeting(plan: Plan, request: JumpRequest, end: End, state: Array) -> tuple[Setup, Meeting]:
+    """The stances to search for, and how they meet the flight, whose state there is (1 + n,), rad.
+
+    Feet that may roll are points where no rates roll them and points are possible: the flight's frame is at rest.
+    """
+    setup = side_setup(plan.problem, request, end, state)
+    meeting = _meeting(plan, setup, end)
+    if meeting.v is None and request.feet == "auto":
+        on_points = side_setup(plan.problem, replace(request, feet="points"), end, state)
+        meeting_on_points = _meeting(plan, on_points, end)
+        if meeting_on_points.v is not None:
+            return on_points, meeting_on_points
+    return setup, meeting
 
 
 def _calmer(
@@ -220,8 +231,10 @@ def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
     """What a plan's takeoff or landing asks; its rates and accelerations where they are those of a foot at rest."""
     full = flight_state(plan, 0.0, np.array([0.0 if end == "takeoff" else plan.duration]))
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
-    anchor, gravity = setup.phases[-2 if end == "takeoff" else 1].anchor, float(plan.problem.flight.gravity)
-    model, y = PlanarModel(plan.robot, gravity), np.append(state.orientation, state.positions)
+    anchor = setup.phases[-2 if end == "takeoff" else 1].anchor
+    gravity = float(plan.problem.flight.gravity)
+    model = PlanarModel(plan.robot, gravity)
+    y = np.append(state.orientation, state.positions)
     v = np.append(state.orientation_rate, state.velocities)
     a = np.append(full.accelerations[0, 2], state.accelerations)
     from_com = [model.com_from(anchor.spots[0], order) for order in (1, 2)]
@@ -247,7 +260,8 @@ def _answer(
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     limit = max(SHARES, key=lambda name: figures[name])
-    ratio, joint = figures[limit], _joint(plan, stances, limit)
+    ratio = figures[limit]
+    joint = _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
     rest = {name: value for name, value in figures.items() if name not in SHARES}
     broken = [", ".join(words) for words in judged(request, rest)[0]]
@@ -270,8 +284,10 @@ def _least(plan: Plan, setup: Setup, met: Meeting, end: str) -> tuple[Array, Lau
     of the rates alone in a posture that is known, whatever stance it is of. Each contact's are a bound of their own.
     """
     com = plan.at(0.0 if end == "takeoff" else plan.duration).com_velocity
-    model, limits = PlanarModel(plan.robot), plan.problem.velocity_limits
-    bounds, rates = list[tuple[float, str, str]](), list[Array]()
+    model = PlanarModel(plan.robot)
+    limits = plan.problem.velocity_limits
+    bounds: list[tuple[float, str, str]] = []
+    rates: list[Array] = []
     for contact in setup.phases[-2 if end == "takeoff" else 1].contacts:
         moves = model.function("moves", [model.momentum(), *model.com_from(contact.spots[0], 1)])
         momentum, x, z = (np.asarray(each).ravel() for each in moves(met.y, np.eye(len(met.y)), 0 * met.y))
@@ -301,8 +317,10 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
     met : where the flight is met, with rates ``v`` (n+1,) rad/s
     shares : of the usual durations, of all phases or, inwards to the flight, of each
     """
-    takes_off, way = met.node == 0, 1 if met.node == 0 else -1
-    home, plain = program.ends[0 if takes_off else 1], program.split(program.guess())
+    takes_off = met.node == 0
+    way = 1 if takes_off else -1
+    home = program.ends[0 if takes_off else 1]
+    plain = program.split(program.guess())
     stances = [index for index, phase in enumerate(program.phases) if phase.contacts][::way]
     plain[-3][stances, 0] *= shares
     times = instants(program.phases, plain[-3].ravel())
@@ -310,7 +328,8 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
     flies = np.stack((met.y, v, inner.released(met.y, v, 0 * v if met.a is None else met.a)))
     motion = quintic(times, times[[0, -1]], *(np.stack((home, 0 * home, 0 * home)), flies)[::way])
     for index in stances:
-        phase, dynamics = program.phases[index], StanceDynamics(program.model, program.phases[index], home)
+        phase = program.phases[index]
+        dynamics = StanceDynamics(program.model, phase, home)
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
         try:
             with may_fail():
@@ -321,7 +340,8 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
             break
         motion[:, :, nodes] = closed
         if index != stances[-1]:  # from where the other feet leave, or to where they come
-            rows, seam = dynamics.dependent, closed[:, :, -1 if takes_off else 0]
+            rows = dynamics.dependent
+            seam = closed[:, :, -1 if takes_off else 0]
             beyond = slice(nodes.stop - 1, None) if takes_off else slice(0, nodes.start + 1)
             motion[:, rows, beyond] = quintic(times[beyond], times[beyond][[0, -1]], *(seam, flies)[::way])[:, rows]
         grid = Grid(times[nodes], closed[0], closed[1], closed[2], np.zeros((len(phase.others), closed.shape[2])))
@@ -334,6 +354,7 @@ def plainest(program: JumpProgram, met: Meeting, v: Array, shares: Array | float
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
     """The motor whose share of a limit is the largest at the stances' instants."""
     shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
-    held, robot = list(plan.robot.locked), plan.robot
+    held = list(plan.robot.locked)
+    robot = plan.robot
     names = {"velocity": robot.joints, "held_torque": held}.get(limit, robot.motors)
     return names[int(np.concatenate(shares).max(axis=0).argmax())]

@@ -53,7 +53,9 @@ class PlanarModel:
     """
 
     def __init__(self, robot: Robot, gravity: float = 9.81) -> None:
-        self.robot, self.gravity, sx = robot, gravity, casadi().SX
+        self.robot = robot
+        self.gravity = gravity
+        sx = casadi().SX
         self.y, self.v, self.a = (sx.sym(name, 1 + len(robot.joints)) for name in ("y", "v", "a"))
         rates = np.column_stack((np.ones(len(robot.tree.mass)), robot.tree.turns))
         _, first, same = np.unique(np.column_stack((rates, robot.tree.offsets)), True, True, axis=0)
@@ -70,9 +72,13 @@ class PlanarModel:
     @cached_property
     def rotations(self) -> tuple[Pair, Pair, Pair]:
         """Rotations e of the bodies, e' and e''."""
-        ca, turn = casadi(), self.robot.tree.turn
-        phi, rate, acceleration = self.angles[0], turn * self.angles[1], turn * self.angles[2]
-        c, s = ca.cos(phi), turn * ca.sin(phi)
+        ca = casadi()
+        turn = self.robot.tree.turn
+        phi = self.angles[0]
+        rate = turn * self.angles[1]
+        acceleration = turn * self.angles[2]
+        c = ca.cos(phi)
+        s = turn * ca.sin(phi)
         first = (-rate * s, rate * c)
         return (c, s), first, (-acceleration * s - rate * first[1], acceleration * c + rate * first[0])
 
@@ -88,10 +94,13 @@ class PlanarModel:
 
     def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
         """Places (points,) m of weights (points, 2 m), or their first or second derivatives."""
-        ca, (c, s) = casadi(), self.rotations[derivative]
+        ca = casadi()
+        c, s = self.rotations[derivative]
         turned, rolled = (self._gathered(each) for each in np.split(weights, 2, axis=1))
         real, imaginary, *rolls = map(self._constant, (turned.real, turned.imag, rolled.real, rolled.imag))
-        c, s, angles = c[self._leading], s[self._leading], self.angles[derivative][self._leading]
+        c = c[self._leading]
+        s = s[self._leading]
+        angles = self.angles[derivative][self._leading]
         x, z = (ca.mtimes(each, angles) for each in rolls)
         return x + ca.mtimes(real, c) - ca.mtimes(imaginary, s), z + ca.mtimes(imaginary, c) + ca.mtimes(real, s)
 
@@ -105,10 +114,13 @@ class PlanarModel:
         They depend on the angle between two bodies alone, so that they have far fewer second derivatives than what is
         turned into the plane and back.
         """
-        ca, turn, count = casadi(), self.robot.tree.turn, len(self._leading)
+        ca = casadi()
+        turn = self.robot.tree.turn
+        count = len(self._leading)
         phi, rate, acceleration = (each[self._leading] for each in self.angles)
         apart = ca.repmat(phi.T, count, 1) - ca.repmat(phi, 1, count)
-        c, s = ca.cos(apart), turn * ca.sin(apart)
+        c = ca.cos(apart)
+        s = turn * ca.sin(apart)
         rate = turn * ca.repmat(rate.T, count, 1)
         if derivative == 1:
             return -rate * s, rate * c
@@ -132,13 +144,16 @@ class PlanarModel:
         reference : a point of the robot on the ground; None in flight, where the centre of mass falls freely
         forces : points of the robot, and the forces that the ground exerts there, N
         """
-        ca, tree = casadi(), self.robot.tree
+        ca = casadi()
+        tree = self.robot.tree
         moments = self.work(self.centers, tree.mass, Spot(0, 0j), reference)
         inertia = tree.inertia * ca.mtimes(self._rates, self.a)
         for spot, (horizontal, vertical) in forces:
-            (lever, rolled), (c, s) = np.split(self.weights([spot], Spot(0, 0j))[0], 2), self.rotations[0]
+            lever, rolled = np.split(self.weights([spot], Spot(0, 0j))[0], 2)
+            c, s = self.rotations[0]
             real, imaginary, rolled = map(self._constant, (lever.real, lever.imag, rolled.real))
-            across, along = real * horizontal + imaginary * vertical, real * vertical - imaginary * horizontal
+            across = real * horizontal + imaginary * vertical
+            along = real * vertical - imaginary * horizontal
             moments -= tree.turn * (c * along - s * across) + rolled * horizontal
         moments += inertia
         return moments if tree.rotors is None else moments + ca.mtimes(self._constant(tree.rotors), self.a[1:])
@@ -155,7 +170,8 @@ class PlanarModel:
         reference : as of :meth:`moments`
         derivative : 2, or 1 for velocities in place of accelerations
         """
-        ca, (c, s) = casadi(), self.rotations[0]
+        ca = casadi()
+        c, s = self.rotations[0]
         pulled = mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
         turned, rolled = (self._gathered(each) for each in np.split(pulled @ self.weights(spots, reference), 2, axis=1))
         x, z = (each[self._alike.tolist(), :] for each in self._relative(derivative))
@@ -173,16 +189,20 @@ class PlanarModel:
 
     def momentum(self) -> Any:
         """Angular momentum about the centre of mass and the plane's normal, kg m^2/s."""
-        ca, tree = casadi(), self.robot.tree
+        ca = casadi()
+        tree = self.robot.tree
         orbital = ca.sum1(self.work(self.centers, tree.mass, None, None, 1))
         return orbital + ca.dot(ca.DM(tree.inertia), ca.mtimes(self._rates, self.v))
 
     def momentum_about(self, spot: Spot) -> tuple[Any, Any, Any]:
         """Angular momentum L about the one contact on the ground, kg m^2/s; L' and L'' where moments balance."""
-        turn, mass, weight = self.robot.tree.turn, self.robot.mass, self.robot.mass * self.gravity
+        turn = self.robot.tree.turn
+        mass = self.robot.mass
+        weight = mass * self.gravity
         (x, z), (vx, vz), (_, az) = (self.com_from(spot, order) for order in range(3))
         place, speed, change = (-turn * spot.radius * angles[spot.body] for angles in self.angles)  # of P
-        x, z = x - place, z + spot.radius
+        x = x - place
+        z = z + spot.radius
         first = weight * x + mass * speed * vz
         second = weight * (vx - speed) + mass * (change * vz + speed * az)
         return self.momentum() + turn * mass * (x * vz - z * vx), -turn * first, -turn * second

@@ -95,10 +95,8 @@ class JumpState:
 
     def planned(self, robot: Robot) -> Array:
         """Orientation and planned joints with two derivatives (3, n+1, N), rad."""
-        full, joints = (
-            (self.positions - robot.reference, self.velocities, self.accelerations),
-            np.linalg.pinv(robot.selection),
-        )
+        full = (self.positions - robot.reference, self.velocities, self.accelerations)
+        joints = np.linalg.pinv(robot.selection)
         return np.stack([np.vstack((each[:, BASE - 1], joints @ each.T)) for each in full])
 
 
@@ -123,7 +121,8 @@ class Stance:
 
     def at(self, times: Array) -> JumpState:
         """State at times (N,) s from the jump's start."""
-        robot, tree = self.robot, self.robot.tree
+        robot = self.robot
+        tree = robot.tree
         motion = self.grid.at(times)
         angles = tree.absolute_angles(motion[0][0], motion[0][1:].T)
         rotations = tree.rotations(angles)
@@ -134,11 +133,15 @@ class Stance:
         turned, rolled = np.split(weights[0] - weights[1], 2)
         full = []
         for part, turns, angle in zip(motion, (rotations, first, second), (angles, rates, changes), strict=True):
-            base, values = turns @ turned + angle @ rolled, part[1:].T @ robot.selection.T
-            values[:, 0], values[:, 1], values[:, 2] = base.real, base.imag, part[0]
+            base = turns @ turned + angle @ rolled
+            values = part[1:].T @ robot.selection.T
+            values[:, 0] = base.real
+            values[:, 1] = base.imag
+            values[:, 2] = part[0]
             full.append(values)
         full[0] += [self.place.real, self.place.imag, 0.0, *robot.reference[BASE:]]
-        touching, wrench = self.touching(full[0]), self._wrench(full)
+        touching = self.touching(full[0])
+        wrench = self._wrench(full)
         forces = self._forces(times, wrench, {name: each[:, :, BASE - 1] for name, (_, each) in touching.items()})
         torques = wrench.copy()
         for name, (_, jacobians) in touching.items():
@@ -149,7 +152,8 @@ class Stance:
 
     def _wrench(self, full: list[Array]) -> Array:
         """Forces (N, nv) on all coordinates that the motion takes, by RNEA, gravity's included."""
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = model.createData()
         lifted = full[2].copy()
         lifted[:, 1] += self.gravity
         rows = zip(full[0], full[1], lifted, strict=True)
@@ -186,18 +190,22 @@ class Stance:
 
         Places (N, 3) m, and Jacobians (N, 2, nv), horizontal and vertical, by Pinocchio.
         """
-        robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
+        robot = self.robot
+        model = robot.model
+        data = model.createData()
         axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
         places = {name: np.empty((len(positions), 3)) for name in self.points}
         rows = {name: np.empty((len(positions), 3, model.nv)) for name in self.points}
-        at, (_, up) = pin.SE3.Identity(), axes
+        at = pin.SE3.Identity()
+        _, up = axes
         for row, q in enumerate(positions):
             pin.computeJointJacobians(model, data, q)
             for name, (joint, local, radius) in self.points.items():
                 place = data.oMi[joint]
                 at.translation = local - radius * (place.rotation.T @ up)
                 jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
-                rows[name][row], places[name][row] = jacobian[:3], place.act(at.translation)
+                rows[name][row] = jacobian[:3]
+                places[name][row] = place.act(at.translation)
         return {name: (places[name], axes @ rows[name]) for name in self.points}
 
     @property
@@ -216,7 +224,8 @@ def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array
 
     The point is at ``local`` in the plane of the frame's body, as far out of the plane as the frame's origin.
     """
-    model, home = robot.model, robot.frames[frame]
+    model = robot.model
+    home = robot.frames[frame]
     held = model.frames[model.getFrameId(home.link, pin.FrameType.BODY)]
     joint = held.parentJoint
     data = model.createData()

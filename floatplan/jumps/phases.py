@@ -15,7 +15,8 @@ from floatplan.robot import PlanarTree, Robot
 from floatplan.robot.standing import heights_over_com
 
 # Of phases: guessed duration, sqrt(height / g); intervals; least and largest share of that duration, if none is asked
-FLIGHT, HOP = (2.57, 16, 0.8, 1.5), (1.2, 16, 0.3, 1.5)  # with a turn and without
+FLIGHT = (2.57, 16, 0.8, 1.5)  # with a turn
+HOP = (1.2, 16, 0.3, 1.5)  # without one
 STANCES = {  # where there is one phase, and two
     "takeoff": [[(2.73, 28, 0.5, 1.6)], [(1.7, 18, 0.5, 1.6), (1.03, 18, 0.5, 1.6)]],
     "landing": [[(3.16, 28, 0.5, 1.6)], [(0.86, 18, 0.5, 1.6), (2.3, 18, 0.5, 1.6)]],
@@ -96,7 +97,9 @@ class Phase:
         InputError
             The leg has too few of its own.
         """
-        body, own, count = contact.spots[0].body, list[int](), 1 if contact.vertical else 2
+        body = contact.spots[0].body
+        own: list[int] = []
+        count = 1 if contact.vertical else 2
         held = np.zeros(tree.turns.shape[1]) if contact.vertical else tree.turns[self.anchor.spots[0].body]
         while body > 0:
             joints = np.flatnonzero(tree.turns[body] - tree.turns[tree.parent[body]]).tolist()
@@ -145,9 +148,11 @@ def side_phases(
     turns : of the base in flight
     """
     usual = [FLIGHT if turns else HOP] if side == "flight" else STANCES[side][len(groups) - 1]
-    anchor, phases = groups[-1 if side == "takeoff" else 0][:1], list[Phase]()
+    anchor = groups[-1 if side == "takeoff" else 0][:1]
+    phases: list[Phase] = []
     for contacts, (share, intervals, least, most), given in zip(groups, usual, bounds, strict=True):
-        guess, (low, high) = share * unit, given or (least * share * unit, most * share * unit)
+        guess = share * unit
+        low, high = given or (least * share * unit, most * share * unit)
         ordered = tuple(sorted(contacts, key=lambda each: (each,) != anchor))
         phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
     return phases
@@ -245,7 +250,8 @@ def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> s
         highest = contacts[int(undersides.argmax())].name
         return f"its feet are {1e3 * step:.0f} mm apart in height, {highest!r} is the highest"
     inside = min(-places.real.min(), places.real.max())
-    front, rear = contacts[int(places.real.argmax())].name, contacts[int(places.real.argmin())].name
+    front = contacts[int(places.real.argmax())].name
+    rear = contacts[int(places.real.argmin())].name
     ahead = places.real.max() < -places.real.min()  # of the middle of the feet is the centre of mass
     end = f"ahead of {front!r}" if ahead else f"behind {rear!r}"
     if inside < -STILL:

@@ -81,25 +81,25 @@ def jump(
     ------
     InputError
         The problem or the request is wrong, or asks for what no jump keeps; there is no request, nothing can stand as
-        asked, or CasADi is not installed.
+        requested, or CasADi is not installed.
     """
     casadi()
     kernel()  # an error of its own is none of a flight's
     file = None if isinstance(problem, Problem) else problem
     problem = given_problem(problem)
-    asked: JumpRequest | None = optional(made(JumpRequest))(request, "request") or problem.jump
-    if asked is None:
-        advice = "add a table [jump], or give a JumpRequest; floatplan plan plans a flight alone"
-        raise InputError("no jump is asked for", source=file, element="jump", advice=advice)
-    if asked is not problem.jump:
-        problem = replace(problem, jump=asked)
-    seed, starts, near = SEED(seed, "seed"), TRIES(starts, "starts"), optional(made(Jump))(near, "near")
+    requested = _requested(problem, request, file)
+    if requested is not problem.jump:
+        problem = replace(problem, jump=requested)
+    seed = SEED(seed, "seed")
+    starts = TRIES(starts, "starts")
+    near = optional(made(Jump))(near, "near")
     say = progress or (lambda _: None)
     with naming(file):
-        setup = jump_setup(problem, asked)
+        setup = jump_setup(problem, requested)
         first = setup.program(ROOM)
         first.separation.check_standing(first.node, first.motion(first.guess()))
-    began, begun = process_time(), None if near is None else beside(first, near)
+    began = process_time()
+    begun = None if near is None else beside(first, near)
     if begun is not None:
         found = _near(setup, first, begun, seed, say, helps)
         if found.ok:
@@ -112,19 +112,40 @@ def jump(
     if answer is not None and answer.ok:
         return answer
     until = 2 * process_time() - began
-    counted = "1 start" if tried == 1 else f"{tried} starts"
     if answer is not None:
-        gives = broken(asked, answer.check.figures)
-    elif best is not None and helps:
-        say("what stands in the way")
-        gives = in_the_way(*best, asked)
-        words = [sentence(each, problem) for each in gives] or [best[1].worst[1]]
-        answer = _not_found(problem, asked, f"No jump was found in {counted}. In the way: {'; '.join(words)}.")
+        gives = broken(requested, answer.check.figures)
     else:
-        return _not_found(problem, asked, f"No jump was found in {counted}.")
+        answer, gives = _none_found(problem, requested, best if helps else None, tried, say)
     if not (gives and helps):
         return answer
     return _saying(answer, f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
+
+
+def _requested(problem: Problem, request: JumpRequest | None, file: str | Path | None) -> JumpRequest:
+    """The request that is passed, or else the problem's own; the file is named where there is none."""
+    requested: JumpRequest | None = optional(made(JumpRequest))(request, "request") or problem.jump
+    if requested is None:
+        advice = "add a table [jump], or give a JumpRequest; floatplan plan plans a flight alone"
+        raise InputError("no jump is asked for", source=file, element="jump", advice=advice)
+    return requested
+
+
+def _none_found(
+    problem: Problem,
+    request: JumpRequest,
+    best: tuple[JumpProgram, Solution] | None,
+    starts: int,
+    say: Callable[[str], None],
+) -> tuple[Jump, list[Given]]:
+    """The result where no start ended well, and the limits that conflict in the best of them, if there is one."""
+    counted = "1 start" if starts == 1 else f"{starts} starts"
+    if best is None:
+        return _not_found(problem, request, f"No jump was found in {counted}."), []
+    say("what stands in the way")
+    conflicting = in_the_way(*best, request)
+    words = [sentence(limit, problem) for limit in conflicting] or [best[1].worst[1]]
+    explanation = f"No jump was found in {counted}. In the way: {'; '.join(words)}."
+    return _not_found(problem, request, explanation), conflicting
 
 
 def _saying(answer: Jump, explanation: str) -> Jump:
@@ -215,7 +236,8 @@ def _merit(answer: Jump) -> tuple[bool, bool, float]:
 
     Such a one is a jump for somebody who asks for less there.
     """
-    height, least = answer.check.figures.get("touchdown", 0.0), FIGURES["touchdown"].most(answer.request)
+    height = answer.check.figures.get("touchdown", 0.0)
+    least = FIGURES["touchdown"].most(answer.request)
     failing, _ = judged(answer.request, answer.check.figures, answer.check.unlimited)
     return answer.ok, answer.flight is not None and len(failing) == 1 and height < least, height
 
@@ -231,14 +253,16 @@ def beside(program: JumpProgram, near: Jump) -> Array | None:
     if near.problem.robot.joints != program.model.robot.joints or [each.contacts for each in near.phases] != stands:
         return None
     assert near.flight is not None
-    parts, lasted = program.split(program.guess()), np.array([each.end - each.begin for each in near.phases])
+    parts = program.split(program.guess())
+    lasted = np.array([each.end - each.begin for each in near.phases])
     lasts = np.clip(lasted, *np.transpose([phase.bounds for phase in program.phases]))
     state = near.at(np.minimum(instants(program.phases, lasted), near.duration))
     for index, phase in enumerate(program.phases):
         nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
         parts[3 + index] = phase.gathered({name: force[nodes] for name, force in state.forces.items()})
     parts[:3] = state.planned(near.problem.robot)
-    parts[-3][:, 0], parts[-2][:] = lasts, near.flight.angular_momentum
+    parts[-3][:, 0] = lasts
+    parts[-2][:] = near.flight.angular_momentum
     return program.join(parts)
 
 
@@ -274,7 +298,8 @@ def _corrected(
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
-    problem, request = setup.problem, setup.request
+    problem = setup.problem
+    request = setup.request
     try:
         solution = released(program, solution)
         tighter = tighter_limits(problem, program, solution)

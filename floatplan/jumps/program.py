@@ -49,7 +49,8 @@ CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at 
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 3e-4  # [-] of steps of accelerations, beside the squared torques
-SMOOTH, STEADY = 0.03, 1e-3  # [-] of squared torques, beside the factor; of such steps, beside these
+SMOOTH = 0.03  # [-] weight of squared torques, beside the factor
+STEADY = 1e-3  # [-] weight of steps of torques, beside their squares
 ONSET = 0.012  # [s] in which the ground's force may grow by the weight: feet land by so much late and early
 ABRUPT = 10.0  # [-] cost of the square of force over the weight beyond that, in which 3 to 100 make little difference
 ROUNDED = 0.02  # [-] of the weight, by which the corner of that cost is rounded
@@ -132,12 +133,20 @@ class JumpProgram:
         iterations: int = ITERATIONS,
         lift: float = LIFT,
     ) -> None:
-        self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
+        self.node = node
+        self.model = node.model
+        self.phases = node.phases
+        self.ends = node.ends
         self.size = 1 + len(self.model.robot.joints)
-        self.starts, self.flight = node.starts, node.flies
+        self.starts = node.starts
+        self.flight = node.flies
         self.nodes = int(self.starts[-1]) + 1
-        self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
-        self._limits, self._iterations, self._warm = limits, iterations, False
+        self.separation = separation
+        self._fixed = tuple(fixed)
+        self._momentum = momentum
+        self._limits = limits
+        self._iterations = iterations
+        self._warm = False
         self.lift = lift
 
     @cached_property
@@ -149,12 +158,14 @@ class JumpProgram:
 
     @cached_property
     def _scales(self) -> list[float]:
-        node, count = self.node, len(self.phases)
+        node = self.node
+        count = len(self.phases)
         return [1.0, 1 / node.unit, 1 / node.unit**2, *[node.weight] * count, *[1.0] * (count + 1), node.momentum, 1.0]
 
     def split(self, raw: Any) -> list[Any]:
         """Variables (size,), scaled, as matrices of their own units: an expression, or numbers."""
-        parts, at = [], 0
+        parts = []
+        at = 0
         for (rows, columns), scale in zip(self._shapes, self._scales, strict=True):
             piece = raw[at : at + rows * columns]
             at += rows * columns
@@ -172,9 +183,11 @@ class JumpProgram:
     @cached_property
     def _box(self) -> tuple[Array, Array]:
         """Bounds of the variables, scaled."""
-        bounds, ends = self.node.bounds, self.ends
+        bounds = self.node.bounds
+        ends = self.ends
         known = np.vstack([ends, *(each.y for each in self._fixed)])
-        least, most = known.min(axis=0), known.max(axis=0)
+        least = known.min(axis=0)
+        most = known.max(axis=0)
         low = np.append(least[0] - TURN_ROOM, np.minimum(bounds.position[:, 0], least[1:]))
         high = np.append(most[0] + TURN_ROOM, np.maximum(bounds.position[:, 1], most[1:]))
         fastest = np.append(FASTEST_TURN, (MOST if self._limits else 1.0) * bounds.velocity)
@@ -184,7 +197,9 @@ class JumpProgram:
         v[:] = np.stack((-fastest, fastest))[:, :, None]
         for node in (0, -1):
             if self.phases[node].contacts:
-                y[:, :, node], v[:, :, node], a[:, :, node] = ends[node], 0.0, 0.0
+                y[:, :, node] = ends[node]
+                v[:, :, node] = 0.0
+                a[:, :, node] = 0.0
         for each in self._fixed:
             node = self.starts[self.flight + (1 if each.node else 0)]
             for part, held in ((y, each.y), (v, each.v), (a, each.a)):
@@ -195,13 +210,15 @@ class JumpProgram:
         parts[-3][:] = np.array([phase.bounds for phase in self.phases]).T[:, :, None]
         if self._momentum is not None:
             parts[-2][:] = self._momentum
-        parts[-1][0], parts[-1][1] = 0.0, MOST
+        parts[-1][0] = 0.0
+        parts[-1][1] = MOST
         return self.join([part[0] for part in parts]), self.join([part[1] for part in parts])
 
     def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
         """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
         box[0, 1::2] = self.node.bounds.pressed * self.node.weight * phase.firm
-        seam, stays = -1 if phase.side == "takeoff" else 0, [contact.name for contact in inner.contacts]
+        seam = -1 if phase.side == "takeoff" else 0
+        stays = [contact.name for contact in inner.contacts]
         for row, contact in enumerate(phase.others):
             if contact.vertical:
                 box[:, 2 * row] = 0.0
@@ -217,20 +234,26 @@ class JumpProgram:
     @cached_property
     def _stated(self) -> tuple[Any, Any, Rows, Any]:
         """As :attr:`stated`, and the look at iterates, which CasADi does not keep alive."""
-        ca, unit = casadi(), self.node.unit
+        ca = casadi()
+        unit = self.node.unit
         size = sum(rows * columns for rows, columns in self._shapes)
         raw = ca.MX.sym("w", size + len(self.separation.start))
         y, v, a, *rest = self.split(raw)
         count = len(self.phases)
-        forces, drifts, (durations, momentum, factor) = rest[:count], rest[count:-3], rest[-3:]
-        rows, total, rough = Rows(factor if self._limits else None), 0.0, 0.0
+        forces = rest[:count]
+        drifts = rest[count:-3]
+        durations, momentum, factor = rest[-3:]
+        rows = Rows(factor if self._limits else None)
+        total = 0.0
+        rough = 0.0
         for index, phase in enumerate(self.phases):
             nodes = slice(int(self.starts[index]), int(self.starts[index + 1]) + 1)
             parts = [each[:, nodes] for each in (y, v, a)]
             if not phase.intervals:
                 self._add_seam(rows, parts, momentum)
                 continue
-            step, joints = durations[index] * ca.DM(np.diff(phase.shares)).T, [each[1:, :] for each in parts]
+            step = durations[index] * ca.DM(np.diff(phase.shares)).T
+            joints = [each[1:, :] for each in parts]
             self._add_links(rows, parts if phase.others else joints, step, phase.side)
             if not phase.others:
                 self._add_turn(rows, phase, parts, step)
@@ -261,7 +284,9 @@ class JumpProgram:
 
     def _add_rates(self, rows: Rows, joints: Sequence[Any], step: Any, label: str) -> None:
         """Rates in the middle between nodes; at nodes they are bounds, unless a factor is least."""
-        ca, fastest, names = casadi(), self.node.bounds.velocity, self.model.robot.joints
+        ca = casadi()
+        fastest = self.node.bounds.velocity
+        names = self.model.robot.joints
         limited = np.flatnonzero(np.isfinite(fastest)).tolist()
         if limited:
             _, v, a = (each[limited, :] for each in joints)
@@ -273,7 +298,8 @@ class JumpProgram:
 
     def _add_turn(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any) -> None:
         """Orientation by Hermite's rule, on one point after the momentum about it, as of ``model``."""
-        model, (y, v, a) = self.model, parts
+        model = self.model
+        y, v, a = parts
         if phase.contacts:
             about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
             momenta, pulls, changes = rows.calls(about, y, v, a)
@@ -285,7 +311,9 @@ class JumpProgram:
         self, rows: Rows, phase: Phase, parts: Sequence[Any], forces: Any, drifts: Any, duration: Any
     ) -> Any:
         """Rows of a stance's nodes; a node between two phases of a side is that of the one with more contacts."""
-        ca, index, count = casadi(), self.phases.index(phase), phase.intervals + 1
+        ca = casadi()
+        index = self.phases.index(phase)
+        count = phase.intervals + 1
         function, bounds = self.node.stance(phase)
         linear = ca.mtimes(drifts, ca.DM(np.stack((1 - phase.shares, phase.shares))))
         values, torques, load = rows.calls(function, *parts, forces / self.node.weight, linear)
@@ -293,12 +321,14 @@ class JumpProgram:
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         takeoff = phase.side == "takeoff"
         seam, inner = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
-        flies, kept = inner.side == "flight", {f"friction of {contact.name}" for contact in inner.contacts}
+        flies = inner.side == "flight"
+        kept = {f"friction of {contact.name}" for contact in inner.contacts}
         settled = self._settled if flies else set()
         for row, (_, _, label) in enumerate(bounds):
             kind = MEETS if label.endswith(MEETS) else label
             if kind in (RELEASE, MEETS):
-                low[row], high[row] = -np.inf, np.inf
+                low[row] = -np.inf
+                high[row] = np.inf
                 if flies or kind == MEETS:
                     low[row, seam] = high[row, seam] = 0.0
             low[row] *= phase.firm if kind == PRESSED else 1.0
@@ -310,9 +340,11 @@ class JumpProgram:
                 if label not in kept:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
             if kind in settled or (flies and kind == PRESSED):
-                low[row, seam], high[row, seam] = -np.inf, np.inf
+                low[row, seam] = -np.inf
+                high[row, seam] = np.inf
         if 0 <= (index - 1 if takeoff else index + 1) < len(self.phases):
-            low[:, -1 - seam], high[:, -1 - seam] = -np.inf, np.inf
+            low[:, -1 - seam] = -np.inf
+            high[:, -1 - seam] = np.inf
         rows.add_nodes(values, bounds, low, high, phase.name)
         touches_down = phase.side == "landing" and flies and not phase.gentle
         return cost + self._add_touchdown(rows, phase, parts, load, duration) if touches_down else cost
@@ -345,7 +377,10 @@ class JumpProgram:
 
     def _add_flight(self, rows: Rows, parts: Sequence[Any], duration: Any, momentum: Any) -> Any:
         """Rows of the flight: momentum, parabola, limits and heights."""
-        ca, phase, gravity, unit = casadi(), self.phases[self.flight], self.model.gravity, self.node.unit
+        ca = casadi()
+        phase = self.phases[self.flight]
+        gravity = self.model.gravity
+        unit = self.node.unit
         y, v, a = parts
         count = phase.intervals + 1
         z0, vx0, vz0 = self._com(rows, self.flight - 1, [each[:, 0] for each in parts])
@@ -364,13 +399,15 @@ class JumpProgram:
         values[0, :] -= ca.repmat(momentum / self.node.momentum, 1, count)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         for end in (0, -1):  # the stances hold all but the momentum there
-            low[1:, end], high[1:, end] = -np.inf, np.inf
+            low[1:, end] = -np.inf
+            high[1:, end] = np.inf
         rows.add_nodes(values, bounds, low, high, "flight")
         return ca.sum1(torques**2)
 
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
         """Where a flight is known, its momentum and the velocity of its centre of mass, if the rates do not say so."""
-        model, unit = self.model, self.node.unit
+        model = self.model
+        unit = self.node.unit
         for each in self._fixed:
             if each.com is not None:
                 spot = self.phases[self.flight + (1 if each.node else -1)].anchor.spots[0]
@@ -381,16 +418,21 @@ class JumpProgram:
 
     def _com(self, rows: Rows, index: int, state: Sequence[Any]) -> tuple[Any, Any, Any]:
         """Height of the centre of mass over the ground, and its velocity, where a stance's anchor stands."""
-        model, anchor = self.model, self.phases[index].anchor
-        places, rates = model.com_from(anchor.spots[0]), model.com_from(anchor.spots[0], 1)
+        model = self.model
+        anchor = self.phases[index].anchor
+        places = model.com_from(anchor.spots[0])
+        rates = model.com_from(anchor.spots[0], 1)
         z, vx, vz = rows.calls(model.function("com", [places[1], *rates]), *state)
         return z + anchor.depth, vx, vz
 
     def solve(self, guess: Array) -> Solution:
         """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
         solver, evaluate, rows, look = self._stated
-        look.overloaded, look.strained = self.overloaded, None
-        low, high, box = np.concatenate(rows.low), np.concatenate(rows.high), self.box
+        look.overloaded = self.overloaded
+        look.strained = None
+        low = np.concatenate(rows.low)
+        high = np.concatenate(rows.high)
+        box = self.box
 
         def excess(raw: Array) -> Array:
             values = np.asarray(evaluate(raw)).ravel()
@@ -438,7 +480,8 @@ class JumpProgram:
     @property
     def labels(self) -> list[str]:
         """What the bounds of the variables and directions are about; "" where that is no limit."""
-        parts, names = [np.full(shape, "", object) for shape in self._shapes], self.model.robot.joints
+        parts = [np.full(shape, "", object) for shape in self._shapes]
+        names = self.model.robot.joints
         at = np.searchsorted(self.starts[1:-1], np.arange(self.nodes), "right")
         for part, words in zip(parts, ("range of", "rate of"), strict=False):
             part[1:] = [[f"{words} {name} ({self.phases[phase].name})" for phase in at] for name in names]
@@ -456,7 +499,8 @@ class JumpProgram:
         other = copy(self)
         for name in ("stated", "_stated"):
             vars(other).pop(name, None)
-        other.node, other.separation = copy(self.node), separation
+        other.node = copy(self.node)
+        other.separation = separation
         other._iterations = AROUND if separation.lines else self._iterations
         other.node.held = held
         return other

@@ -26,7 +26,8 @@ KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
 NARROW = 0.05  # [-] of its middle is half of a range at least
 LIGHT = 0.05  # [-] of the weight is the friction that gives at least
 SMOOTH = 0.1  # [-] of the program's cost, beside what gives
-FIRST, MOST = 0.5, 20.0  # [-] shares with which the search begins, and at most
+FIRST = 0.5  # [-] share with which the search begins
+MOST = 20.0  # [-] largest share
 NEARLY = 1e-3  # [-] what is off without counting
 SLIGHT = 0.01  # [-] of the largest share is what is rounding beside it
 IPOPT = {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "tol": 1e-3, "max_iter": 150}
@@ -77,7 +78,8 @@ def giving(
     timed : how the labels of durations begin that may give
     guess : (size,) from which it is searched; the generic one where none is given
     """
-    (_, evaluate, rows), m = program.stated, len(program.stated[2].labels)
+    _, evaluate, rows = program.stated
+    m = len(program.stated[2].labels)
     low, high = (np.concatenate([*part, box]) for part, box in zip((rows.low, rows.high), program.box, strict=True))
     labels = [*rows.labels, *program.labels]
     kinds = np.array([kind_of(label) for label in labels])
@@ -86,15 +88,20 @@ def giving(
     loose = np.isin(kinds, names) & ((low < high) | (kinds == "duration")) & (np.isfinite(low) | np.isfinite(high))
     index = np.array([names.index(kind) if kind in names else 0 for kind in kinds])
     raw = np.append(program.resampled(ended, program.phases), program.separation.start)
-    values, sizes, own = np.asarray(evaluate(raw)).ravel(), np.ones(len(kinds)), m + np.flatnonzero(loose[m:])
+    values = np.asarray(evaluate(raw)).ravel()
+    sizes = np.ones(len(kinds))
+    own = m + np.flatnonzero(loose[m:])
     ground = kinds == "ground"
     sizes[ground] = np.maximum(low[ground], NEARLY * program.node.height)  # with 1 it touches
     sizes[own] = np.maximum((high - low)[own] / 2, NARROW * np.abs(high[own] + low[own]))
     for one, two in pairwise(np.flatnonzero(kinds == "friction").tolist()):
         if two == one + 1 and labels[one] == labels[two]:  # the two sides of a cone
             sizes[[one, two]] = max(LIGHT, float(values[[one, two]].mean()))
-    kept, below, above = np.flatnonzero(~loose[:m]), *(np.flatnonzero(loose & np.isfinite(at)) for at in (low, high))
-    take, signs = np.concatenate((kept, below, above)), np.repeat([0, 1, -1], [len(kept), len(below), len(above)])
+    kept = np.flatnonzero(~loose[:m])
+    below = np.flatnonzero(loose & np.isfinite(low))
+    above = np.flatnonzero(loose & np.isfinite(high))
+    take = np.concatenate((kept, below, above))
+    signs = np.repeat([0, 1, -1], [len(kept), len(below), len(above)])
     room = np.zeros((len(take), len(names)))
     room[np.arange(len(take)), index[take]] = signs * sizes[take]
     least = np.where(kinds == "duration", low / MOST, low - MOST * sizes)
@@ -120,12 +127,19 @@ def giving(
 
 def _relaxed(program: JumpProgram, take: IntArray, room: Array, oracle: str) -> Any:
     """A solver of a program whose rows, then variables, are taken in an order, with multiples of more variables."""
-    ca, solver = casadi(), program.stated[0]
+    ca = casadi()
+    solver = program.stated[0]
     goal, rows, slopes, bends = (solver.get_function(f"nlp_{name}") for name in ("f", "g", "jac_g", "hess_l"))
-    n, m, (count, kinds) = goal.size1_in(0), rows.size1_out(0), room.shape
+    n = goal.size1_in(0)
+    m = rows.size1_out(0)
+    count, kinds = room.shape
     pick = ca.DM(csc_matrix((np.ones(count), (np.arange(count), take)), (count, m + n)))
-    more, both, none = ca.sparsify(ca.DM(room)), ca.MX.sym("x", n + kinds), ca.MX.sym("p", 0)
-    factor, weights, raw = ca.MX.sym("f"), ca.MX.sym("w", count), both[:n]
+    more = ca.sparsify(ca.DM(room))
+    both = ca.MX.sym("x", n + kinds)
+    none = ca.MX.sym("p", 0)
+    factor = ca.MX.sym("f")
+    weights = ca.MX.sym("w", count)
+    raw = both[:n]
     values = ca.mtimes(pick, ca.vertcat(rows(raw, none), raw)) + ca.mtimes(more, both[n:])
     slope = ca.horzcat(ca.mtimes(pick, ca.vertcat(slopes(raw, none)[1], ca.MX.eye(n))), more)
     bend = ca.diagcat(bends(raw, none, SMOOTH * factor, ca.mtimes(pick.T, weights)[:m]), ca.MX(kinds, kinds))
@@ -141,16 +155,21 @@ def _relaxed(program: JumpProgram, take: IntArray, room: Array, oracle: str) -> 
 
 def sentence(given: Given, problem: Problem) -> str:
     """What a limit would have to be, in the words of a problem's file."""
-    request, robot, name, unit = problem.jump, problem.robot, given.label.partition(" (")[0].rpartition(" of ")[2], ""
+    request = problem.jump
+    robot = problem.robot
+    name = given.label.partition(" (")[0].rpartition(" of ")[2]
+    unit = ""
     assert request is not None
     limit = request.friction if given.kind == "friction" else 0.0
     if given.kind == "torque":
         own = dict(zip(robot.joints, problem.torque_limits, strict=True))
         own |= {key: most for key, most in zip(robot.motors, problem.motor_torque_limits, strict=True) if most < np.inf}
         own = own if given.label.startswith("torque of ") else dict(zip(robot.motors, problem.motor_stall, strict=True))
-        limit, unit = request.margin["torque"] * own[name], " N m"
+        limit = request.margin["torque"] * own[name]
+        unit = " N m"
     elif given.kind == "velocity":
-        limit, unit = request.margin["velocity"] * problem.velocity_limits[robot.joints.index(name)], " rad/s"
+        limit = request.margin["velocity"] * problem.velocity_limits[robot.joints.index(name)]
+        unit = " rad/s"
     if limit:
         return f"{given.label}: {(1 + given.share) * limit:.3g}{unit} needed, {limit:.3g}{unit} allowed"
     unit = {"range": "rad", "duration": "s"}.get(given.kind, "m")
@@ -175,7 +194,8 @@ def eased(problem: Problem, gives: Sequence[Given], beyond: float) -> tuple[str,
     """
     words = []
     for label, kind, share, size in gives:
-        request, limits = problem.jump, problem.limits
+        request = problem.jump
+        limits = problem.limits
         assert request is not None
         factor = math.ceil(20 * beyond * (1 + share)) / 20
         if kind in ("torque", "velocity"):

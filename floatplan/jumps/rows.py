@@ -19,7 +19,10 @@ from floatplan.tables import POINT_FEET
 
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
-BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
+BALANCE = "balance of moments"
+STANDS = "stands"
+MEETS = "meets the ground"
+RELEASE = "release"
 PRESSED = "pressed on the ground"
 LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
@@ -86,7 +89,9 @@ class Rows:
         shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
         if shares:
             own = values[shares]
-            values[shares], low[shares], high[shares] = self.factor - own, 0.0, np.inf
+            values[shares] = self.factor - own
+            low[shares] = 0.0
+            high[shares] = np.inf
             self._append(self.factor + own, low[shares], high[shares], [labels[row] for row in shares])
         self.values.append(values)
         self.low.append(low)
@@ -120,19 +125,22 @@ class Calls:
         ca = casadi()
         given = [raw, *[symbols for _, _, symbols in self._found]]
         both = ca.vertcat(*[ca.vec(each) for each in given])
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", values.shape[0])
+        lam_f = ca.MX.sym("lam_f")
+        lam_g = ca.MX.sym("lam_g", values.shape[0])
         bends = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
         now = [raw, *[one.map(points.shape[1])(points) for one, points, _ in self._found]]
         found = ca.Function("found", given, [goal, values])(*now)
         slope = ca.Function("slope", given, [ca.jacobian(values, both)])(*now)
         bend, weights = ca.Function("bend", [*given, lam_f, lam_g], bends)(*now, lam_f, lam_g)
         sizes = np.cumsum([0, *[each.numel() for each in given]]).tolist()
-        curved, chain = 0.0, [ca.MX.eye(raw.shape[0])]
+        curved = 0.0
+        chain = [ca.MX.eye(raw.shape[0])]
         for called, weight in zip(self._found, ca.vertsplit(weights, sizes)[1:], strict=True):
             first, second = self._derivatives(raw, *called[:2], weight)
             curved += second
             chain.append(first)
-        through, none = ca.vertcat(*chain), ca.MX.sym("p", 0)
+        through = ca.vertcat(*chain)
+        none = ca.MX.sym("p", 0)
         full = ca.mtimes(through.T, ca.mtimes(bend, through)) + curved
         options = {
             "jac_g": ca.Function("jac_g", [raw, none], [found[1], ca.mtimes(slope, through)]),
@@ -146,8 +154,10 @@ class Calls:
 
     def _derivatives(self, raw: Any, one: Any, points: Any, weights: Any) -> tuple[Any, Any]:
         """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""
-        ca, count = casadi(), points.shape[1]
-        point, weight = ca.SX.sym("point", one.size1_in(0)), ca.SX.sym("weight", one.size1_out(0))
+        ca = casadi()
+        count = points.shape[1]
+        point = ca.SX.sym("point", one.size1_in(0))
+        weight = ca.SX.sym("weight", one.size1_out(0))
         slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
         bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
         linear = ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
@@ -182,7 +192,11 @@ class NodeRows:
         ends: Array,
         known: Sequence[tuple[Contact, Array]] = (),
     ) -> None:
-        self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
+        self.model = model
+        self.phases = tuple(phases)
+        self.watched = watched
+        self.bounds = bounds
+        self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
         self.flies = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
         self._holding = HeldJoints(model)
@@ -206,8 +220,11 @@ class NodeRows:
         load is the ground's vertical force on all contacts over the weight.
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
-        ca, model, friction = casadi(), self.model, self.bounds.friction
-        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", drifting(phase))
+        ca = casadi()
+        model = self.model
+        friction = self.bounds.friction
+        forces = ca.SX.sym("forces", 2 * len(phase.others))
+        drifts = ca.SX.sym("drifts", drifting(phase))
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
@@ -246,9 +263,11 @@ class NodeRows:
         what stands. Of several, as heel and toe, it is the last one on the side to which it turns. A point at (x, z)
         from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
         """
-        model, error = self.model, self.bounds.pitch_error
+        model = self.model
+        error = self.bounds.pitch_error
         end = self.ends[0 if phase.side == "takeoff" else 1]
-        spots, least = list[Spot](), list[float]()
+        spots: list[Spot] = []
+        least: list[float] = []
         for spot, height in zip(self.watched.spots, self.watched.touchdown.tolist(), strict=True):
             if np.isfinite(height):
                 spots.append(spot)
@@ -278,7 +297,9 @@ class NodeRows:
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
         """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
-        anchor, model, unit = phase.anchor.spots[0], self.model, self.unit
+        anchor = phase.anchor.spots[0]
+        model = self.model
+        unit = self.unit
         stand: list[Row] = []
         meet: list[Row] = []
         for contact in phase.others:
@@ -301,7 +322,8 @@ class NodeRows:
     @cached_property
     def _distinct(self) -> list[int]:
         """Motors whose torques are not always those of one before."""
-        turns, tree = self.model.robot.tree.motor_turns, self.model.robot.tree
+        turns = self.model.robot.tree.motor_turns
+        tree = self.model.robot.tree
         seen: list[tuple[int, Any]] = []
         for motor in range(turns.shape[1]):
             bodies = np.flatnonzero(turns[:, motor])
@@ -313,14 +335,17 @@ class NodeRows:
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
-        bounds, robot = self.bounds, self.model.robot
+        bounds = self.bounds
+        robot = self.model.robot
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
         generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
-        shares, limited = generalised / bounds.joint_torque, np.flatnonzero(np.isfinite(bounds.joint_torque))
+        shares = generalised / bounds.joint_torque
+        limited = np.flatnonzero(np.isfinite(bounds.joint_torque))
         rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct:
-            name, torque = robot.motors[motor], torques[motor]
+            name = robot.motors[motor]
+            torque = torques[motor]
             if np.isfinite(bounds.torque[motor]):
                 rows.append((torque / bounds.torque[motor], -1.0, 1.0, f"torque of {name}"))
             if np.isfinite(bounds.stall[motor]):
@@ -345,7 +370,8 @@ class NodeRows:
         factor : on the bounds of torques
         """
         names = list(self._holding.efforts)
-        spots, least = self.watched.spots, self.least[: len(self.watched.spots)] - BEYOND
+        spots = self.watched.spots
+        least = self.least[: len(spots)] - BEYOND
         found = dict[tuple[float, ...], str]()
         shares = [np.zeros((len(names), 0))]
         for phase, start, given in zip(self.phases, self.starts, forces, strict=False):
@@ -364,7 +390,8 @@ class NodeRows:
     def _bearing(self, phase: Phase) -> Any:
         """Function (y, v, a, forces) -> torques over efforts of all held joints; built once for its contacts."""
         if phase.contacts not in self._functions:
-            forces, acting = casadi().SX.sym("forces", 2 * len(phase.others)), list[Pair]()
+            forces = casadi().SX.sym("forces", 2 * len(phase.others))
+            acting: list[Pair] = []
             if phase.contacts:
                 own, pairs = balanced(self.model, phase, forces)
                 acting = [own, *pairs]
@@ -381,7 +408,8 @@ class NodeRows:
 
     def flight(self) -> tuple[Any, list[Bound]]:
         """Function (y, v, a) -> (rows, torques) of the flight's nodes: h first, and heights over the centre of mass."""
-        ca, model = casadi(), self.model
+        ca = casadi()
+        model = self.model
         moments = model.moments(None, [])
         rows: list[Row] = [
             (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
@@ -419,9 +447,11 @@ def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[
     pairs = [(forces[2 * k], forces[2 * k + 1]) for k in range(len(phase.others))]
     x, z = model.com_from(phase.anchor.spots[0], 2)
     mass = model.robot.mass
-    horizontal, vertical = mass * x, mass * (z + model.gravity)
+    horizontal = mass * x
+    vertical = mass * (z + model.gravity)
     for pair in pairs:
-        horizontal, vertical = horizontal - pair[0], vertical - pair[1]
+        horizontal = horizontal - pair[0]
+        vertical = vertical - pair[1]
     return (horizontal, vertical), pairs
 
 

@@ -119,11 +119,13 @@ class Separation:
         """All that has to stay apart."""
         if not self.obstacles and not self.pairs:
             return []
-        shapes, found = self.robot.shapes, list[Line]()
+        shapes = self.robot.shapes
+        found: list[Line] = []
         turns = [tuple(self.robot.tree.turns[shape.body].tolist()) for shape in shapes]
         pieces = iter(range(len(shapes), len(self._parts)))
         for index, obstacle in enumerate(self.obstacles):
-            asked, own = f"obstacles[{index}]", [next(pieces) for _ in obstacle.pieces]
+            asked = f"obstacles[{index}]"
+            own = [next(pieces) for _ in obstacle.pieces]
             if is_ground(obstacle, self.ground):
                 continue
             for other, (first, shape) in itertools.product(own, enumerate(shapes)):
@@ -131,10 +133,12 @@ class Separation:
                 name = f"{shape.link} clear of obstacle {index}"
                 found.append(Line(name, asked, first, other, radii, obstacle.margin, (asked, other, turns[first])))
         for index, pair in enumerate(self.pairs):
-            asked, name = f"self_clearance[{index}]", " clear of ".join(pair.links)
+            asked = f"self_clearance[{index}]"
+            name = " clear of ".join(pair.links)
             for first, other in itertools.permutations(range(len(shapes)), 2):
                 if (shapes[first].link, shapes[other].link) == pair.links:
-                    radii, alike = shapes[first].radius + shapes[other].radius, (asked, turns[first], turns[other])
+                    radii = shapes[first].radius + shapes[other].radius
+                    alike = (asked, turns[first], turns[other])
                     found.append(Line(name, asked, first, other, radii, pair.margin, alike))
         return found
 
@@ -150,19 +154,23 @@ class Separation:
         chosen : C indices of parts, those of the robot first
         steps : in an interval
         """
-        ca, model, index = casadi(), node.model, node.flies
+        ca = casadi()
+        model = node.model
+        index = node.flies
         *state, durations = motion
         bodies = [part for part in (self._parts[k] for k in chosen) if isinstance(part, LinkCapsule)]
         pieces = [part for part in (self._parts[k] for k in chosen) if isinstance(part, Obstacle)]
         spots = [Spot(part.body, end) for part in bodies for end in _middle_line(part)]
         anchors = [node.phases[side].anchor for side in (index - 1, index + 1)]
         takeoff, landing = ([part[:, steps * int(node.starts[index + k])] for part in state] for k in (0, 1))
-        spot, home = anchors[0].spots[0], self.robot.frames[anchors[0].frame]
+        spot = anchors[0].spots[0]
+        home = self.robot.frames[anchors[0].frame]
         from_frame = model.places(model.weights([spot], Spot(home.body, home.local)))
         outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
         x, z, com_x, com_z, vx, vz = call(model.function("takes_off", outputs), *takeoff)
         over, _ = call(model.function("lands", model.com_from(anchors[1].spots[0])), *landing)
-        x, z = x + self.origin[0], z + self.origin[1]
+        x = x + self.origin[0]
+        z = z + self.origin[1]
         begins = ca.cumsum(ca.vertcat(0.0, durations))
         for number, phase in enumerate(node.phases):
             start, stop = (steps * int(each) for each in node.starts[number : number + 2])
@@ -195,13 +203,15 @@ class Separation:
             np.concatenate([np.asarray(each)[:, number > 0 :] for number, each in enumerate(values)], axis=1)
             for values in zip(*phases, strict=True)
         )
-        places, radii = (x + 1j * z).T, [getattr(part, "radius", 0.0) for part in self._parts]
+        places = (x + 1j * z).T
+        radii = [getattr(part, "radius", 0.0) for part in self._parts]
         return since[0], Segments(places[:, ::2], places[:, 1::2], np.array(radii))
 
     def _distances(self, since: Array, segments: Segments) -> Iterator[tuple[Line, Array]]:
         """All that has to stay apart, with distances (M,) beyond margins, m; infinite while one is not there."""
         for line in self._candidates:
-            own, part = segments.of(np.array([line.first])), self._parts[line.other]
+            own = segments.of(np.array([line.first]))
+            part = self._parts[line.other]
             if isinstance(part, HalfPlane):
                 distances = obstacle_distances(own, part, since).min(axis=1)
             else:
@@ -217,12 +227,14 @@ class Separation:
             Links are too near to one another, or to an obstacle that is always there.
         """
         anchor = node.phases[node.flies - 1].anchor
-        home, lines = self.robot.frames[anchor.frame], self._candidates
+        home = self.robot.frames[anchor.frame]
+        lines = self._candidates
         spot = anchor.spots[0]
         known = spot._replace(radius=0.0) == Spot(home.body, home.local)  # else it depends on how the foot has turned
         rolled = spot.radius * ROLLED  # [m] along the ground, by which a foot may have rolled until it takes off
         for line, distances in self._distances(*self._measured(node, motion)) if lines else ():
-            part, least = self._parts[line.other], distances[0]
+            part = self._parts[line.other]
+            least = distances[0]
             if isinstance(part, LinkCapsule):
                 least = min(least, distances[-1])
             elif part.window or any(part.velocity) or not known:
@@ -271,10 +283,12 @@ class Separation:
         self, node: NodeRows, since: Array, segments: Segments, lines: Sequence[Line], swapped: bool
     ) -> tuple[Line, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        first, last = node.starts[node.flies], node.starts[node.flies + 1]
+        first = node.starts[node.flies]
+        last = node.starts[node.flies + 1]
         found = []
         for line in lines:
-            part, ways = self._parts[line.other], np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+            part = self._parts[line.other]
+            ways = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
             if isinstance(part, HalfPlane):
                 ways = np.array([complex(*part.normal) / abs(complex(*part.normal))])
             own, other = (np.stack((segments.start[:, k], segments.end[:, k])) for k in (line.first, line.other))
@@ -302,13 +316,15 @@ class Separation:
         """
         if not self.lines:
             return 0.0
-        ca, chosen = casadi(), sorted({each for line in self.lines for each in (line.first, line.other)})
+        ca = casadi()
+        chosen = sorted({each for line in self.lines for each in (line.first, line.other)})
         *directions, missing = ca.vertsplit(own, np.cumsum([0, *[len(line.angles) for line in self.lines], 1]).tolist())
         placed = self._placed(node, rows.calls, motion, chosen, 1)
         for phase, start, (_, x, z) in zip(node.phases, node.starts, placed, strict=False):
             for line, turned in zip(self.lines, directions, strict=True):
                 among = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
-                angle, reach = turned[among.tolist()].T, ca.DM(line.reach[among]).T
+                angle = turned[among.tolist()].T
+                reach = ca.DM(line.reach[among]).T
                 ends = [
                     range(2 * chosen.index(k), 2 * chosen.index(k) + len(set(_middle_line(self._parts[k]))))
                     for k in (line.first, line.other)
@@ -337,7 +353,8 @@ def _exists(part: LinkCapsule | Obstacle, since: Array) -> BoolArray:
 
 def _around(angles: Array, gaps: Array, swapped: bool) -> Array:
     """Angles (K,) rad that lead around on one side where gaps (K,) are negative: the other one where ``swapped``."""
-    found, edges = angles.copy(), np.flatnonzero(np.diff(np.concatenate(([0], gaps < 0, [0]))))
+    found = angles.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], gaps < 0, [0]))))
     for begin, end in edges.reshape(-1, 2).tolist():
         if begin == 0 or end == len(angles):
             found[begin:end] = angles[begin - 1] if begin else angles[end] if end < len(angles) else angles[begin:end]

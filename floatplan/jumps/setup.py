@@ -50,7 +50,8 @@ NEAR = 0.1  # [rad] by which a posture that is given may be moved so that it is 
 CORRECTIONS = 2  # [-] programs after the first
 FINER = 1.4  # [-] times the nodes in each
 LESS_FRICTION = 0.85  # [-] where forces leave the cone
-STRICTER, DEEPER = 0.97, 1.5  # [-] beyond what a figure shows: shares of limits, and depths
+STRICTER = 0.97  # [-] of the share of a limit that would just do
+DEEPER = 1.5  # [-] times the depth that a figure shows
 BRIEFEST = 0.15  # [-] of a phase's guessed duration, where the flight is known
 TURN = 2 * math.pi
 NO_STATIC = "none was found on these contacts: give other ones, or plan more joints"
@@ -94,7 +95,8 @@ class Room:
             return now if over <= 1 else now * STRICTER / min(over, 1.25)
 
         torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
-        velocity, friction = share("velocity", self.velocity), share("friction", self.friction)
+        velocity = share("velocity", self.velocity)
+        friction = share("friction", self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
         touchdown = figures.get("touchdown", 0.0) if self.turned else 0.0  # else the rows come first
@@ -177,8 +179,10 @@ class Setup:
 
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
-        problem, request = self.problem, self.request
-        share, feet = request.margin["torque"] * room.torque, [each for phase in self.phases for each in phase.contacts]
+        problem = self.problem
+        request = self.request
+        share = request.margin["torque"] * room.torque
+        feet = [each for phase in self.phases for each in phase.contacts]
         postures = np.stack([*self.standing, *(each.y for each in self.fixed)])
         bent = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         bounds = Bounds(
@@ -206,7 +210,8 @@ class Setup:
         problem = self.problem
         origin = problem.takeoff.place_in_plane
         parts = problem.obstacles, problem.self_clearances, origin, origin[1] - self._height_of_origin, room.apart
-        limits, apart = self.request.objective == "limits", Separation(problem.robot, *parts)
+        limits = self.request.objective == "limits"
+        apart = Separation(problem.robot, *parts)
         return JumpProgram(self.node(room), apart, self.fixed, self.momentum, limits, iterations, room.lift)
 
     @property
@@ -243,12 +248,14 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     inner = inner[
         :: 1 if turns * problem.robot.tree.turn >= 0 else -1
     ]  # backwards from the rear feet to the front ones
-    takeoff, landing = given[0] or [outer, *inner[:1]], given[1] or [*inner[-1:], outer]
+    takeoff = given[0] or [outer, *inner[:1]]
+    landing = given[1] or [*inner[-1:], outer]
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
     after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
     ground = ground_below(problem.robot, takeoff_contacts[0][0], posture)
-    unit, time = math.sqrt(-ground / float(problem.flight.gravity)), problem.flight.duration
+    unit = math.sqrt(-ground / float(problem.flight.gravity))
+    time = problem.flight.duration
     phases = (
         *side_phases("takeoff", takeoff_contacts, unit, _bounds(request, "takeoff", len(takeoff))),
         *side_phases("flight", [()], unit, [(time, time) if "duration" in request.fixed else None], turns),
@@ -317,7 +324,8 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     InputError
         As of :func:`jump_setup`.
     """
-    robot, takes_off = problem.robot, side == "takeoff"
+    robot = problem.robot
+    takes_off = side == "takeoff"
     _check_stand(problem)
     frame = problem.takeoff.frame if takes_off else problem.landing.frame
     _check_stands(robot, frame, side)
@@ -330,7 +338,8 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
         feet, inner = usual_groups(robot, frame, side, wanted)
         groups = [feet, *([(frame,)] if len(feet) > 1 else inner)][:: 1 if takes_off else -1]
     contacts, posture = _side(problem, request, side, groups, wanted)
-    ground, time = ground_below(robot, contacts[0 if takes_off else -1][0], posture), problem.flight.duration
+    ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
+    time = problem.flight.duration
     unit = math.sqrt(-ground / float(problem.flight.gravity))
     generic = side_phases(side, contacts, unit, [None] * len(contacts))
     phases = [replace(each, bounds=(BRIEFEST * each.duration, each.bounds[1]), gentle=True) for each in generic]
@@ -371,7 +380,8 @@ def _side(
     problem: Problem, request: JumpRequest, side: Side, groups: Sequence[Sequence[str]], wanted: Array
 ) -> tuple[list[tuple[Contact, ...]], Array]:
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
-    robot, takes_off = problem.robot, side == "takeoff"
+    robot = problem.robot
+    takes_off = side == "takeoff"
     place = f"jump.{side}.contacts"
     asked = request.takeoff.from_ if takes_off else request.landing.to
     own = isinstance(asked, Mapping)
@@ -423,7 +433,8 @@ def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Arra
     """
     if standing is not None and not isinstance(asked, Mapping):
         return standing
-    robot, given = problem.robot, asked if isinstance(asked, Mapping) else {}
+    robot = problem.robot
+    given = asked if isinstance(asked, Mapping) else {}
     level = math.remainder(state.orientation, TURN) if problem.takeoff_frame.body == 0 else 0.0
     return np.array([level, *(given.get(*pair) for pair in zip(robot.joints, robot.resting.tolist(), strict=True))])
 

@@ -122,10 +122,7 @@ def replay_jump(
     progress = optional(function)(progress, "progress")
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
-    jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
-    jump.refuse_unless_ok("fly")
-    if jump.duration + STANDING > MOST_PERIODS * PERIOD:
-        raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
+    jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
     chosen, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
@@ -159,3 +156,12 @@ def replay_jump(
         motion=(corrected or uncorrected)[0].motion,
         seconds=clock.perf_counter() - began,
     )
+
+
+def _jump_to_fly(jump: Jump | str | Path) -> Jump:
+    """The jump, or that of a file; an error where its check does not hold, or where it lasts too long."""
+    jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
+    jump.refuse_unless_ok("fly")
+    if jump.duration + STANDING > MOST_PERIODS * PERIOD:
+        raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
+    return jump

@@ -24,10 +24,19 @@ from floatplan.plans.record import PlanRecord
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.engines import Engine, JointTorques, check_engine, flying_robot
+from floatplan.simulation.engines import Engine, FlyingRobot, JointTorques, check_engine, flying_robot
 from floatplan.simulation.free_flight import SpatialLanding, fly_with_free_base
 from floatplan.simulation.gains import FASTEST, critical_gains, joint_inertia
-from floatplan.simulation.integration import LOOSE, MOST_STEPS, TIGHT, fly_finely, fly_in_steps, whole_step
+from floatplan.simulation.integration import (
+    LOOSE,
+    MOST_STEPS,
+    TIGHT,
+    Dynamics,
+    State,
+    fly_finely,
+    fly_in_steps,
+    whole_step,
+)
 from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion
@@ -206,15 +215,9 @@ def replay(
     flying = flying_robot(engine, robot, reduced, sample)
     dynamics = JointTorques(motion, sample.torque, gains).dynamics(flying)
     times = record.duration * np.arange(1, PARTS + 1) / PARTS
-    spatial = None
-    if in_steps:
-        whole = whole_step(record.duration, step, PARTS)
-        states = fly_in_steps(dynamics, flying.moved, flying.own_state(*takeoff), times, whole)
-        spatial = fly_with_free_base(robot, record, perturbation, seed, feedback, step)
-    else:
-        tolerance = LOOSE if perturbation.any else TIGHT
-        states = fly_finely(dynamics, flying.rate, flying.own_state(*takeoff), times, tolerance)
-    states = [flying.reduced_state(*state) for state in states]
+    whole = whole_step(record.duration, step, PARTS) if in_steps else None
+    states = _flown(flying, dynamics, takeoff, times, whole, LOOSE if perturbation.any else TIGHT)
+    spatial = fly_with_free_base(robot, record, perturbation, seed, feedback, step) if in_steps else None
     growth, sensitivity = _growth(motion, np.array([q for q, _ in states]), times)
     landed = states[-1][0]
     return Replay(
@@ -232,6 +235,18 @@ def replay(
         spatial=spatial,
         balanced=flying.balanced if spatial is None else spatial.balanced,
     )
+
+
+def _flown(
+    flying: FlyingRobot, dynamics: Dynamics, takeoff: State, times: Array, step: float | None, tolerance: float
+) -> list[State]:
+    """States of the reduced model at times (N,), s: by fixed steps, s, or where there are none to a tolerance."""
+    state = flying.own_state(*takeoff)
+    if step is not None:
+        states = fly_in_steps(dynamics, flying.moved, state, times, step)
+    else:
+        states = fly_finely(dynamics, flying.rate, state, times, tolerance)
+    return [flying.reduced_state(*state) for state in states]
 
 
 def replays(
