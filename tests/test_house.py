@@ -22,14 +22,14 @@ PACKAGE = Path(floatplan.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (33_600, 26_500),
-    "statements of the largest file": (361, 361),
-    "packs `a, b = x, y` per 1000 lines": (16.1, 4),
-    "comprehensions per 1000 lines": (40.8, 25),
+    "statements": (33_700, 26_500),
+    "statements of the largest file": (405, 405),
+    "packs `a, b = x, y` per 1000 lines": (11.5, 4),
+    "comprehensions per 1000 lines": (39.6, 25),
     "module constants": (1_410, 600),
     "private words": (7_800, 2_514),
     "lines that ask in_plane or in_space": (130, 70),
-    "lines of the longest function": (86, 80),
+    "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords
     "files of a folder": (20, 20),
     "files directly in the package": (8, 8),
