@@ -215,8 +215,8 @@ def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> Ren
     """Return the result of ``floatplan takeoff``, for reading; ``disagreement`` of the ends about a free h."""
     parts: list[RenderableType] = []
     for contact in ends:
-        verdict, *advice = contact.sentences
-        parts.append(Text(verdict, "dim" if contact.found is None else "bold green" if contact.ok else "bold red"))
+        tone = "dim" if contact.found is None else "bold green" if contact.ok else "bold red"
+        parts.append(Text(contact.verdict, tone))
         if contact.found is not None and contact.found.exist:
             rows = [("  base", short(contact.orientation_rate), "-", "-")]
             of_joints = zip(contact.problem.robot.joints, contact.rates.tolist(), contact.limits.tolist(), strict=True)
@@ -225,7 +225,6 @@ def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> Ren
                 rows.append((f"  {joint}", short(rate), short(limit), percent(share)))
             parts.append(f"  angular momentum {contact.angular_momentum:.6g} kg m^2/s")
             parts.append(_table(("  joint", "rad/s", "limit", "%"), rows, whole=True))
-        parts += [Text(f"  {sentence}") for sentence in advice]
     return Group(*parts, *([] if disagreement is None else [Text(disagreement, "bold red")]))
 
 

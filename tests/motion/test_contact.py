@@ -1,4 +1,4 @@
-"""Takeoff and landing: verdicts in words, what would help, and warnings of plans."""
+"""Takeoff and landing: verdicts in words, and warnings of plans."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ class TestVerdicts:
         assert found.limit is None
         assert found.ok
         assert np.abs(found.rates).max() == pytest.approx(rate, abs=0.5)
-        assert f"{rate} rad/s" in found.sentences[0]
-        assert len(found.sentences) > 1
+        assert found.sentences == (found.verdict,)
+        assert f"{rate} rad/s" in found.verdict
 
     def test_a_free_base_has_none(self, load):
         found = fp.takeoff(load("falling_cat"))
@@ -117,53 +117,6 @@ class TestVerdicts:
         assert content["limits"] == [None, None]
 
 
-class TestAdvice:
-    """What the sentences promise is what the changed problem gives."""
-
-    @pytest.mark.parametrize("name", ["high_jump", "somersault", "gallery/g1", "gallery/human"])
-    @pytest.mark.parametrize("end", [fp.takeoff, fp.landing])
-    def test_holds(self, load, name, end):
-        problem = load(name)
-        found = end(problem)
-        for sentence in found.sentences[1:]:
-            changed = self.changed(problem, end, sentence)
-            share = self.promised(sentence)
-            assert end(changed).found.size == pytest.approx(share, rel=0.03), sentence
-            assert share < found.found.size
-
-    def test_is_repeated(self, load):
-        assert fp.takeoff(load("high_jump")).sentences == fp.takeoff(load("high_jump")).sentences
-
-    def test_is_not_given_unasked(self, load, monkeypatch):
-        """Neither a verdict nor a plan's warnings make trials."""
-        calls = []
-        monkeypatch.setattr("floatplan.motion.planar.contact.advice", lambda *_: calls.append(1) or iter(()))
-        problem = load("high_jump")
-        found = fp.takeoff(problem)
-        assert found.ratio > 1
-        assert found.verdict
-        assert not calls
-        assert found.sentences
-        assert calls
-
-    def changed(self, problem, end, sentence):
-        flight, side = problem.flight, "start" if end is fp.takeoff else "goal"
-        if momentum := re.search(r"momentum of (\S+) kg", sentence):
-            flight = replace(flight, angular_momentum=float(momentum[1]))
-        if duration := re.search(r"duration of (\S+) s", sentence):
-            flight = replace(flight, duration=float(duration[1]))
-        posture = getattr(problem, side)
-        if joints := re.findall(r"(\w+) at (-?[\d.e-]+)", sentence):
-            assert [joint for joint, _ in joints] == list(problem.robot.joints)
-            posture = replace(posture, positions={joint: np.deg2rad(float(angle)) for joint, angle in joints})
-        return replace(problem, flight=flight, **{side: posture})
-
-    def promised(self, sentence):
-        if share := re.search(r"takes (\S+) % of", sentence):
-            return float(share[1]) / 100
-        return float(re.search(r"takes (\S+) (?:times|rad/s)", sentence)[1])
-
-
 class TestPlans:
     def test_warnings_use_the_plan_s_own_momentum(self, load):
         plan = fp.plan(load("gallery/go2"))
@@ -174,7 +127,7 @@ class TestPlans:
         (warning,) = warnings
         assert warning.value / warning.limit == pytest.approx(found.ratio)
         assert (warning.subject, warning.unit, warning.instant) == (found.joint, "rad/s", plan.duration)
-        assert "floatplan takeoff" in warning.message
+        assert warning.message.endswith("; another posture, duration or angular momentum may help.")
         assert fp.takeoff(plan.problem, plan.angular_momentum).ok
 
     def test_plan_and_takeoff_say_the_same_of_one_momentum(self, load):
