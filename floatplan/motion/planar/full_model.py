@@ -25,21 +25,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
-from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 
 FREE_FLYER = 6  # velocities of the free flyer; its configuration has one number more
-ROOT_JOINT = "root_joint"  # Pinocchio's name of the free flyer
 
 
 class Workspace(threading.local):
@@ -366,19 +363,7 @@ class FreeFlyer:
     """
 
     def __init__(self, robot: Robot) -> None:
-        if ROOT_JOINT in robot.joint_tree.joint:
-            raise InputError(
-                "Pinocchio gives this name to the free flyer, and so has no free-flyer model of the file",
-                source=robot.path,
-                element=f'joint "{ROOT_JOINT}"',
-                advice="rename it",
-            )
-        root = fromstring(robot.xml)
-        for part in root:
-            for inner in (*part.findall("collision"), *part.findall("dynamics")):  # which Pinocchio does not all take
-                part.remove(inner)
-        text = tostring(root, encoding="unicode")
-        self.model = model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+        self.model = model = robot.free_flyer()
         joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
