@@ -20,14 +20,27 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES, PAGES = ROOT / "examples", ROOT / "docs" / "examples"
 PICTURES = ROOT / "docs" / "images" / "examples"
 SHOWN = {  # the pages' order
-    "A flight": ("first_flight", "handstand", "own_robot", "obstacle", "weak_motors", "falling_cat", "space_arm"),
+    "A flight": (
+        "first_flip",
+        "first_flight",
+        "handstand",
+        "own_robot",
+        "obstacle",
+        "weak_motors",
+        "falling_cat",
+        "space_arm",
+    ),
     "Many flights": ("sweep", "study", "library"),
     "Is it true?": ("certificate", "mujoco_playback", "in_flight"),
     "From standing to standing": ("jump", "fly_a_go2"),
     "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion"),
     "How it works": ("bounds_by_hand", "the_method"),
 }
-DRAWN_ELSEWHERE = {"handstand": "../images/handstand.png", "the_method": "../images/obstacle.png"}
+DRAWN_ELSEWHERE = {
+    "first_flip": "../images/flights.png",
+    "handstand": "../images/handstand.png",
+    "the_method": "../images/obstacle.png",
+}
 WIDE = 950  # [pixels] of a picture that has a row of its own
 INTRODUCTION = (
     "Short scripts with one idea each, in `examples/`. They read `problems/` and `urdf/`, run from any folder,"

@@ -9,7 +9,7 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arguments import Outlined
+from floatplan.arguments import Outlined, html_table, short
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
 from floatplan.motion.flight import flight_of
@@ -22,6 +22,7 @@ ALL_HOLDS = "Every constraint holds at all times."
 WORDS = ("status", "verdict")
 NUMBERS = ("objective", "angular_momentum", "residual")
 COUNTS = ("evaluations", "iterations", "starts", "solved")
+MOST_SHOWN = 20  # [-] rows of the table that notebooks show
 COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and an Answer one of
 
 
@@ -160,6 +161,20 @@ class Plans(Outlined, Sequence[Plan]):
             self.messages[index] = answer.message
         if answer.certificate is not None:
             self.certificates[index] = answer.certificate
+
+    def _repr_html_(self) -> str:
+        """A table of the first answers, as notebooks show it."""
+        statuses, counts = np.unique(self.status, return_counts=True)
+        counted = ", ".join(f"{count} {status}" for status, count in zip(statuses, counts, strict=True))
+        titles = ["problem", "status", "proof", "objective", "angular momentum, kg m²/s", ""]
+        rows = []
+        for index in range(min(len(self), MOST_SHOWN)):
+            answer = self.answer(index)
+            numbers = [short(number, 5) for number in (answer.objective, answer.angular_momentum)]
+            rows.append([str(index), answer.status, answer.verdict, *numbers, answer.message])
+        if len(self) > MOST_SHOWN:
+            rows.append(["...", f"{len(self) - MOST_SHOWN} more", "", "", "", ""])
+        return html_table(f"{len(self)} plans: {counted}", rows, titles)
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypedDict, Unpack, get_args
@@ -14,7 +15,20 @@ from xml.etree.ElementTree import fromstring, tostring
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import FINITE, Check, by_name, flag, for_all, made, many, number, one_of, optional, text
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    by_name,
+    flag,
+    for_all,
+    html_table,
+    made,
+    many,
+    number,
+    one_of,
+    optional,
+    text,
+)
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -588,3 +602,21 @@ class Robot:
     def __repr__(self) -> str:
         where = f"plane={self.plane.name!r}" if self.in_plane else f"base={self.base!r}"
         return f"Robot({self.name!r}, {where}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
+
+    def _repr_html_(self) -> str:
+        """A table and a drawing of the robot at rest, as notebooks show it; no drawing where a shape cannot be read."""
+        flies = f"in the plane {self.plane.name}" if self.in_plane else f"in space, its base is {self.base}"
+        rows = [
+            ("flies", flies),
+            ("planned joints", ", ".join(self.joints)),
+            ("motors", f"{len(self.motors)}"),
+            ("mass", f"{self.mass:.4g} kg"),
+        ]
+        if self.locked:
+            rows.append(("locked", ", ".join(self.locked)))
+        table = html_table(self.name, rows)
+        try:
+            drawing = import_module("floatplan.view.robot_svg").robot_svg(self)
+        except InputError as error:
+            return table + html_table("no drawing", [(str(error),)])
+        return f'<div style="display: flex; align-items: flex-start; gap: 1em">{drawing}{table}</div>'

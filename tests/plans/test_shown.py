@@ -72,6 +72,43 @@ def test_notebooks_show_tables(planned: Planned) -> None:
             assert any(text in cell for cell in cells.texts), (text, cells.texts)
 
 
+@pytest.mark.parametrize("name", ["handstand", "space/cat"])
+def test_notebooks_draw_robots(root: Path, name: str) -> None:
+    """A polygon for each shape in the plane or in space, and a table; short enough to be kept in the notebook."""
+    robot = fp.load_problem(root / "problems" / f"{name}.toml").robot
+    text = robot._repr_html_()
+    cells = Cells(text)
+    assert {"table", "svg", "polygon"} <= cells.tags
+    assert robot.name in cells.texts
+    assert ", ".join(robot.joints) in cells.texts
+    shapes = robot.shapes if robot.in_plane else robot.solids
+    assert 2 <= text.count("<polygon") <= len(shapes)
+    assert "nan" not in text
+    assert len(text) < 10_000
+
+
+def test_a_robot_whose_shapes_cannot_be_read_is_shown_without_a_drawing(root: Path, tmp_path: Path) -> None:
+    text = (root / "urdf" / "gymnast.urdf").read_text()
+    shape = '<collision><geometry><mesh filename="broken.stl"/></geometry></collision>'
+    (tmp_path / "broken.stl").write_text("no mesh")
+    (tmp_path / "robot.urdf").write_text(text.replace("</link>", f"{shape}</link>", 1))
+    cells = Cells(fp.Robot.from_urdf(tmp_path / "robot.urdf")._repr_html_())
+    assert "svg" not in cells.tags
+    assert any("broken.stl" in each for each in cells.texts)
+
+
+def test_notebooks_show_the_first_of_many_plans(planned: Planned) -> None:
+    problem = planned("handstand").problem
+    impossible = replace(problem, limits=fp.Limits(position="full", velocity=1e-3))
+    cells = Cells(fp.plan_many([problem, impossible])._repr_html_())
+    assert "2 plans: 1 impossible, 1 optimal" in cells.texts
+    assert cells.texts[cells.texts.index("0") :][:2] == ["0", "optimal"]
+    assert "1" in cells.texts
+    many = fp.plan_many([problem] * 30)
+    cells = Cells(many._repr_html_())
+    assert "10 more" in cells.texts
+
+
 def test_what_is_not_proved_comes_first(planned: Planned) -> None:
     record = planned("handstand").record
     certificate = fp.certify(replace(record, angular_momentum=record.angular_momentum + 1e-3))
