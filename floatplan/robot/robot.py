@@ -15,20 +15,7 @@ from xml.etree.ElementTree import fromstring, tostring
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import (
-    FINITE,
-    Check,
-    by_name,
-    flag,
-    for_all,
-    html_table,
-    made,
-    many,
-    number,
-    one_of,
-    optional,
-    text,
-)
+from floatplan.arguments import FINITE, Check, by_name, flag, for_all, made, many, number, one_of, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -605,18 +592,4 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """A table and a drawing of the robot at rest, as notebooks show it; no drawing where a shape cannot be read."""
-        flies = f"in the plane {self.plane.name}" if self.in_plane else f"in space, its base is {self.base}"
-        rows = [
-            ("flies", flies),
-            ("planned joints", ", ".join(self.joints)),
-            ("motors", f"{len(self.motors)}"),
-            ("mass", f"{self.mass:.4g} kg"),
-        ]
-        if self.locked:
-            rows.append(("locked", ", ".join(self.locked)))
-        table = html_table(self.name, rows)
-        try:
-            drawing = import_module("floatplan.view.robot_svg").robot_svg(self)
-        except InputError as error:
-            return table + html_table("no drawing", [(str(error),)])
-        return f'<div style="display: flex; align-items: flex-start; gap: 1em">{drawing}{table}</div>'
+        return str(import_module("floatplan.view.notebook").robot_html(self))

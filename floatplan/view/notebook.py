@@ -1,4 +1,4 @@
-"""A robot at rest as a small drawing, which notebooks show: capsules in its plane, or its solids seen from one side."""
+"""A robot as notebooks show it: a table, and a drawing of its capsules in the plane, or of its solids from one side."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import numpy as np
 from matplotlib.colors import to_hex
 from scipy.spatial import ConvexHull
 
+from floatplan.arguments import html_table
 from floatplan.arrays import ComplexArray
+from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.robot.robot import Robot
 from floatplan.view.outlines import body_poses, box_around, drawn_part, drawn_shapes, pairs, stadium
@@ -16,6 +18,25 @@ from floatplan.view.style import palette
 SIZE = 220  # [pixels] of the drawing's longer side
 THINNEST = 0.01  # [-] radius of a link without a shape, in sizes of the robot
 MARGIN = 0.04  # [-] around the robot, in sizes of it
+
+
+def robot_html(robot: Robot) -> str:
+    """Return a table and a drawing of a robot; where a shape cannot be read, the reason stands instead of a drawing."""
+    flies = f"in the plane {robot.plane.name}" if robot.in_plane else f"in space, its base is {robot.base}"
+    rows = [
+        ("flies", flies),
+        ("planned joints", ", ".join(robot.joints)),
+        ("motors", f"{len(robot.motors)}"),
+        ("mass", f"{robot.mass:.4g} kg"),
+    ]
+    if robot.locked:
+        rows.append(("locked", ", ".join(robot.locked)))
+    try:
+        drawing = robot_svg(robot)
+    except InputError as error:
+        return html_table(robot.name, [*rows, ("no drawing", str(error))])
+    table = html_table(robot.name, rows)
+    return f'<div style="display: flex; align-items: flex-start; gap: 1em">{drawing}{table}</div>'
 
 
 def robot_svg(robot: Robot) -> str:
