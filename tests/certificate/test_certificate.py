@@ -95,7 +95,13 @@ def test_sinking_into_the_ground_is_refuted(plan_b):
 
 
 @pytest.mark.parametrize(
-    ("name", "seed", "size"), [("gymnast", 1, 0.3), ("acrobat", 2, 0.4), ("high_jumper", 3, 0.2), ("chain10", 4, 0.12)]
+    ("name", "seed", "size"),
+    [
+        ("gymnast", 1, 0.3),
+        pytest.param("acrobat", 2, 0.4, marks=pytest.mark.long),
+        pytest.param("high_jumper", 3, 0.2, marks=pytest.mark.long),
+        ("chain10", 4, 0.12),
+    ],
 )
 def test_bounds_are_true_and_sharp(name, seed, size):
     """Proved clearance within 0.2 mm and torque peaks within 0.1 % of what 20 001 instants show."""

@@ -69,6 +69,7 @@ def test_the_file_of_a_jump(floatplan: Command, monkeypatch: pytest.MonkeyPatch)
     assert Path("result/report.html").exists()
 
 
+@pytest.mark.long
 @needs_jumps
 def test_links_of_the_first_jump_do_not_overlap(floatplan: Command, root: Path) -> None:
     """The gymnast's jump of least torque folds its shank into its thigh: it is searched for again."""

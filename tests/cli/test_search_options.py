@@ -138,6 +138,7 @@ class TestProgress:
         assert (run.code, run.stdout, run.stderr) == (1, "", "")
 
 
+@pytest.mark.long
 def test_pictures_show_the_plan_that_knows_no_obstacle(floatplan: Callable[..., Any]) -> None:
     assert floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out", "--quiet", "--figures").code == 0
     names = {path.stem for path in Path("out/figures").iterdir()}

@@ -153,8 +153,9 @@ def test_what_fails_elsewhere_is_no_jump_for_landing_less_turned() -> None:
     assert as_clear_as_it_lands(found) is found
 
 
+@pytest.mark.long
 @needs_jumps
-@pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.parametrize("known", [True, False])
 def test_slow_legs_hop_with_feet_that_rise_by_less(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known: bool
 ) -> None:

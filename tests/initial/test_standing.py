@@ -166,6 +166,7 @@ def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path
     check_stands(asked)
 
 
+@pytest.mark.long
 def test_why_there_is_no_stance_is_said_by_options(chosen: Load) -> None:
     """A range that keeps the legs straight: named, with the posture that would stand, and without keys of the file."""
     stuck = chosen(

@@ -313,6 +313,7 @@ def test_options_that_cannot_be(wrong, gymnast_problem):
         fp.plan_many([gymnast_problem], **wrong)
 
 
+@pytest.mark.long
 def test_memory_of_a_large_family_is_bounded(gymnast_problem):
     """Beside the answers, 328 bytes a problem here, there is room for a chunk alone: a million take below 2 GB."""
     count = 100_000

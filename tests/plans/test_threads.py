@@ -200,6 +200,7 @@ def test_replay(planned, engine):
     assert from_threads(flown, plans, threads=3) == [flown(plan) for plan in plans]
 
 
+@pytest.mark.long
 def test_figures(plan, tmp_path):
     """Files of the same plan are the same to the last byte, and matplotlib's settings are as they were."""
     settings = dict(matplotlib.rcParams)

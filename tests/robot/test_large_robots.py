@@ -29,6 +29,7 @@ def test_a_chain_of_50_joints_plans(chain_problem):
     assert plan.final_orientation == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_chain_of_20_joints_plans_and_lands_with_feedback(chain_problem):
     plan = fp.plan(chain_problem(20))
     assert plan.ok, plan.explanation

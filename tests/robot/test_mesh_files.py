@@ -169,7 +169,11 @@ def test_a_symmetric_mesh_is_merged(tmp_path):
     assert len(read(tmp_path, "stl", binary_stl(triangles)).corners) == len(corners)
 
 
-@pytest.mark.parametrize("triangles", [sphere(120), rim(8_000)], ids=["sphere", "rim"])
+@pytest.mark.parametrize(
+    "triangles",
+    [pytest.param(sphere(120), marks=pytest.mark.long), rim(8_000)],
+    ids=["sphere", "rim"],
+)
 def test_memory_grows_with_the_file_and_no_faster(tmp_path, triangles):
     """Reading it, its capsules and its hull take so many times the bytes of the file and a constant."""
     content = binary_stl(triangles)

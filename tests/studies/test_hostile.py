@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from fuzz_mutations import spoiled
 from fuzz_runs import judge
+from long_cases import cases
 
 from floatplan.studies import file, maps
 
@@ -29,7 +30,7 @@ map = ["flight.angular_momentum", "goal.positions.q1", "torque_peak"]
 """
 
 
-@pytest.mark.parametrize("first", range(0, CASES, BATCH))
+@pytest.mark.parametrize("first", cases(range(0, CASES, BATCH), [BATCH]))
 def test_every_promise_is_kept(first, floatplan, tmp_path, monkeypatch):
     monkeypatch.setattr(file, "MOST_ROWS", 60)
     monkeypatch.setattr(maps, "DPI_OF_MAPS", 20)
