@@ -189,7 +189,7 @@ def test_certificate(planned):
     assert flint.ctx.prec == precision
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("engine", [pytest.param("pinocchio", marks=pytest.mark.long), "mujoco"])
 def test_replay(planned, engine):
     """MuJoCo has one callback for all threads."""
     plans = [planned("somersault"), planned("handstand"), planned("new_configuration")]

@@ -196,7 +196,7 @@ def with_fixed(count, in_a_row):
     )
 
 
-@pytest.mark.parametrize("in_a_row", [False, True])
+@pytest.mark.parametrize("in_a_row", [pytest.param(False, marks=pytest.mark.long), True])
 def test_fixed_joints_do_not_count_as_joints_that_move(tmp_path, in_a_row):
     path = tmp_path / "frames.urdf"
     path.write_text(with_fixed(2000, in_a_row))
