@@ -560,14 +560,19 @@ class Robot:
         with naming(self.path):
             return links.link_outlines(self.layout, self.path.parent, self.meshes)
 
+    @property
+    def resting_configuration(self) -> Array:
+        """Configuration (nq,) of ``model`` with the joints at rest and the base where it is at first."""
+        q = self.reference.copy()
+        q[self.model.nq - self.model.nv :] += self.selection @ self.resting
+        return q
+
     @cached_property
     @one_thread
     def rod_length(self) -> float:
         """Length, m, of a thin rod of the same mass and largest moment of inertia, in the reference posture."""
-        q = self.reference.copy()
-        q[self.model.nq - self.model.nv :] += self.selection @ self.resting
         data = self.model.createData()
-        pin.ccrba(self.model, data, q, np.zeros(self.model.nv))
+        pin.ccrba(self.model, data, self.resting_configuration, np.zeros(self.model.nv))
         return math.sqrt(12 * float(np.linalg.eigvalsh(data.Ig.inertia).max()) / self.mass)
 
     @property

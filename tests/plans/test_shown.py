@@ -74,15 +74,14 @@ def test_notebooks_show_tables(planned: Planned) -> None:
 
 @pytest.mark.parametrize("name", ["handstand", "space/cat"])
 def test_notebooks_draw_robots(root: Path, name: str) -> None:
-    """A polygon for each shape in the plane or in space, and a table; short enough to be kept in the notebook."""
+    """A polygon for each solid, and a table; short enough to be kept in the notebook."""
     robot = fp.load_problem(root / "problems" / f"{name}.toml").robot
     text = robot._repr_html_()
     cells = Cells(text)
     assert {"table", "svg", "polygon"} <= cells.tags
     assert robot.name in cells.texts
     assert ", ".join(robot.joints) in cells.texts
-    shapes = robot.shapes if robot.in_plane else robot.solids
-    assert 2 <= text.count("<polygon") <= len(shapes)
+    assert 2 <= text.count("<polygon") <= len(robot.solids)
     assert "nan" not in text
     assert len(text) < 10_000
 
