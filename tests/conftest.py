@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import once
 import pytest
 from browser import Browser, started
+from long_cases import cases
 from once import made_once
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from threadpoolctl import threadpool_limits
@@ -169,7 +170,7 @@ def gymnast() -> Robot:
     return Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
 
 
-@pytest.fixture(scope="session", params=[*CHAIN_NAMES, *TREES])
+@pytest.fixture(scope="session", params=cases([*CHAIN_NAMES, *TREES], {"acrobat", "high_jumper", "tree zy"}))
 def any_robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
     """Every chain of ``urdf/``, and random trees in several planes, one with a coupled joint."""
     from floatplan import Coupling, Robot
