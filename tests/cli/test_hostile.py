@@ -291,7 +291,7 @@ class TestSizes:
             _ = fp.Robot.from_urdf(path).shapes
 
     def test_a_replay_ends(self, plan_file, monkeypatch):
-        monkeypatch.setattr("floatplan.simulation.forward.MOST_EVALUATIONS", 4_000)
+        monkeypatch.setattr("floatplan.simulation.integration.MOST_EVALUATIONS", 4_000)
         plan = fp.load_plan(plan_file)
         wild = replace(plan, coefficients=plan.coefficients * 1e4)
         with pytest.raises(fp.FloatplanError, match="too fast to be integrated"):
