@@ -87,11 +87,6 @@ def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> 
     return of_pieces[0] if len(of_pieces) == 1 else np.concatenate(of_pieces, axis=1)
 
 
-def distance_rows(obstacle: Obstacle) -> int:
-    """How many rows per capsule :func:`obstacle_distances` has."""
-    return sum(OBSTACLE_DISTANCES[piece.kind][1] for piece in obstacle.pieces)
-
-
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
     """Distances (K,) of points (K,) to the surface of an obstacle as it is at takeoff, m; negative inside."""
     still = Segments(points[:, None], points[:, None], np.zeros(1))

@@ -24,7 +24,6 @@ from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.robot.robot import LinkCapsule, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +110,11 @@ class PlanarFlight:
     @cached_property
     def link_shapes(self) -> LinkShapes:
         """The links' capsules, made when first asked for: a mesh that cannot be read stops nothing that needs none."""
-        return self.other_shapes or _link_shapes(
-            self.problem.robot, self.problem.ground_shapes if self.problem.ground else ()
-        )
+        if self.other_shapes:
+            return self.other_shapes
+        robot = self.problem.robot
+        hulls = self.problem.ground_shapes if self.problem.ground else ()
+        return LinkShapes(robot.tree, robot.shapes, hulls)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -122,8 +123,9 @@ class PlanarFlight:
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
-        links = self.link_shapes.hull_links if isinstance(obstacle, Ground) else self.links
-        return links * clearance.distance_rows(obstacle)
+        shapes = self.link_shapes
+        links = shapes.hull_links if isinstance(obstacle, Ground) else shapes.links
+        return links * sum(clearance.OBSTACLE_DISTANCES[piece.kind][1] for piece in obstacle.pieces)
 
     def end_rates(self, momentum: MomentumSet) -> EndRates:
         """The joints' rates at both ends."""
@@ -144,11 +146,6 @@ class PlanarFlight:
     def whole_motion(self, joints: WrittenMotion, angular_momentum: Any, path: Ballistics) -> PlanarMotion:
         """The whole robot's motion, by Pinocchio."""
         return PlanarMotion(self.problem, joints, float(angular_momentum), path)
-
-
-@lru_cache(maxsize=64)
-def _link_shapes(robot: Robot, hulls: tuple[LinkCapsule, ...]) -> LinkShapes:
-    return LinkShapes(robot.tree, robot.shapes, hulls)
 
 
 @lru_cache(maxsize=8)
