@@ -82,8 +82,7 @@ class LiftedFlight:
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
-        self.work.evaluated(len(cells.s) * self.flight.bodies)
-        self.work.differentiated(3 * cells.count * len(x))
+        self.work.evaluated(len(cells.s) * self.flight.bodies, entries=3 * cells.count * len(x))
         count, size = cells.count, len(x)
         ends = np.empty((count, 3, 3))
         gaps = np.empty((count, 3))

@@ -48,13 +48,11 @@ class Work:
 
     done: float = 0.0
 
-    def evaluated(self, instants: float) -> None:
-        """Count the evaluation of a motion at so many instants of one body."""
+    def evaluated(self, instants: float, entries: int | None = None) -> None:
+        """Count the evaluation of a motion at so many instants of one body, and of a Jacobian of so many entries."""
         self.done += EXCHANGE.evaluation + instants
-
-    def differentiated(self, entries: int) -> None:
-        """Count a Jacobian."""
-        self.done += EXCHANGE.differentiation + EXCHANGE.entry * entries
+        if entries is not None:
+            self.done += EXCHANGE.differentiation + EXCHANGE.entry * entries
 
 
 @dataclass(eq=False)

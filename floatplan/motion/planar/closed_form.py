@@ -144,7 +144,7 @@ def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     robot, flight = problem.robot, problem.flight
     ends = (problem.initial, problem.final)
-    frames = (robot.frames[problem.takeoff.frame], robot.frames[problem.landing.frame])
+    frames = [robot.layout.frames[end.frame] for end in (problem.takeoff, problem.landing)]
     places = np.array([frame.local for frame in frames])
     weights = robot.tree.point_weights(np.array([frame.body for frame in frames]), places)
     orientations = np.array([state.orientation for state in ends])
