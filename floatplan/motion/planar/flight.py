@@ -26,6 +26,9 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 
 
+SHAPES_OF = lru_cache(maxsize=64)(LinkShapes)  # those of a robot are made once
+
+
 @dataclass(frozen=True, eq=False)
 class GaussGrid:
     """Gauss-Legendre nodes, then other instants; ``integrals`` (K, N) over [0, s] from values at the nodes."""
@@ -114,7 +117,7 @@ class PlanarFlight:
             return self.other_shapes
         robot = self.problem.robot
         hulls = self.problem.ground_shapes if self.problem.ground else ()
-        return LinkShapes(robot.tree, robot.shapes, hulls)
+        return SHAPES_OF(robot.tree, robot.shapes, hulls)
 
     @property
     def links(self) -> tuple[str, ...]:
