@@ -25,7 +25,6 @@ from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 
-
 SHAPES_OF = lru_cache(maxsize=64)(LinkShapes)  # those of a robot are made once
 
 
