@@ -145,8 +145,7 @@ def ballistics(problem: Problem) -> Ballistics:
     robot, flight = problem.robot, problem.flight
     ends = (problem.initial, problem.final)
     frames = [robot.layout.frames[end.frame] for end in (problem.takeoff, problem.landing)]
-    places = np.array([frame.local for frame in frames])
-    weights = robot.tree.point_weights(np.array([frame.body for frame in frames]), places)
+    weights = np.array([frame_weights(robot, frame) for frame in frames])
     orientations = np.array([state.orientation for state in ends])
     positions = np.array([state.positions for state in ends])
     foot, landing = places_from_com(robot.tree, weights, orientations, positions).tolist()

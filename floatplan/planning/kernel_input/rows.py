@@ -215,7 +215,7 @@ class PlanarRows(KernelRows):
         radius = np.empty(0)
         if needs_places:
             assert flight, "distances are of a flight"
-            ends = self.own_bodies.of_points(np.stack(flight.link_shapes.weights, axis=1))
+            ends = self.own_bodies.of_points(flight.link_shapes.ends)
             radius = flight.link_shapes.radius
         places = {
             "needs_places": needs_places,
