@@ -170,14 +170,14 @@ def decision_variables(
     """
     states = (problem.initial, problem.final)
     rests = problem.initial.frame_rests or problem.final.frame_rests
-    given = np.array([state.velocities for state in states])
+    rates = np.array([problem.initial.velocities, problem.final.velocities])
     low, high = problem.position_limits.T
     free = np.array([[state.free_accelerations] for state in states])
     conditions = Boundary(
         positions=np.array([state.positions for state in states]),
         accelerations=np.where(free, 0.0, np.array([state.accelerations for state in states])),
         free=free,
-        rates=flight_of(problem).end_rates(momentum) if rests else lambda h: given,
+        rates=flight_of(problem).end_rates(momentum) if rests else lambda h: rates,
         centre=(low + high) / 2,
         amplitude=(high - low) / 2,
         duration=problem.flight.duration,

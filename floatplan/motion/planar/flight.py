@@ -25,7 +25,7 @@ from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 
-SHAPES_OF = lru_cache(maxsize=64)(LinkShapes)  # those of a robot are made once
+shapes_of = lru_cache(maxsize=64)(LinkShapes)  # those of a robot are made once
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class PlanarFlight:
             return self.other_shapes
         robot = self.problem.robot
         hulls = self.problem.ground_shapes if self.problem.ground else ()
-        return SHAPES_OF(robot.tree, robot.shapes, hulls)
+        return shapes_of(robot.tree, robot.shapes, hulls)
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -36,10 +36,9 @@ UP = np.array([0.0, 0.0, 1.0])
 def spatial_ballistics(problem: Problem) -> Ballistics:
     """Path of the centre of mass, as (2), (3) and (6) are in space."""
     robot, flight, duration = problem.robot, problem.flight, problem.flight.duration
-    ends = (problem.initial, problem.final)
-    attitudes = np.array([attitude_of(state).matrix for state in ends])
-    # Of both postures, with the centre of mass at the origin.
-    poses = BodyPoses.of(robot, attitudes, np.array([state.positions for state in ends]), np.zeros((2, 3)))
+    attitudes = np.array([attitude_of(problem.initial).matrix, attitude_of(problem.final).matrix])
+    positions = np.array([problem.initial.positions, problem.final.positions])
+    poses = BodyPoses.of(robot, attitudes, positions, np.zeros((2, 3)))  # with the centre of mass at the origin
     takeoff = np.array(problem.takeoff.position) - poses.frame(robot, problem.takeoff.frame)[0]
     landing = poses.frame(robot, problem.landing.frame)[1]
     rise = problem.landing_height - landing[2] - takeoff[2]
