@@ -143,8 +143,8 @@ class DecisionVariables:
     def plain_motion(self) -> Array:
         """The x of the Hermite motion with no free part, and the h in the middle."""
         x = np.zeros(self.size)
-        if self.offset.any():
-            x[: self.coefficients] = np.linalg.solve(self.scaling, -self.offset)
+        is_scaled = self.offset_map is not None
+        x[: self.coefficients] = np.linalg.solve(self.scaling, -self.offset) if is_scaled else 0.0 - self.offset
         return x
 
 
