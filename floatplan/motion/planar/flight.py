@@ -127,7 +127,10 @@ class PlanarFlight:
         """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
         shapes = self.link_shapes
         links = shapes.hull_links if isinstance(obstacle, Ground) else shapes.links
-        return links * sum(clearance.OBSTACLE_DISTANCES[piece.kind][1] for piece in obstacle.pieces)
+        rows_of_each = 0
+        for piece in obstacle.pieces:
+            rows_of_each += clearance.OBSTACLE_DISTANCES[piece.kind][1]
+        return links * rows_of_each
 
     def end_rates(self, momentum: MomentumSet) -> EndRates:
         """The joints' rates at both ends."""
