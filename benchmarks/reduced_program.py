@@ -23,7 +23,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.constraints import Constraint, RowTable, applies, changes_at_ends
+from floatplan.planning.constraints import Constraint, RowTable, applies
 from floatplan.planning.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
@@ -278,7 +278,8 @@ class FlightProgram:
         """
         targets, count, s = [], 0, self.sampling.grid.s
         for block in self.constraints:
-            watched = (steerable(s) | changes_at_ends(self.variables, block)) & applies(block, s)
+            changes_at_ends = bool(self.variables.chosen_at_ends & block.depends_at_ends_on)
+            watched = (steerable(s) | changes_at_ends) & applies(block, s)
             shape = int(watched.sum()), len(block.labels)
             target = np.full((len(s), shape[1]), -1)
             target[watched] = count + np.arange(shape[0] * shape[1]).reshape(shape)

@@ -36,7 +36,8 @@ class Checked:
 
     def __post_init__(self) -> None:
         """Check the fields; report all that is wrong, not only the first."""
-        refuse(self.faults())
+        if errors := self.faults():
+            refuse(errors)
 
     def faults(self, place: str = "") -> list[InputError]:
         """What is wrong with the fields, each with its name after ``place``; what is right is kept as it is to be."""

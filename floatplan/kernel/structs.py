@@ -280,29 +280,24 @@ class StructRows:
         self.numbers: Any = np.frombuffer(content, dtype(like.name))
         self._kept: list[Any] = [like]
 
-    def set_numbers(self, **numbers: npt.ArrayLike) -> None:
-        """Give each copy its own number (count,), or all of them the same."""
-        for member, values in numbers.items():
-            self.numbers[member] = values
+    def give(self, **members: Any) -> None:
+        """Give each copy members of its own; arrays and structs then live as long.
 
-    def set_structs(self, **structs: StructRows) -> None:
-        """Give each copy its own struct within it."""
-        for member, rows in structs.items():
-            self.numbers[member] = rows.numbers
-            self._kept.append(rows)
-
-    def point_to(self, **arrays: Array | IntArray) -> None:
-        """Let each copy point to its own row of arrays (count, ..), which then live as long."""
+        A number is one of (count,), or the same for all; an array that is pointed to is a row of one (count, ..); a
+        struct within is one of :class:`StructRows`.
+        """
+        known = layout(self.name)
+        arrays = {member: values for member, values in members.items() if member in known.arrays}
         for member, address in _addresses(self.name, arrays).items():
+            rows = members.pop(member)
+            self._kept.append(rows)
             if len(self.numbers) == 1:  # the way through NumPy takes a microsecond for each
                 setattr(self.pointer[0], member, address)
-                self._kept.append(arrays[member])
-                continue
-            first = int(FFI.cast("uintptr_t", address))
-            rows = arrays[member]
-            self.numbers[member] = first + np.arange(len(rows)) * rows.strides[0]
-            self._kept.append(rows)
-
-    def row(self, index: int) -> Pointer:
-        """Return a pointer to one of the copies, which lives no longer than they do."""
-        return self.pointer + index
+            else:
+                first = int(FFI.cast("uintptr_t", address))
+                self.numbers[member] = first + np.arange(len(rows)) * rows.strides[0]
+        for member, values in members.items():
+            if member in known.structs:
+                self._kept.append(values)
+                values = values.numbers
+            self.numbers[member] = values

@@ -205,19 +205,6 @@ def powers_map(form: Form, duration: float | Array) -> Array:
     return np.asarray(powers / (np.array(duration)[..., None] ** np.arange(len(powers)))[..., None])
 
 
-def whitening(form: Form, durations: tuple[float, ...]) -> tuple[Array, Array, Array, Array]:
-    """Of the ``b = b_0 + C z`` of a joint with all of a form's coefficients, ``C = Q R``: the map to b_0, Q and R^-1.
-
-    The map is from the boundary; last is what unit of z over its norm (N,) R^-1 makes; of each of N durations, s. With
-    fewer coefficients Q and R^-1 are their first columns, and rows.
-    """
-    powers, given = powers_map(form, np.array(durations)), len(basis(form).given)
-    orthogonal, triangular = np.linalg.qr(powers[..., given:])
-    inverse = np.linalg.inv(triangular)
-    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.ones(len(durations))
-    return powers[..., :given], orthogonal, inverse, np.asarray(1 / longest)
-
-
 def boundary_arguments(
     positions: Array, velocities: Array, accelerations: Array, centre: Array, amplitude: Array, branch: IntArray
 ) -> tuple[Array, Array, Array]:

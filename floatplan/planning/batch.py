@@ -157,13 +157,18 @@ class Batch:
         branch = np.zeros((count, n), np.int64)
         coefficients = np.empty((count, n, CONDITIONS + max(motions.free)))
         attempts = StructRows(template.attempt, count)
-        attempts.point_to(plain=motions.x, x=x, coefficients=coefficients)
+        attempts.give(plain=motions.x, x=x, coefficients=coefficients)
         classes = StructRows(template.motions, count)
-        classes.set_numbers(duration=motions.duration, momentum=motions.momentum, change=motions.change)
-        boundary = doubles(motions.boundary)
-        classes.point_to(boundary=boundary, offset=motions.offset, scaling=motions.scaling)
+        classes.give(
+            duration=motions.duration,
+            momentum=motions.momentum,
+            change=motions.change,
+            boundary=doubles(motions.boundary),
+            offset=motions.offset,
+            scaling=motions.scaling,
+        )
         draws = StructRows(template.draws, count)
-        draws.point_to(branch=branch, offset_map=motions.offset_map)
+        draws.give(branch=branch, offset_map=motions.offset_map)
         most = len(template.minima[0])
         minima = np.empty((count, most), np.int64), np.empty((count, most)), np.empty((count, most))
         return cls(template, motions, attempts, draws, classes, constraints, x, branch, coefficients, minima)
@@ -175,9 +180,9 @@ class Batch:
             self.template,
             start=self.motions.start(row),
             constraints=StructRow(self.constraints.pointer + row, self.constraints),
-            motions=StructRow(self.classes.row(row), self.classes),
-            attempt=StructRow(self.attempts.row(row), self.attempts),
-            draws=StructRow(self.draws.row(row), self.draws),
+            motions=StructRow(self.classes.pointer + row, self.classes),
+            attempt=StructRow(self.attempts.pointer + row, self.attempts),
+            draws=StructRow(self.draws.pointer + row, self.draws),
             x=self.x[row],
             branch=self.branch[row],
             coefficients=self.coefficients[row],
@@ -215,7 +220,7 @@ class Batch:
 
     def answer(self, row: int) -> Answer | None:
         """Where the best start of one of them led; None where that is no plan."""
-        attempt = self.attempts.row(row)
+        attempt = self.attempts.pointer[row]
         if not attempt.violation <= 0:  # which may be no number
             return None
         b = self.coefficients[row]
@@ -265,8 +270,8 @@ def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: 
     count = len(motions.x)
     struct = template.rows.struct
     batch = Batch.of(template, motions, struct if count == 1 else StructRows(struct, count))
-    batch.attempts.set_numbers(count=min(MOST_STARTS + wanted - 1, ATTEMPTS), wanted=wanted, most_work=np.inf)
-    batch.draws.set_numbers(seed=seed)
+    batch.attempts.give(count=min(MOST_STARTS + wanted - 1, ATTEMPTS), wanted=wanted, most_work=np.inf)
+    batch.draws.give(seed=seed)
     batch.follow()
     return batch
 
@@ -277,17 +282,21 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
     count = len(motions.x)
     template = KernelProblem.of(spec, motions.start(0))
     constraints = StructRows(spec.rows.struct, count)
-    constraints.point_to(path=doubles(numbers.paths()), **_of_constraints(spec, numbers, count))
+    constraints.give(path=doubles(numbers.paths()), **_of_constraints(spec, numbers, count))
     batch = Batch.of(template, motions, constraints)
-    batch.classes.set_numbers(orientation=numbers.values["orientation"][:, 0])
+    batch.classes.give(orientation=numbers.values["orientation"][:, 0])
     obstacles = numbers.obstacles or [()] * count
     thickness = [min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]
-    batch.attempts.set_numbers(count=1, most_work=most_work, thickness=thickness)
-    batch.attempts.set_numbers(reach=spec.reach)  # it is asked first whether there is a chance
     minima = StructRows(template.minima_struct, count)
     number, s, least = batch.minima
-    minima.point_to(row=number, s=s, least=least)
-    batch.attempts.set_structs(minima=minima)
+    minima.give(row=number, s=s, least=least)
+    batch.attempts.give(
+        count=1,
+        most_work=most_work,
+        thickness=thickness,
+        reach=spec.reach,  # it is asked first whether there is a chance
+        minima=minima,
+    )
     batch.follow()
     return batch
 

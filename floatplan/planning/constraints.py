@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray, distinct, read_only
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.planning.kernel_input.rows import Block, DistanceRows, SumRows
-from floatplan.planning.variables import AtEnds, DecisionVariables
+from floatplan.planning.variables import AtEnds
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.tables import CLEARANCE, RELATIVE
@@ -242,8 +242,3 @@ class RowTable:
             window_ends=tuple(ends),
             grid=distinct(np.concatenate((FIRST_GRID, ends))) if ends else FIRST_GRID,
         )
-
-
-def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
-    """Whether the values of a block at takeoff or landing depend on what the search chooses."""
-    return bool(variables.chosen_at_ends and variables.chosen_at_ends & block.depends_at_ends_on)

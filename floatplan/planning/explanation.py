@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.planning.constraints import applies, changes_at_ends
+from floatplan.planning.constraints import applies
 from floatplan.planning.result import AttemptResult, SearchResult
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start
@@ -133,7 +133,7 @@ def impossible_ends(spec: FlightSpec, start: Start, of_rows: Array) -> Iterator[
     for block in spec.constraints:
         values = of_rows[first : first + len(block.labels)].T
         first += len(block.labels)
-        if changes_at_ends(start.variables, block):
+        if start.variables.chosen_at_ends & block.depends_at_ends_on:
             continue
         exists = applies(block, np.array([0.0, 1.0]))
         for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):

@@ -17,7 +17,7 @@ from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descen
 from floatplan.planning.options import SearchOptions, expiry
 from floatplan.planning.result import AttemptResult, SearchResult
 from floatplan.planning.search import ANNOUNCED_EVERY, ATTEMPTS_FOR_THE_IMPOSSIBLE, MOST_ATTEMPTS, Search, log_attempt
-from floatplan.planning.variables import Start
+from floatplan.planning.variables import Start, decision_variables
 from floatplan.problem.problem import Problem
 
 TURNS = 6  # [-] starts at one degree before the next takes its turn
@@ -123,7 +123,8 @@ class SpatialSearch(Search):
         seeds = np.random.SeedSequence(self.options.seed)
         lifted: list[Iterator[LiftedMotion | None]] = []
         for degrees in degrees_tried(self.spec.problem, flight):
-            of_degree = LiftedFlight(self.spec, self.spec.variables(degrees), self.work)
+            variables = decision_variables(self.spec.problem, degrees, None, self.spec.momentum)
+            of_degree = LiftedFlight(self.spec, variables, self.work)
             lifted.append(starts(of_degree, int(seeds.generate_state(1)[0]) + len(lifted)))
         is_left = True
         while is_left:
@@ -164,7 +165,8 @@ class SpatialSearch(Search):
 
         That may be done until the work of all starts is so much.
         """
-        variables, free = motion.lifted.variables, motion.lifted.coefficients
+        variables = motion.lifted.variables
+        free = variables.coefficients
         result = self.follow(Start(variables, motion.x, at_once=True), stop, until - self.work.done)
         chosen = result.x[free:]
         if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:

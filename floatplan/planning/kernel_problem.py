@@ -19,12 +19,12 @@ from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration, 
 from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, EXCHANGE_IN_SPACE, SETTINGS
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.flight import EndRates
-from floatplan.motion.sine_polynomial import EDGE, basis, powers_map, whitening
-from floatplan.planning.constraints import RowTable, changes_at_ends
+from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
+from floatplan.planning.constraints import RowTable
 from floatplan.planning.kernel_input.rows import KernelRows
 from floatplan.planning.result import AttemptResult, Worst
 from floatplan.planning.spec import FlightSpec
-from floatplan.planning.variables import Boundary, DecisionVariables, Start
+from floatplan.planning.variables import Boundary, DecisionVariables, Start, scale
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
@@ -80,7 +80,8 @@ class KernelProblem:
     @classmethod
     def of(cls, spec: FlightSpec, start: Start) -> KernelProblem:
         """Fill the structs."""
-        rows, table = spec.rows, spec.row_table
+        rows = spec.rows
+        table = RowTable.of(spec.constraints)
         variables = start.variables
         polynomials = variables.polynomials
         x = start.x.copy()
@@ -125,7 +126,7 @@ class KernelProblem:
             start=start,
             constraints=rows.struct,
             motions=motions_struct(spec.problem, variables, of_coefficients),
-            attempt=_attempt(spec, start, minima_struct, end_values=end_values, x=x, coefficients=coefficients),
+            attempt=_attempt(spec, table, start, minima_struct, end_values=end_values, x=x, coefficients=coefficients),
             draws=draws,
             levels=rows.nodes(polynomials.form),
             settings=settings,
@@ -208,10 +209,11 @@ class KernelProblem:
         )
 
 
-def _attempt(spec: FlightSpec, start: Start, minima: Struct, **written: Array | None) -> Struct:
+def _attempt(spec: FlightSpec, table: RowTable, start: Start, minima: Struct, **written: Array | None) -> Struct:
     """Return starts as the kernel follows them, with the arrays in which their ends are written."""
-    rows, table = spec.rows, spec.row_table
-    changes = [changes_at_ends(start.variables, block) for block in spec.constraints]
+    rows = spec.rows
+    chosen = start.variables.chosen_at_ends
+    changes = [bool(chosen and chosen & block.depends_at_ends_on) for block in spec.constraints]
     instants = sorted({*((0.0, 1.0) if any(changes) else ()), *table.window_ends})
     return Struct(
         "SearchProblem",
@@ -270,7 +272,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
     columns = [given.index(condition) if condition in given else -1 for condition in range(CONDITIONS)]
     coefficient_map = None
     if of_coefficients and following is not None:
-        unit = whitening(form, (polynomials.duration,))[3]
+        _, _, unit = scale(form, polynomials.free, (polynomials.duration,))
         coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
     # In space the attitudes at both ends and the angular momentum are the body's.
     orientation = change = middle = 0.0

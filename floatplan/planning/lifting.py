@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
-from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.motion.sine_polynomial import basis
 from floatplan.motion.spatial.attitude import (
     LEVELS,
     OUT_OF_MEMORY,
@@ -26,7 +24,6 @@ from floatplan.motion.spatial.attitude import (
     Turning,
     attitudes_at,
     cells,
-    moved,
     turn,
 )
 from floatplan.motion.spatial.flight import SpatialFlight
@@ -69,41 +66,23 @@ class LiftedFlight:
     spec: FlightSpec
     variables: DecisionVariables
     work: Work = field(default_factory=Work)
+    flight: SpatialFlight = field(init=False)
+    _body: Struct = field(init=False)
+    _motions: Struct = field(init=False)
 
-    @cached_property
-    def flight(self) -> SpatialFlight:
-        """What the problem fixes of every motion."""
+    def __post_init__(self) -> None:
+        """Fill the structs that all motions share."""
         flight = self.spec.flight
         assert isinstance(flight, SpatialFlight), "the robot flies in space"
-        return flight
-
-    @property
-    def polynomials(self) -> SinePolynomials:
-        """The class of motions."""
-        return self.variables.polynomials
-
-    @property
-    def momentum(self) -> MomentumSet:
-        """The choice of h."""
-        return self.variables.momentum
-
-    @property
-    def coefficients(self) -> int:
-        """Number of free coefficients of all joints."""
-        return self.variables.coefficients
-
-    @cached_property
-    def _body(self) -> Struct:
-        return spatial_body(self.flight, self.momentum, needs_rates=True)
-
-    @cached_property
-    def _motions(self) -> Struct:
-        return motions_struct(self.spec.problem, self.variables, of_coefficients=False)
+        vars(self).update(
+            flight=flight,
+            _body=spatial_body(flight, self.variables.momentum, needs_rates=True),
+            _motions=motions_struct(self.spec.problem, self.variables, of_coefficients=False),
+        )
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
-        self.work.evaluated(len(cells.s) * self.flight.bodies)
-        self.work.differentiated(3 * cells.count * len(x))
+        self.work.evaluated(len(cells.s) * self.flight.bodies, entries=3 * cells.count * len(x))
         count, size = cells.count, len(x)
         ends = np.empty((count, 3, 3))
         gaps = np.empty((count, 3))
@@ -120,7 +99,7 @@ class LiftedFlight:
             carried=carried,
             turns=turns,
         )
-        grid, nodes = cells_and_stages(cells, self.polynomials.form)
+        grid, nodes = cells_and_stages(cells, self.variables.polynomials.form)
         compiled = kernel()
         failed = compiled.lift(
             self._body.pointer,
@@ -151,8 +130,8 @@ class LiftedFlight:
         """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies)
         flight, h = self.flight, self.variables.angular_momentum(x)
-        values = basis(self.polynomials.form).values(cells.s)
-        motion = self.polynomials.motion(self.variables.free_coefficients(x), values)
+        polynomials = self.variables.polynomials
+        motion = polynomials.motion(self.variables.free_coefficients(x), basis(polynomials.form).values(cells.s))
         inertia, joint_map = flight.dynamics.momentum_maps(motion.positions)
         relative = np.einsum("kan,kn->ka", joint_map, motion.velocities)
         return turn(cells, flight.duration, inertia, relative, h, flight.initial_attitude)
@@ -190,7 +169,7 @@ class LiftedMotion:
     @property
     def size(self) -> float:
         """Root mean square of p's free part, over time, joints together, rad."""
-        return float(np.linalg.norm(self.x[: self.lifted.coefficients]))
+        return float(np.linalg.norm(self.x[: self.lifted.variables.coefficients]))
 
     def is_closed(self, gap: float = CLOSED) -> bool:
         """Whether no gap is larger than so much, rad."""
@@ -210,8 +189,8 @@ class LiftedMotion:
         closing = -(self.carried.reshape(3 * count, 3 * count) @ gaps.ravel()).reshape(count, 3)
         jacobian = self.turns[-1]
         along = np.full_like(self.x, along) if isinstance(along, float) else along.copy()
-        movable, free = np.ones(len(self.x), bool), self.lifted.coefficients
-        for _ in range(self.lifted.momentum.free + 1):
+        movable, free = np.ones(len(self.x), bool), self.lifted.variables.coefficients
+        for _ in range(self.lifted.variables.momentum.free + 1):
             columns, change = jacobian[:, movable], along.copy()
             missing = closing[-1] + jacobian @ along
             change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=ROUNDING)[0]
@@ -227,7 +206,7 @@ class LiftedMotion:
 
     def moved(self, change: Array, turns: Array) -> LiftedMotion:
         """Fly the motion that is changed by so much."""
-        return self.lifted.fly(self.cells, self.x + change, moved(self.borders, turns))
+        return self.lifted.fly(self.cells, self.x + change, np.asarray(exponential(turns) @ self.borders))
 
 
 def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) -> LiftedMotion:
@@ -264,8 +243,10 @@ def _size(change: Array, turns: Array) -> float:
 def descend(motion: LiftedMotion) -> LiftedMotion:
     """Make a closed motion's free part smaller, along closed motions with the same turns."""
     radius = TRUST
+    free = motion.lifted.variables.coefficients
     for _ in range(DESCENTS):
-        downhill = np.concatenate((-motion.x[: motion.lifted.coefficients], np.zeros(motion.lifted.momentum.free)))
+        downhill = np.zeros_like(motion.x)
+        downhill[:free] = -motion.x[:free]
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
         if length <= DESCENDED * motion.size:
@@ -287,7 +268,9 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
 
 def is_least(motion: LiftedMotion) -> bool:
     """Whether no closed motion beside a closed one has a smaller free part, to first order."""
-    downhill = np.concatenate((-motion.x[: motion.lifted.coefficients], np.zeros(motion.lifted.momentum.free)))
+    free = motion.lifted.variables.coefficients
+    downhill = np.zeros_like(motion.x)
+    downhill[:free] = -motion.x[:free]
     change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
     return float(np.linalg.norm(change)) <= LEAST * max(motion.size, ROUNDING)
 
@@ -352,9 +335,8 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
         missed = logarithm((flight.final_attitude @ last.T)[None])
         return np.asarray(exponential(steady[:, None] * missed) @ before)
     first, second, third = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
-    start = lifted.polynomials.motion(
-        lifted.polynomials.no_free_part, basis(lifted.polynomials.form).values(np.zeros(1))
-    )
+    polynomials = lifted.variables.polynomials
+    start = polynomials.motion(polynomials.no_free_part, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]
     across, along = (first @ inertia @ first + second @ inertia @ second) / 2, third @ inertia @ third
     fine = np.linspace(0, 1, FINENESS)
@@ -385,12 +367,13 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
 
     None for one that cannot be integrated; where nothing is free, there is but one.
     """
-    rng, grid, width = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.polynomials.width
-    momentum, joints = lifted.momentum, len(lifted.polynomials.free)
+    rng, grid, momentum = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.variables.momentum
+    polynomials = lifted.variables.polynomials
+    joints, width = len(polynomials.free), polynomials.width
     borders = np.arange(CELLS) / CELLS
     bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
     while True:
-        x = np.concatenate((z.ravel()[lifted.polynomials.free_indices], y))
+        x = np.concatenate((z.ravel()[polynomials.free_indices], y))
         try:
             yield lifted.fly(grid, x, path(lifted, x, borders, bump))
         except IntegrationError:

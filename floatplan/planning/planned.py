@@ -19,7 +19,7 @@ from floatplan.planning.options import SearchOptions, expiry
 from floatplan.planning.result import AttemptResult, SearchResult
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
-from floatplan.planning.variables import Start
+from floatplan.planning.variables import Start, decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
 from floatplan.pool import one_thread
@@ -133,7 +133,7 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
         if answer := batch.answer(0):
             plan = answer.plan(problem, options.seed, time.perf_counter() - began)
             LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
-            return SearchedPlan(plan, batch, work=batch.attempts.row(0).work)
+            return SearchedPlan(plan, batch, work=batch.attempts.pointer[0].work)
         search = batch.search(0, problem, options)
     elif problem.robot.in_plane is None:
         from floatplan.planning.in_space import SpatialSearch  # here, since most problems do without
@@ -147,7 +147,7 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
 def _searched(search: Search, near: Plan | None, began: float) -> SearchResult:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     spec, budget = search.spec, search.options.budget
-    if not spec.momentum.free:
+    if spec.problem.ground and not spec.momentum.free:
         refuse(spec.flight.motion_into_ground(spec.momentum.centre))
     if near and spec.problem.has_inequalities:
         start = _start_near(near, spec)
@@ -173,7 +173,7 @@ def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
         return None
     of_share = near.coefficients * near.duration**powers  # of p, by powers of t / T
     branches = np.floor(np.array([of_share[:, 0], of_share.sum(axis=1)]) / np.pi + 0.5).astype(np.int64)
-    variables = spec.variables(degrees, branches)
+    variables = decision_variables(spec.problem, degrees, branches, spec.momentum)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).given) :]

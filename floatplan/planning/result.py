@@ -13,7 +13,7 @@ from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.spec import FlightSpec
-from floatplan.planning.variables import DecisionVariables
+from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.problem.reference import REFERENCE_NODES, distance_from
 
 
@@ -48,13 +48,11 @@ class Work:
 
     done: float = 0.0
 
-    def evaluated(self, instants: float) -> None:
-        """Count the evaluation of a motion at so many instants of one body."""
+    def evaluated(self, instants: float, entries: int | None = None) -> None:
+        """Count the evaluation of a motion at so many instants of one body, and of a Jacobian of so many entries."""
         self.done += EXCHANGE.evaluation + instants
-
-    def differentiated(self, entries: int) -> None:
-        """Count a Jacobian."""
-        self.done += EXCHANGE.differentiation + EXCHANGE.entry * entries
+        if entries is not None:
+            self.done += EXCHANGE.differentiation + EXCHANGE.entry * entries
 
 
 @dataclass(eq=False)
@@ -125,7 +123,8 @@ class AttemptResult:
         if self.branch is None:
             return self.start_variables
         branches = np.stack((np.zeros_like(self.branch), self.branch))
-        return self.spec.variables(self.start_variables.degrees, branches, self.start_variables.momentum)
+        degrees, momentum = self.start_variables.degrees, self.start_variables.momentum
+        return decision_variables(self.spec.problem, degrees, branches, momentum)
 
     @cached_property
     def written(self) -> Array:
@@ -155,21 +154,6 @@ class AttemptResult:
         values = basis(motions.form).values(grid.nodes)
         positions = motions.motion(variables.free_coefficients(x), values).positions
         return distance_from(reference, grid.nodes, grid.weights, positions)
-
-
-def best(results: Sequence[AttemptResult]) -> AttemptResult:
-    """Return the result of the least violation, of equals the best; others have no objective.
-
-    Of several that ended at the same motion it is one that is known to be optimal, the first of these.
-    """
-    least = min(result.violation for result in results)
-    nearest = [result for result in results if result.violation == least]
-    if len(nearest) == 1:
-        return nearest[0]
-    lowest = min(nearest, key=lambda result: result.objective_value)
-    most = lowest.objective_value + EXCHANGE.same * abs(lowest.objective_value)
-    same = (result for result in nearest if result.is_optimal and result.objective_value <= most)
-    return lowest if lowest.is_optimal else min(same, key=lambda result: result.objective_value, default=lowest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +189,18 @@ class SearchResult:
 
     @cached_property
     def best(self) -> AttemptResult:
-        """The best of them, the first of equals."""
-        return best(self.results)
+        """The result of the least violation, of equals the best, the first of these; others have no objective.
+
+        Of several that ended at the same motion it is one that is known to be optimal.
+        """
+        least = min(result.violation for result in self.results)
+        nearest = [result for result in self.results if result.violation == least]
+        if len(nearest) == 1:
+            return nearest[0]
+        lowest = min(nearest, key=lambda result: result.objective_value)
+        most = lowest.objective_value + EXCHANGE.same * abs(lowest.objective_value)
+        same = (result for result in nearest if result.is_optimal and result.objective_value <= most)
+        return lowest if lowest.is_optimal else min(same, key=lambda result: result.objective_value, default=lowest)
 
     @cached_property
     def holding(self) -> tuple[AttemptResult, ...]:

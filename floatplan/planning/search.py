@@ -70,11 +70,9 @@ class Search:
         self._ends_hold = False  # as far as is known
         self._path_is_clear = False
         self._kernel_problem = followed
-        self._first: AttemptResult | None = None
+        self._is_followed = followed is not None  # and nobody has asked yet what came of it
         if followed:
             self.plain_start = followed.start
-            self._learn(followed)
-            self._first = followed.result(self.spec)
 
     @cached_property
     def plain_start(self) -> Start:
@@ -136,7 +134,7 @@ class Search:
         tried: list[AttemptResult] = []
         is_first = True
         for degrees, attempts in _stages(self.spec.problem):
-            nearest = _nearest(tried)
+            nearest = _nearest(tried) if tried else []
             raised = [self.spec.raised(each.variables, each.x, degrees) for each in nearest]
             raised[:1] = [replace(start, at_once=True) for start in raised[:1]]
             tried = []
@@ -277,15 +275,16 @@ class Search:
         self, start: Start, numbers: range, most_work: float, *, asks: bool = False, expired: bool = False
     ) -> AttemptResult:
         """Follow starts by number, of which 0 is the given one, unless the first one has been followed in a batch."""
-        result = self._first
-        self._first = None
-        if result is None:
-            kernel_problem = self._of_start(start)
+        kernel_problem = self._of_start(start)
+        if not self._is_followed:
             reach = self.spec.reach if asks else 0.0
             kernel_problem.follow(numbers, most_work, self.options.seed, reach=reach, expired=expired)
-            self._learn(kernel_problem)
-            result = kernel_problem.result(self.spec)
+        self._is_followed = False
+        result = kernel_problem.result(self.spec)
         self.work.done += result.work
+        # What the kernel said before it followed starts.
+        self._ends_hold |= bool(kernel_problem.attempt.pointer.ends_hold)
+        self._path_is_clear |= bool(kernel_problem.attempt.pointer.path_is_clear)
         return result
 
     def _of_start(self, start: Start) -> KernelProblem:
@@ -293,12 +292,6 @@ class Search:
         if not (self._kernel_problem and self._kernel_problem.start.x is start.x):
             self._kernel_problem = KernelProblem.of(self.spec, start)
         return self._kernel_problem
-
-    def _learn(self, kernel_problem: KernelProblem) -> None:
-        """Keep what the kernel said before it followed starts."""
-        attempt = kernel_problem.attempt.pointer
-        self._ends_hold |= bool(attempt.ends_hold)
-        self._path_is_clear |= bool(attempt.path_is_clear)
 
 
 def _is_easy(result: AttemptResult) -> bool:

@@ -7,10 +7,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.flight import PlanarFlight, central_reach, flight_of
-from floatplan.planning.constraints import Constraint, RowTable, constraints
+from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
 from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
 from floatplan.problem.problem import Problem
@@ -53,13 +53,8 @@ class FlightSpec:
         return constraints(self.problem, self.flight) if self.problem.has_inequalities else ()
 
     @cached_property
-    def row_table(self) -> RowTable:
-        """Their rows, and where these are looked at."""
-        return RowTable.of(self.constraints)
-
-    @cached_property
     def rows(self) -> KernelRows:
-        """The same rows for the kernel, with the quantity that the objective is about."""
+        """Their rows for the kernel, with the quantity that the objective is about."""
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity or ""
         if self.problem.robot.in_plane:
             if not self.constraints:
@@ -73,14 +68,6 @@ class FlightSpec:
 
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
         return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
-
-    def variables(
-        self, degrees: tuple[int, ...], branches: IntArray | None = None, momentum: MomentumSet | None = None
-    ) -> DecisionVariables:
-        """How variables make motions of such degrees, on branches (2, n) of the arcsine: the first ones if left out."""
-        if branches is None:
-            branches = np.zeros((2, len(degrees)), np.int64)
-        return decision_variables(self.problem, degrees, branches, momentum or self.momentum)
 
     @cached_property
     def reach(self) -> float:
@@ -100,5 +87,5 @@ class FlightSpec:
 @lru_cache(maxsize=8)
 def plain_start(spec: FlightSpec, degrees: tuple[int, ...]) -> Start:
     """Return the motion with no free part, of such degrees."""
-    variables = spec.variables(degrees)
+    variables = decision_variables(spec.problem, degrees, None, spec.momentum)
     return Start(variables, variables.plain_motion, at_once=True)

@@ -1,6 +1,6 @@
 """The numbers that the search chooses, the motions they stand for, and the conditions (13) at both ends of these."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Literal, TypeAlias
@@ -13,7 +13,7 @@ from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_of
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, basis, boundary_arguments, whitening
+from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, basis, boundary_arguments, powers_map
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import REFERENCE_NODES, reference_at
 
@@ -64,6 +64,9 @@ class DecisionVariables:
         The conditions (13) where they change with h; the polynomials' own are those of the middle h.
     offset_map : (m, g), optional
         By which the offset follows a joint's given conditions (13), where it does.
+    coefficients : number m of free coefficients
+    size : number of variables
+    chosen_at_ends : what the search chooses of the state at takeoff or landing
     """
 
     polynomials: SinePolynomials
@@ -72,16 +75,22 @@ class DecisionVariables:
     momentum: MomentumSet
     following: Boundary | None = None
     offset_map: Array | None = None
+    coefficients: int = field(init=False)
+    size: int = field(init=False)
+    chosen_at_ends: frozenset[AtEnds] = field(init=False)
 
-    @cached_property
-    def coefficients(self) -> int:
-        """Number m of free coefficients."""
-        return len(self.offset)
-
-    @cached_property
-    def size(self) -> int:
-        """Number of variables."""
-        return self.coefficients + self.momentum.free
+    def __post_init__(self) -> None:
+        """Count the variables, and say what is chosen at both ends."""
+        chosen: set[AtEnds] = {"momentum"} if self.momentum.free else set()
+        if self.following:
+            chosen.add("velocities")
+        if self.polynomials.free_ends:
+            chosen.add("accelerations")
+        vars(self).update(
+            coefficients=len(self.offset),
+            size=len(self.offset) + self.momentum.free,
+            chosen_at_ends=frozenset(chosen),
+        )
 
     @property
     def degrees(self) -> tuple[int, ...]:
@@ -96,16 +105,6 @@ class DecisionVariables:
         joints = len(self.polynomials.centre)
         metric[: self.coefficients, : self.coefficients] = self.scaling / np.sqrt(joints)
         return metric
-
-    @cached_property
-    def chosen_at_ends(self) -> frozenset[AtEnds]:
-        """What the search chooses of the state at takeoff or landing."""
-        chosen: set[AtEnds] = {"momentum"} if self.momentum.free else set()
-        if self.following:
-            chosen.add("velocities")
-        if self.polynomials.free_ends:
-            chosen.add("accelerations")
-        return frozenset(chosen)
 
     def motion_class(self, angular_momentum: Array) -> SinePolynomials:
         """The class of motions with an angular momentum (e,)."""
@@ -143,7 +142,10 @@ class DecisionVariables:
     @cached_property
     def plain_motion(self) -> Array:
         """The x of the Hermite motion with no free part, and the h in the middle."""
-        return self.variables(self.polynomials.no_free_part, self.momentum.centre)
+        x = np.zeros(self.size)
+        is_scaled = self.offset_map is not None
+        x[: self.coefficients] = np.linalg.solve(self.scaling, -self.offset) if is_scaled else 0.0 - self.offset
+        return x
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,21 +162,26 @@ class Start:
 
 
 def decision_variables(
-    problem: Problem, degrees: tuple[int, ...], branches: IntArray, momentum: MomentumSet
+    problem: Problem, degrees: tuple[int, ...], branches: IntArray | None, momentum: MomentumSet
 ) -> DecisionVariables:
-    """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
+    """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing: None for the first ones.
+
+    They are of some degrees, with an angular momentum of a set.
+    """
     states = (problem.initial, problem.final)
+    rests = problem.initial.frame_rests or problem.final.frame_rests
+    rates = np.array([problem.initial.velocities, problem.final.velocities])
     low, high = problem.position_limits.T
     free = np.array([[state.free_accelerations] for state in states])
     conditions = Boundary(
         positions=np.array([state.positions for state in states]),
         accelerations=np.where(free, 0.0, np.array([state.accelerations for state in states])),
         free=free,
-        rates=flight_of(problem).end_rates(momentum),
+        rates=flight_of(problem).end_rates(momentum) if rests else lambda h: rates,
         centre=(low + high) / 2,
         amplitude=(high - low) / 2,
         duration=problem.flight.duration,
-        branches=branches,
+        branches=np.zeros((2, len(degrees)), np.int64) if branches is None else branches,
     )
     free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
     polynomials = SinePolynomials(
@@ -185,8 +192,7 @@ def decision_variables(
         tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
         free_ends,
     )
-    follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
-    return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
+    return scaled_variables(problem, polynomials, momentum, conditions if momentum.free and rests else None)
 
 
 def scaled_variables(
@@ -241,8 +247,8 @@ def whitened(
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
     """
-    scale = _scale if len(durations) == 1 else _scale.__wrapped__  # what many need is large, and not needed again
-    scaling, offset_map = scale(form, free, durations)
+    compute = scale if len(durations) == 1 else scale.__wrapped__  # what many need is large, and not needed again
+    scaling, offset_map, _ = compute(form, free, durations)
     offset = (offset_map * boundary.repeat(free, axis=1)).sum(axis=2)
     if len(durations) < len(boundary):
         scaling = np.broadcast_to(scaling, (len(boundary), *scaling.shape[1:]))
@@ -251,13 +257,21 @@ def whitened(
 
 
 @lru_cache(maxsize=64)
-def _scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array]:
-    """The scaling (N, m, m) and the offsets' maps (N, m, g) of each duration."""
-    by_boundary, orthogonal, inverse, unit = whitening(form, durations)
+def scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array, Array]:
+    """The scaling (N, m, m), the offsets' maps (N, m, g) and the unit (N,) of each duration, s."""
+    powers = powers_map(form, np.array(durations))
+    given = len(basis(form).given)
+    by_boundary = powers[..., :given]
+    orthogonal, triangular = np.linalg.qr(powers[..., given:])  # of a joint with all of the form's coefficients
+    inverse = np.linalg.inv(triangular)
+    longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.ones(len(durations))
+    unit = np.asarray(1 / longest)
+
+    # With fewer coefficients Q and R^-1 are their first columns, and rows.
     maps = {w: -inverse[:, :w, :w] @ (orthogonal[..., :w].swapaxes(1, 2) @ by_boundary) for w in set(free)}
     scaled = unit[:, None, None] * inverse
     scaling = np.zeros((len(durations), sum(free), sum(free)))
     for width, end in zip(free, accumulate(free), strict=True):
         own = slice(end - width, end)
         scaling[:, own, own] = scaled[:, :width, :width]
-    return scaling, np.concatenate([maps[width] for width in free], axis=1)
+    return scaling, np.concatenate([maps[width] for width in free], axis=1), unit

@@ -65,6 +65,10 @@ class Problem(Checked):
     file_text : str or None
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
+    landing_height : m, of the landing frame at t = T
+    has_inequalities : whether more is asked than what holds at both ends
+    chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
+    raises_degree : whether the degree may be raised where nothing else helps
     """
 
     robot: Robot
@@ -91,6 +95,10 @@ class Problem(Checked):
     reference: Array | None = field(init=False)
     takeoff: parts.Takeoff = field(init=False)
     landing: parts.Landing = field(init=False)
+    landing_height: float = field(init=False)
+    has_inequalities: bool = field(init=False)
+    chooses_ends: bool = field(init=False)
+    raises_degree: bool = field(init=False)
     file_text: str | None = field(init=False, repr=False)
     checks: ClassVar[Mapping[str, Check]] = {
         "robot": made(Robot, advice="load it with Robot.from_urdf"),
@@ -144,6 +152,14 @@ class Problem(Checked):
             for element, state in (("start", self.initial), ("goal", self.final)):
                 errors += resolution.end_errors(self.robot, ranges, flight, state, element)
         refuse(errors)
+        keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
+        is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
+        vars(self).update(
+            landing_height=self.landing.height or 0.0,
+            has_inequalities=keeps_clear or is_limited or self.limits.orientation_rate is not None,
+            chooses_ends=any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final)),
+            raises_degree=self.motion.degree == "auto",
+        )
 
     def _planar_errors(self) -> Iterator[InputError]:
         """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""
@@ -241,15 +257,6 @@ class Problem(Checked):
         """All limits on joints and motors but for their ranges, infinite where there is none."""
         return *self.joint_limits.values(), self.torque_limits, self.motor_torque_limits, self.motor_stall
 
-    @cached_property
-    def has_inequalities(self) -> bool:
-        """Whether more is asked than what holds at both ends."""
-        return (
-            bool(self.obstacles or self.self_clearances or self.ground)
-            or self.limits.orientation_rate is not None
-            or bool(np.isfinite(np.concatenate(self.limited)).any())
-        )
-
     @property
     def takeoff_frame(self) -> Frame:
         """The takeoff frame, resolved."""
@@ -259,11 +266,6 @@ class Problem(Checked):
     def landing_frame(self) -> Frame:
         """The landing frame, resolved."""
         return self.robot.frames[self.landing.frame]
-
-    @property
-    def landing_height(self) -> float:
-        """Height of the landing frame at t = T, resolved, m."""
-        return self.landing.height or 0.0
 
     @cached_property
     @one_thread
@@ -297,11 +299,6 @@ class Problem(Checked):
         ]
         return robot.hulls((self.takeoff.frame, self.landing.frame), low)
 
-    @property
-    def chooses_ends(self) -> bool:
-        """Whether velocities or accelerations at an end are words, so that a plan settles them."""
-        return any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
-
     def settled(self, velocities: Array, accelerations: Array) -> Problem:
         """Return the problem with what a plan has come to, where it asks for words: arrays (2, n), start and goal.
 
@@ -318,11 +315,6 @@ class Problem(Checked):
             goal=replace(self.goal, settled=goal),
             written=self.file_text,
         )
-
-    @property
-    def raises_degree(self) -> bool:
-        """Whether the degree may be raised where nothing else helps."""
-        return self.motion.degree == "auto"
 
 
 def _number(value: float | tuple[float, ...]) -> str:

@@ -356,7 +356,7 @@ class Robot:
         """The plane in which it flies; refused in space."""
         return self.layout.plane
 
-    @property
+    @cached_property
     def tree(self) -> PlanarTree:
         """Bodies in the plane; refused in space."""
         if self.in_plane is None:

@@ -151,13 +151,12 @@ def test_rows_differ_in_numbers_and_arrays():
     like = Struct("Nodes", nodes=8, **node_arrays())
     rows = StructRows(like, 3)
     own = np.arange(24.0).reshape(3, 8)
-    rows.point_to(tail=own)
-    rows.set_numbers(nodes=[8, 16, 24])
-    assert [rows.row(k).nodes for k in range(3)] == [8, 16, 24]
-    assert [rows.row(k).tail[1] for k in range(3)] == [1.0, 9.0, 17.0]
-    assert rows.row(2).value[0] == like.pointer.value[0]
+    rows.give(tail=own, nodes=[8, 16, 24])
+    assert [rows.pointer[k].nodes for k in range(3)] == [8, 16, 24]
+    assert [rows.pointer[k].tail[1] for k in range(3)] == [1.0, 9.0, 17.0]
+    assert rows.pointer[2].value[0] == like.pointer.value[0]
     with pytest.raises(TypeError, match=r"Nodes\.tail takes a contiguous array"):
-        rows.point_to(tail=np.zeros((8, 3)).T)
+        rows.give(tail=np.zeros((8, 3)).T)
 
 
 @pytest.mark.parametrize("numbers", [FINE, SETTINGS, EXCHANGE, CORRECTION_GAINS], ids=lambda it: type(it).__name__)

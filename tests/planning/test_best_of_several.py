@@ -19,7 +19,7 @@ from floatplan.planning import options, repair, search
 from floatplan.planning.options import DEFAULT_WORK, SearchOptions
 from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.repair import alternatives
-from floatplan.planning.result import best
+from floatplan.planning.result import SearchResult
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
@@ -68,7 +68,7 @@ def test_solutions_are_compared_by_the_number_that_the_user_sees(number: int) ->
 
 def test_the_first_of_equal_outcomes_is_the_best() -> None:
     outcome = searched(random_problem(0, 2), 1).best
-    assert best([outcome, replace(outcome)]) is outcome
+    assert SearchResult(outcome.spec, 0, [outcome, replace(outcome)]).best is outcome
 
 
 class TestWork:

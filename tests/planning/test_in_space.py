@@ -23,6 +23,7 @@ from floatplan.planning.lifting import LiftedFlight, close, starts
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planned import planned
 from floatplan.planning.spec import FlightSpec
+from floatplan.planning.variables import decision_variables
 from floatplan.tables import ORIENTATION
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -207,7 +208,7 @@ def test_twists_and_few_joints_need_a_higher_degree():
 def test_a_closed_motion_has_no_gaps_between_its_cells():
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     spec = FlightSpec(problem)
-    lifted = LiftedFlight(spec, spec.variables((9,) * 7))
+    lifted = LiftedFlight(spec, decision_variables(spec.problem, (9,) * 7, None, spec.momentum))
     drawn = starts(lifted, 4)
     motions = [close(next(drawn)) for _ in range(3)]
     assert any(motion.is_closed() for motion in motions)

@@ -50,8 +50,8 @@ class Segments:
 class LinkShapes:
     """Capsules of a robot, and the hulls of its links where its height over the ground counts, ready to be placed.
 
-    ``weights`` are those (S, m) of their starts and of their ends, see :meth:`PlanarTree.point_weights`; ``radius``
-    (S,) is in m.
+    ``weights`` are those (S, m) of their starts and of their ends, see :meth:`PlanarTree.point_weights`, and ``ends``
+    (S, 2, m) the same together; ``radius`` (S,) is in m.
     """
 
     def __init__(
@@ -64,6 +64,7 @@ class LinkShapes:
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
         starts, ends = ([getattr(shape, end) for shape in shapes] for end in ("start", "end"))
         self.weights = tuple(tree.point_weights(bodies, np.array(each, np.complex128)) for each in (starts, ends))
+        self.ends = np.stack(self.weights, axis=1)
         self._ends = np.concatenate(self.weights).T.copy()
         self.radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
 
@@ -85,11 +86,6 @@ def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> 
     facing = segments.facing(obstacle)
     of_pieces = [OBSTACLE_DISTANCES[piece.kind][0](facing, piece, shift) for piece in obstacle.pieces]
     return of_pieces[0] if len(of_pieces) == 1 else np.concatenate(of_pieces, axis=1)
-
-
-def distance_rows(obstacle: Obstacle) -> int:
-    """How many rows per capsule :func:`obstacle_distances` has."""
-    return sum(OBSTACLE_DISTANCES[piece.kind][1] for piece in obstacle.pieces)
 
 
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:

@@ -144,7 +144,8 @@ def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     robot, flight = problem.robot, problem.flight
     ends = (problem.initial, problem.final)
-    frames = (robot.frames[problem.takeoff.frame], robot.frames[problem.landing.frame])
+    by_name = robot.layout.frames
+    frames = (by_name[problem.takeoff.frame], by_name[problem.landing.frame])
     weights = np.array([frame_weights(robot, frame) for frame in frames])
     orientations = np.array([state.orientation for state in ends])
     positions = np.array([state.positions for state in ends])

@@ -24,7 +24,8 @@ from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.robot.robot import LinkCapsule, Robot
+
+shapes_of = lru_cache(maxsize=64)(LinkShapes)  # those of a robot are made once
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +112,11 @@ class PlanarFlight:
     @cached_property
     def link_shapes(self) -> LinkShapes:
         """The links' capsules, made when first asked for: a mesh that cannot be read stops nothing that needs none."""
-        return self.other_shapes or _link_shapes(
-            self.problem.robot, self.problem.ground_shapes if self.problem.ground else ()
-        )
+        if self.other_shapes:
+            return self.other_shapes
+        robot = self.problem.robot
+        hulls = self.problem.ground_shapes if self.problem.ground else ()
+        return shapes_of(robot.tree, robot.shapes, hulls)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -122,8 +125,12 @@ class PlanarFlight:
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
-        links = self.link_shapes.hull_links if isinstance(obstacle, Ground) else self.links
-        return links * clearance.distance_rows(obstacle)
+        shapes = self.link_shapes
+        links = shapes.hull_links if isinstance(obstacle, Ground) else shapes.links
+        rows_of_each = 0
+        for piece in obstacle.pieces:
+            rows_of_each += clearance.OBSTACLE_DISTANCES[piece.kind][1]
+        return links * rows_of_each
 
     def end_rates(self, momentum: MomentumSet) -> EndRates:
         """The joints' rates at both ends."""
@@ -144,11 +151,6 @@ class PlanarFlight:
     def whole_motion(self, joints: WrittenMotion, angular_momentum: Any, path: Ballistics) -> PlanarMotion:
         """The whole robot's motion, by Pinocchio."""
         return PlanarMotion(self.problem, joints, float(angular_momentum), path)
-
-
-@lru_cache(maxsize=64)
-def _link_shapes(robot: Robot, hulls: tuple[LinkCapsule, ...]) -> LinkShapes:
-    return LinkShapes(robot.tree, robot.shapes, hulls)
 
 
 @lru_cache(maxsize=8)

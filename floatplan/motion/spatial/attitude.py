@@ -28,7 +28,7 @@ from floatplan.errors import FloatplanError
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
-from floatplan.motion.spatial.rotations import exponential, of_quaternions
+from floatplan.motion.spatial.rotations import of_quaternions
 
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages of the search, by levels
 TOLERANCES: dict[str, float] = {
@@ -117,11 +117,6 @@ class Turning:
         return np.concatenate((self.borders[:1], self.attitudes, self.ends[-1:]))
 
     @cached_property
-    def mobility(self) -> Array:
-        """M (K, 3, 3), 1/(kg m^2)."""
-        return np.asarray(self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2))
-
-    @cached_property
     def carried(self) -> tuple[Array, Array]:
         """How small turns go on in each cell: transitions (C, 3, 3), and weights (C, S, 3, 3) of g at the stages.
 
@@ -208,8 +203,3 @@ def turn(
     )
     first = 0 if angular_momentum.any() else 1
     return Turning(cells, duration, angular_momentum, begins, inverse, attitudes, rates, ends, tuple(spun[first:]))
-
-
-def moved(attitudes: Array, turns: Array) -> Array:
-    """Attitudes (K, 3, 3) after turns (K, 3), rad, of the world's axes."""
-    return np.asarray(exponential(turns) @ attitudes)

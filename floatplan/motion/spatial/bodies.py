@@ -34,7 +34,8 @@ class BodyPoses:
     def of(cls, robot: Robot, attitudes: Array, positions: Array, com: Array) -> BodyPoses:
         """Poses of attitudes (K, 3, 3), positions (K, n) rad, and a centre of mass (K, 3), m."""
         dynamics = spatial_dynamics(robot)
-        model, data = dynamics.model, dynamics.data
+        model = dynamics.model
+        data = model.createData()  # of its own, as others may be computing with the robot's
         count, bodies = len(positions), model.njoints
         places, rotations = np.empty((count, bodies, 3)), np.empty((count, bodies, 3, 3))
         for k, q in enumerate(dynamics.configurations(positions)):

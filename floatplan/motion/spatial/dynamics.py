@@ -6,7 +6,7 @@ rest for an instant, and velocities and accelerations are in its own axes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -35,10 +35,10 @@ class SpatialDynamics:
     model: Any
     reference: Array
     selection: Array
-    _workspace: Workspace = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_workspace", Workspace(self.model))
+    @cached_property
+    def _workspace(self) -> Workspace:
+        return Workspace(self.model)
 
     @property
     def data(self) -> Any:
@@ -59,6 +59,10 @@ class SpatialDynamics:
         bodies = [model.inertias[joint] for joint in range(1, model.njoints)]
         placed = [model.jointPlacements[joint] for joint in moved]
         axes = [motion[:3] if slide else motion[3:] for slide, motion in zip(slides, motions, strict=True)]
+        seconds = []  # sums (3, 3) of m x x^T over each body's masses, kg m^2
+        for body in bodies:
+            about_center = np.eye(3) * np.trace(body.inertia) / 2 - body.inertia
+            seconds.append(about_center + body.mass * np.outer(body.lever, body.lever))
         return Struct(
             "SpatialTree",
             joints=len(slides),
@@ -69,7 +73,7 @@ class SpatialDynamics:
             placed=doubles([each.translation for each in placed]),
             mass=doubles([body.mass for body in bodies]),
             first=doubles([body.mass * body.lever for body in bodies]),
-            second=doubles([_second_moment(body) for body in bodies]),
+            second=doubles(seconds),
             armature=doubles(model.armature[BASE:]),
         )
 
@@ -126,9 +130,3 @@ class SpatialDynamics:
 def spatial_dynamics(robot: Robot) -> SpatialDynamics:
     """Return a robot's dynamics, prepared once."""
     return SpatialDynamics(robot.model, robot.reference[BASE + 1 :], robot.selection[BASE:])
-
-
-def _second_moment(body: Any) -> Array:
-    """Sum (3, 3) of ``m x x^T`` over a body's masses, from its ``pinocchio.Inertia``, kg m^2."""
-    about_center = np.eye(3) * np.trace(body.inertia) / 2 - body.inertia
-    return np.asarray(about_center + body.mass * np.outer(body.lever, body.lever))

@@ -115,34 +115,35 @@ class _PlainMotion:
         """Turn the base; errors as of :func:`turn`."""
         return turn(self.cells, self.duration, self._inertia, self._relative, h, self.initial_attitude)
 
-    def residual(self, turning: Turning) -> Array:
-        """Vector of rotation (3,), rad, from the attitude asked for at landing to that at landing."""
-        return np.asarray(logarithm((self.final_attitude.T @ turning.ends[-1])[None])[0])
+    def residual(self, h: Array) -> tuple[Array, Array]:
+        """Vector of rotation (3,), rad, from the attitude asked for at landing to that at landing.
 
-    def residual_slope(self, turning: Turning) -> Array:
-        """Derivative (3, 3) of the residual by h, backwards through the cells."""
+        With its derivative (3, 3) by h, backwards through the cells; errors as of :func:`turn`.
+        """
+        turning = self.turned(h)
+        residual = np.asarray(logarithm((self.final_attitude.T @ turning.ends[-1])[None])[0])
         transitions, weights = turning.carried
-        mobility = turning.mobility.reshape(weights.shape)
-        onward = left_jacobian_inverse(self.residual(turning)) @ self.final_attitude.T
+        mobility = turning.attitudes @ turning.inverse_inertia @ np.swapaxes(turning.attitudes, 1, 2)  # M of (S2)
+        mobility = mobility.reshape(weights.shape)
+        onward = left_jacobian_inverse(residual) @ self.final_attitude.T
         slope = np.zeros((3, 3))
         for cell in range(len(weights) - 1, -1, -1):
             slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)
             onward = onward @ transitions[cell]
-        return slope
+        return residual, slope
 
     def reaching(self, h: Array) -> Array:
         """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""
         best, least = h, math.inf
         try:
             for _ in range(STEPS):
-                turning = self.turned(h)
-                residual = self.residual(turning)
+                residual, slope = self.residual(h)
                 missed = float(np.linalg.norm(residual))
                 if missed < least:
                     best, least = h, missed
                 if missed < ENOUGH:
                     break
-                step = -np.linalg.lstsq(self.residual_slope(turning), residual, rcond=1e-9)[0]
+                step = -np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
                 longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:

@@ -25,7 +25,6 @@ from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quater
 from floatplan.pool import one_thread
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Robot
 
 FINER = (16, 32, 64, 128)  # [-] cells
 STAGES = 10  # [-] of each
@@ -33,18 +32,15 @@ RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many c
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
-    """Place (3,) of a link's or joint's origin relative to the centre of mass, m, in the world's axes."""
-    place: Array = BodyPoses.posed(robot, state, np.zeros(3)).frame(robot, frame)[0]
-    return place
-
-
 @lru_cache(maxsize=8)
 def spatial_ballistics(problem: Problem) -> Ballistics:
     """Path of the centre of mass, as (2), (3) and (6) are in space."""
-    flight, duration = problem.flight, problem.flight.duration
-    takeoff = np.array(problem.takeoff.position) - frame_from_com(problem.robot, problem.takeoff.frame, problem.initial)
-    landing = frame_from_com(problem.robot, problem.landing.frame, problem.final)
+    robot, flight, duration = problem.robot, problem.flight, problem.flight.duration
+    attitudes = np.array([attitude_of(problem.initial).matrix, attitude_of(problem.final).matrix])
+    positions = np.array([problem.initial.positions, problem.final.positions])
+    poses = BodyPoses.of(robot, attitudes, positions, np.zeros((2, 3)))  # with the centre of mass at the origin
+    takeoff = np.array(problem.takeoff.position) - poses.frame(robot, problem.takeoff.frame)[0]
+    landing = poses.frame(robot, problem.landing.frame)[1]
     rise = problem.landing_height - landing[2] - takeoff[2]
     across = flight.horizontal_velocity if isinstance(flight.horizontal_velocity, tuple) else (0.0, 0.0)
     velocity = [*across, rise / duration + flight.gravity * duration / 2]

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray, identity
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.structs import Struct, doubles, integers
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -57,7 +57,7 @@ class Bodies:
         rising = body.tolist()
         self.first = [bisect_left(rising, number) for number in range(len(turns) + 1)]
         self.ratio = terms[body, self.joint] * amplitude[self.joint]
-        self.rotations = identity(len(turns))[self.group].T * constant
+        self.rotations = np.eye(len(turns))[self.group].T * constant
         coupling = self.rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ self.rotations.T
         links = (constant.conj()[:, None] * tree.coupling) @ self.rotations.T
         links[np.arange(len(links)), self.group] += tree.inertia

@@ -19,7 +19,6 @@ from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, enumeration, integers
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
@@ -212,11 +211,11 @@ class PlanarRows(KernelRows):
             path = flight.ballistics
             self.path = np.array([*path.position0, *path.velocity0, path.gravity])
         needs_places = any(isinstance(block, DistanceRows) for block in blocks)
-        ends: ComplexArray = np.empty((0, 2, 0), np.complex128)
+        ends: ComplexArray = np.empty((0, 2, 0), np.complex128)  # (S, 2, m) of capsules, by the bodies' rotations
         radius = np.empty(0)
         if needs_places:
             assert flight, "distances are of a flight"
-            ends = _ends(tree, flight.link_shapes)
+            ends = self.own_bodies.of_points(flight.link_shapes.ends)
             radius = flight.link_shapes.radius
         places = {
             "needs_places": needs_places,
@@ -267,12 +266,6 @@ def nodes_of_levels(form: Form) -> StructArray:
         )
         levels.append(nodes)
     return StructArray("Nodes", levels)
-
-
-@lru_cache(maxsize=16)
-def _ends(tree: PlanarTree, shapes: LinkShapes) -> ComplexArray:
-    """Weights (S, 2, m) of the capsules' starts and ends, by the rotations of the kernel's bodies."""
-    return unscaled_robot(tree)[0].of_points(np.stack(shapes.weights, axis=1))
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:
