@@ -64,6 +64,7 @@ class DecisionVariables:
         The conditions (13) where they change with h; the polynomials' own are those of the middle h.
     offset_map : (m, g), optional
         By which the offset follows a joint's given conditions (13), where it does.
+    has_reference : whether x = 0 is the motion nearest to a recorded one
     coefficients : number m of free coefficients
     size : number of variables
     chosen_at_ends : what the search chooses of the state at takeoff or landing
@@ -75,6 +76,7 @@ class DecisionVariables:
     momentum: MomentumSet
     following: Boundary | None = None
     offset_map: Array | None = None
+    has_reference: bool = False
     coefficients: int = field(init=False)
     size: int = field(init=False)
     chosen_at_ends: frozenset[AtEnds] = field(init=False)
@@ -125,7 +127,8 @@ class DecisionVariables:
     def variables(self, z: Array, angular_momentum: npt.ArrayLike) -> Array:
         """Return the x of a motion: the inverse of :meth:`free_coefficients` and :meth:`angular_momentum`."""
         beyond = z.ravel()[self.polynomials.free_indices] - self.offset
-        x = np.asarray(beyond if self.offset_map is None else np.linalg.solve(self.scaling, beyond), np.float64)
+        is_scaled = self.offset_map is not None or self.has_reference
+        x = np.asarray(np.linalg.solve(self.scaling, beyond) if is_scaled else beyond, np.float64)
         if not self.momentum.free:
             return x
         beside = np.atleast_1d(angular_momentum) - self.momentum.centre
@@ -141,8 +144,10 @@ class DecisionVariables:
 
     @cached_property
     def plain_motion(self) -> Array:
-        """The x of the Hermite motion with no free part, and the h in the middle."""
+        """The x of the motion with no free part, or of the one nearest to a recorded one; h is in the middle."""
         x = np.zeros(self.size)
+        if self.has_reference:
+            return x
         is_scaled = self.offset_map is not None
         x[: self.coefficients] = np.linalg.solve(self.scaling, -self.offset) if is_scaled else 0.0 - self.offset
         return x
@@ -202,7 +207,7 @@ def scaled_variables(
     size = sum(polynomials.free)
     if problem.reference is not None:
         offset, scaling = near_reference(problem.reference, polynomials)
-        return DecisionVariables(polynomials, offset, scaling, momentum, following)
+        return DecisionVariables(polynomials, offset, scaling, momentum, following, has_reference=True)
     if not (problem.robot.in_plane and problem.motion.objective == "coefficients" and size):
         return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
     given = polynomials.given_boundary[None]
