@@ -20,9 +20,12 @@ from floatplan.planning.options import MOST_SOLVED
 MADE_BY_FLOATPLAN = {
     "JumpReplay",
     *("Authority", "Certificate", "ClosedLoop", "Contact", "Correction", "FlightState", "Plan", "Plans", "Reference"),
-    *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch"),
+    *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch", "MotionSample"),
+    *("Clip", "ClipCheck", "ClipFlight", "ClipRepair", "FlightJudgement"),
 }
 TRIED_AMONG_JUMPS = ("jump", "launch", "load_jump", "replay_jump")  # in tests of their own
+TRIED_AMONG_CLIPS = ("load_clip", "check_clip", "repair_clip")
+TRIED_ELSEWHERE = (*TRIED_AMONG_JUMPS, *TRIED_AMONG_CLIPS)
 NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError", "method"}
 FEW_LETTERS = 1500  # of any representation
 
@@ -132,7 +135,12 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
             },
             into("flight"),
         ),
-        "Motion": Call(fp.Motion, {"degree": (7, 7), "objective": "torque"}, into("motion")),
+        "Motion": Call(fp.Motion, {"degree": (7, 7), "objective": "torque", "clip": None}, into("motion")),
+        "ClipReference": Call(
+            fp.ClipReference,
+            {"file": None, "from_": None, "to": None, "positions": [[0.1, 0.2], [0.3, 0.4]]},
+            lambda clip: into("motion")(fp.Motion(objective="clip", clip=clip)),
+        ),
         "Limits": Call(fp.Limits, {**limits, "acceleration": (99.0, math.inf)}, into("limits")),
         "Motor": Call(
             fp.Motor, {"stall": 9.0, "slope": 0.1}, lambda motor: into("limits")(fp.Limits(motor={"q1": motor}))
@@ -310,6 +318,7 @@ PARTS = [
         "Landing",
         "Flight",
         "Motion",
+        "ClipReference",
         "Limits",
         "Motor",
         "Circle",
@@ -386,7 +395,13 @@ def test_every_public_name_is_tried(
 ) -> None:
     tried = {
         name.partition(".")[0]
-        for name in (*PARTS, *calls(problem, plan, authority, tmp_path), "study", *TRIED_AMONG_JUMPS)
+        for name in (
+            *PARTS,
+            *calls(problem, plan, authority, tmp_path),
+            "study",
+            *TRIED_AMONG_JUMPS,
+            *TRIED_AMONG_CLIPS,
+        )
     }
     assert set(fp.__all__) == tried | MADE_BY_FLOATPLAN | NO_ARGUMENTS
 

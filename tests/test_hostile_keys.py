@@ -54,7 +54,8 @@ horizontal_velocity = -2
 gravity = 1.62
 [motion]
 degree = [8, 9]
-objective = "torque"
+objective = "clip"
+clip = { from = 0.0, to = 0.5, positions = [[0.1, 0.2], [0.3, 0.4]] }
 [limits]
 position = { q1 = [-90, 90] }
 velocity = 720

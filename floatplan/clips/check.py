@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import made, positive
 from floatplan.clips.clip import Clip
 from floatplan.clips.judge import GRAVITY, PHYSICAL, UNPHYSICAL, FlightJudgement, judge_flight
 from floatplan.pool import one_thread
@@ -84,6 +85,8 @@ def check_clip(clip: Clip, gravity: float = GRAVITY) -> ClipCheck:
     InputError
         No foot can be told, or the robot has no shapes.
     """
+    made(Clip, advice="fp.load_clip reads one")(clip, "clip")
+    positive(unit="m/s^2")(gravity, "gravity")
     return ClipCheck(clip, tuple(judge_flight(clip, flight, gravity) for flight in clip.flights), gravity)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from floatplan.arguments import FINITE, many, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.clips.clip import Clip, FileLayout
@@ -69,6 +70,11 @@ def load_clip(
         The file or the model cannot be read, or the one is not a motion of the other: file, key and reason.
     """
     source = as_path(path, "path")
+    for name, value in (("format", format), ("quaternion", quaternion)):
+        optional(text)(value, name)
+    optional(FINITE)(fps, "fps")
+    optional(many(text, "names of links"))(feet, "feet")
+    optional(FINITE)(ground, "ground")
     robot = model if isinstance(model, Robot) else Robot.from_file(model, base="free-flyer")
     if robot.base != "free-flyer":
         raise InputError("is a robot in a plane", element="model", advice='load it with base="free-flyer"')

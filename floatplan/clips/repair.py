@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arguments import one_of
+from floatplan.arguments import many, one_of, optional, whole
 from floatplan.arrays import Array, read_only
 from floatplan.clips.check import ClipCheck, check_clip
 from floatplan.clips.clip import Clip
@@ -24,8 +24,11 @@ from floatplan.clips.timing import RAMP, Clock
 from floatplan.errors import InputError
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.pool import one_thread
+from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
+from floatplan.tables import Range
 
 BESIDE = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
+MOST_FLIGHTS = 10**6  # [-] numbers of flights
 STEP = 1e-4  # [s] of differences, by which velocities in stances are computed
 FORCE_STEP = 0.02  # [s] of differences, by which forces are: shorter ones tell of the frames' noise
 
@@ -160,6 +163,8 @@ def repair_clip(
         A choice or a number of a flight is none; or as of :func:`floatplan.check_clip`.
     """
     one_of(*CHOICES)(choice, "choice")
+    optional(many(whole(Range(0, MOST_FLIGHTS, "")), "numbers of flights"))(flights, "flights")
+    optional(whole(Range(LOWEST_DEGREE + 1, HIGHEST_DEGREE, "")))(degree, "degree")
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
     repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
@@ -167,10 +172,10 @@ def repair_clip(
     if not good:
         left = tuple(FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights))
         return clip, ClipRepair(before, left)
-    whole = _Whole(clip, good)
-    found = whole.clip()
+    new = _Whole(clip, good)
+    found = new.clip()
     done = [
-        whole.told(number, gravity) if number in good else FlightRepair(flight, repaired.get(number))
+        new.told(number, gravity) if number in good else FlightRepair(flight, repaired.get(number))
         for number, flight in enumerate(clip.flights)
     ]
     return found, ClipRepair(before, tuple(done))

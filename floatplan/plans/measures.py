@@ -292,7 +292,7 @@ def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[Plan
             )
         else:
             continue
-        message += "; another posture, duration or angular momentum may help."
+        message += "; another posture or momentum may help."
         yield PlanWarning(contact.end, subject, rate, limit, "rad/s", instant, message)
 
 

@@ -214,3 +214,25 @@ def test_spoiled_files_are_read_or_refused(robot: fp.Robot, tmp_path: Path) -> N
 @pytest.mark.long
 def test_many_spoiled_files_are_read_or_refused(robot: fp.Robot, tmp_path: Path) -> None:
     assert fuzz(range(FEW, FEW + MANY), robot, tmp_path) > MANY / 4
+
+
+def test_strange_arguments_are_refused(tmp_path: Path) -> None:
+    model = tmp_path / "hopper.urdf"
+    model.write_text(samples.robot_text())
+    path = samples.write_csv(samples.hops(60, (0.5,), gravity=7.0), tmp_path / "clip.csv")
+    strange: list[Any] = [object(), b"1", 1j, [1, "x"], float("nan"), -1.0, {}, np.zeros((2, 2)), "\0", 10**400]
+    good: dict[str, Any] = {"path": path, "model": model, "fps": 60.0}
+    clip = fp.load_clip(**good)
+    for value in strange:
+        for name in ("path", "model", "format", "fps", "quaternion", "feet"):
+            with pytest.raises(fp.InputError):
+                fp.load_clip(**{**good, name: value})
+        with pytest.raises(fp.InputError):
+            fp.check_clip(value)
+        with pytest.raises(fp.InputError):
+            fp.repair_clip(value)
+        for name in ("choice", "flights", "degree"):
+            with pytest.raises(fp.InputError):
+                fp.repair_clip(clip, **{name: value})
+    with pytest.raises(fp.InputError, match="gravity"):
+        fp.check_clip(clip, gravity=-9.81)
