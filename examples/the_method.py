@@ -38,17 +38,18 @@ h = problem.flight.momentum_in_plane
 assert not isinstance(h, str), "the file has a number"
 print(f"(9)    h between {low:.4f} and {high:.4f}, middle (10) {(low + high) / 2:.4f}; here {h:.4f} kg m^2/s")
 
-# The joints' motions: sine functions of polynomials (12) that meet both ends (13), whatever the variables w are.
+# The joints' motions: sine functions of polynomials (12) that meet both ends (13), whatever the variables z are.
 motions = Motions(problem, problem.degrees, np.zeros(joints, dtype=np.int64))
 print(f"(16)   degrees {problem.degrees}: {motions.size} variables are left for the one equation (14)")
 
-# With quintics alone the base ends elsewhere, (14); b of least length (17) bring it there.
+# With quintics alone, z = 0, the base ends elsewhere, (14); b of least length (17) bring it there.
 program = Program(problem, motions, h, reach=0.0)
-plain = program.evaluate(motions.quintics)
-print(f"(14)   quintics miss the orientation by {plain.missed[0]:+.4f} rad")
-solution = minimise(program, motions.quintics)
-b = motions.polynomials.powers_of_seconds(motions.free_part(solution.x))
-assert abs(solution.evaluation.missed[0]) < 1e-9
+quintics = np.zeros(motions.size)
+plain = program.evaluate(quintics)
+print(f"(14)   quintics miss the orientation by {plain.rows[0]:+.4f} rad")
+solution = minimise(program, quintics)
+b, _ = motions.b(solution.x)
+assert solution.violation < 1e-9
 print(f"(17)   {solution.steps} steps take the base there to less than 1e-9 rad, with |b| = {np.linalg.norm(b):.4f}")
 
 # All of that in one call, with the torques (A.1) that it takes.

@@ -12,6 +12,7 @@ from floatplan.robot.robot import Robot
 
 BASE = 3  # first coordinates of ``robot.model``: horizontal, vertical, orientation
 ORIENTATION = 2
+QUANTITIES = ("velocities", "accelerations", "orientation_rate", "torques", "motor_torques")  # of limits, objectives
 
 
 class Quantity(NamedTuple):
@@ -29,11 +30,6 @@ class Dynamics:
         self.model = robot.model
         self.data = robot.model.createData()
         self.n = len(robot.joints)
-        sizes = {"velocities": self.n, "accelerations": self.n, "orientation_rate": 1}
-        sizes |= {"torques": self.n, "motor_torques": len(robot.motors)}
-        ends = np.cumsum([0, *sizes.values()])
-        self.quantity = {name: slice(*ends[k : k + 2]) for k, name in enumerate(sizes)}
-        self.count = int(ends[-1])
 
     def momentum_map(self, q: Array) -> Array:
         """D_0, ..., D_n (n+1,) of (4), kg m^2: the momentum that a unit rate of theta_0, q_1, ..., q_n makes."""
@@ -70,16 +66,21 @@ class Dynamics:
         jacobian -= M[:, :BASE] @ np.linalg.solve(M_base, jacobian[:BASE])
         return Quantity(np.array(self.data.tau), jacobian)
 
-    def quantities(self, u: Array) -> Quantity:
-        """All that objectives and limits are about: slices of it, by their names, are in ``quantity``."""
-        moving = np.eye(len(u))[self.n : 3 * self.n]
-        rate = self.base_rate(u)
-        by_motors = np.hstack((self.robot.selection, self.robot.transmission)).T
+    def quantities(self, u: Array) -> dict[str, Quantity]:
+        """All that objectives and limits may be about, by name: those of the joints (n), the motors or the base."""
+        n = self.n
+        moving = np.eye(len(u))
         torques = self.torques(u)
-        values = np.concatenate((moving @ u, rate.values, by_motors @ torques.values))
-        return Quantity(values, np.concatenate((moving, rate.jacobian, by_motors @ torques.jacobian)))
+        by_name = {
+            "velocities": Quantity(u[n : 2 * n], moving[n : 2 * n]),
+            "accelerations": Quantity(u[2 * n : 3 * n], moving[2 * n : 3 * n]),
+            "orientation_rate": self.base_rate(u),
+        }
+        for name, sums in (("torques", self.robot.selection), ("motor_torques", self.robot.transmission)):
+            by_name[name] = Quantity(sums.T @ torques.values, sums.T @ torques.jacobian)
+        return by_name
 
-    def places(self, u: Array, weights: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    def points(self, u: Array, weights: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Points (P,) seen from the CM, (6), (20), and derivatives by u: sums of the bodies' unit vectors, weighted."""
         tree = self.robot.tree
         terms = weights * tree.rotations(tree.absolute_angles(u[-1], u[: self.n]))

@@ -12,6 +12,7 @@ import numpy as np
 from floatplan.arguments import whole
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.method.dynamics import QUANTITIES
 from floatplan.method.motion import Motions
 from floatplan.method.program import Program, back_off
 from floatplan.method.sqp import Solution, minimise
@@ -20,19 +21,16 @@ from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
-from floatplan.problem.problem import Problem
-from floatplan.tables import ORIENTATION, Range
+from floatplan.problem.problem import Problem, shares_of_limits
+from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION, Range
 
 GRID = np.linspace(0, 1, 401)  # instants at which inequalities are looked at
-INSTANTS = np.linspace(0, 1, 65)[1:-1]  # at which they hold, where a solution without them violates some
-NEARLY = 1e-2  # of rows, in their scales: with less on the grid they may be violated between its instants
-ROUNDING = 1e-12  # of rows
-CLOSE = 1e-3  # of [0, 1]: a new instant takes the place of one that is so near, whose row is all but the same
+INSTANTS = np.linspace(0, 1, 65)[1:-1]  # at which they hold, where a motion without them violates some
+NEARLY = 1e-2  # [-] of rows' scales: with less on the grid they may be violated between its instants
+ROUNDING = 1e-12  # [-] of rows' scales
 EXCHANGES = 20  # times that instants are added
-STARTS = 12  # at each degree
-BEST_OF = 4  # random starts that led to a plan, where that is quick: without inequalities
-SPREADS = (1.6, 0.2, 0.4, 0.8)  # [rad] root mean square of each polynomial in p's free part, of starts in turn
-DRAWN = 16  # random motions, of which the one that violates least begins
+STARTS = 12  # in all, as many at each degree
+SPREADS = (0.2, 0.4, 0.8, 1.6)  # [rad] root mean square of each polynomial in p, of random starts in turn
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
 SEED = whole(Range(0, 2**63 - 1, ""))
 
@@ -60,95 +58,90 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     """
     began = time.perf_counter()
     problem = given_problem(problem)
-    seed = SEED(seed, "seed")
     refuse(problem)
-    answers: list[tuple[bool, float, Plan]] = []
+    rng = np.random.default_rng(SEED(seed, "seed"))
+    tried: list[tuple[float, Plan]] = []
     steps = 0
-    for program, start in starts(problem, seed):
-        solution = followed(program, start)
+    for program, x in starts(problem, rng):
+        solution = solve(program, x)
         moving = plan_of(program, solution)
         violation = max(moving.whole.missed, violated(program, solution.x)[0])  # (14) by the plan's own dynamics
-        fails = violation > ORIENTATION
-        answers.append((fails, violation if fails else moving.objective_value, moving))
-        steps += start.steps + solution.steps
-        solved = sum(not fails for fails, _, _ in answers)
-        if solved >= (1 if len(answers) == 1 or problem.has_inequalities else BEST_OF):
+        tried.append((violation, moving))
+        steps += solution.steps
+        if solution.converged and violation <= ORIENTATION:
             break
-    fails, violation, moving = min(answers, key=lambda answer: answer[:2])
-    solver = {"starts": len(answers), "solved": solved, "iterations": steps, "seed": seed}
-    best = replace(moving, solver={**solver, "seconds": time.perf_counter() - began})
-    nearest = (
-        f"The nearest motion of {len(answers)} starts violates a constraint by {violation:.3g} rad or of its scale"
-    )
-    return replace(best, ok=False, status="infeasible", explanation=f"{nearest}.") if fails else best
-
-
-def plan_of(program: Program, solution: Solution) -> Plan:
-    """The plan that moves as an SQP has ended."""
-    return Plan.of_motion(
-        program.problem,
-        program.motions.polynomials,
-        program.motions.free_part(solution.x[: program.motions.size]),
-        np.array([program.angular_momentum(solution.x)]),
-        status="optimal" if solution.converged else "feasible",
-        ok=True,
-        explanation="Every constraint holds at all times.",
-        solver={},
-    )
+    violation, nearest = min(tried, key=lambda one: max(one[0], ORIENTATION))
+    ok = bool(violation <= ORIENTATION)
+    seconds = time.perf_counter() - began
+    solver = {"starts": len(tried), "solved": int(ok), "iterations": steps, "seed": seed, "seconds": seconds}
+    if ok:
+        return replace(nearest, solver=solver)
+    missed = f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad or of its scale."
+    return replace(nearest, ok=False, status="infeasible", explanation=missed, solver=solver)
 
 
 def refuse(problem: Problem) -> None:
     """Refuse what is not taken: InputError names the key."""
-    ends = (("start", problem.initial), ("goal", problem.final))
-    asked = {"robot.base": problem.robot.in_plane is None, "ground": problem.ground, "jump": problem.jump is not None}
-    asked |= {f"{end}.velocities": state.frame_rests for end, state in ends}
-    asked |= {f"{end}.accelerations": state.free_accelerations for end, state in ends}
-    asked |= {f"obstacles.{i}.kind": shape.kind == "capsule" for i, shape in enumerate(problem.obstacles)}
-    asked |= {"self_clearance": bool(problem.self_clearances), "motion.clip": problem.reference is not None}
-    for element in filter(asked.get, asked):
-        reason = (
-            "the reference method plans flights in a plane, between given states, past circles and half-planes alone"
-        )
-        raise InputError(reason, element=element, advice='use the method "kernel"')
+    unknown = ["robot.base"] if problem.robot.in_plane is None else []
+    unknown += ["ground"] if problem.ground else []
+    unknown += ["jump"] if problem.jump is not None else []
+    unknown += ["self_clearance"] if problem.self_clearances else []
+    unknown += ["motion.clip"] if problem.reference is not None else []
+    for end, state in (("start", problem.initial), ("goal", problem.final)):
+        unknown += [f"{end}.velocities"] if state.frame_rests else []
+        unknown += [f"{end}.accelerations"] if state.free_accelerations else []
+    for index, shape in enumerate(problem.obstacles):
+        unknown += [] if shape.kind in ("circle", "half-plane") else [f"obstacles.{index}.kind"]
+        unknown += [] if shape.window is None else [f"obstacles.{index}.window"]
+    minimised = OBJECTIVE_TABLE[problem.motion.objective].quantity
+    unknown += [] if minimised in (None, *QUANTITIES) else ["motion.objective"]
+    for limit in shares_of_limits(problem):
+        unknown += ["limits.motor"] if limit.also else []
+        unknown += [] if set(limit.used) <= set(QUANTITIES) else [f"limits.{limit.key}"]
+    if unknown:
+        reason = "the reference method plans flights in a plane, between given states, past circles and half-planes, "
+        reason += f"with limits of {', '.join(QUANTITIES)} alone"
+        raise InputError(reason, element=unknown[0], advice='use the method "kernel"')
 
 
-def starts(problem: Problem, seed: int) -> Iterator[tuple[Program, Solution]]:
-    """Yield first solutions: from quintics without inequalities, then from random motions, on other branches too."""
+def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program, Array]]:
+    """Yield a program and its x: quintics (13) first, then random motions, on other branches too; degrees by (16)."""
     low, high = flight_of(problem).momentum_interval or (0.0, 0.0)  # (7) to (9)
     h = problem.flight.momentum_in_plane
     momentum = (low + high) / 2 if isinstance(h, str) else h  # (10)
     reach = (high - low) / 2 if h == "free" else 0.0
-    rng = np.random.default_rng(seed)
     joints = len(problem.robot.joints)
     lowest = max(problem.degrees)
-    for degree in range(lowest, max(HIGHEST_DEGREE, lowest) + 1, 2) if problem.raises_degree else [lowest]:
+    rising = range(lowest, max(HIGHEST_DEGREE, lowest) + 1, 2) if problem.raises_degree else [lowest]
+    for degree in rising:
         degrees = [degree] * joints if problem.raises_degree else problem.degrees
-        for number in range(STARTS):
+        for number in range(STARTS // len(rising)):
             branch = np.zeros(joints, dtype=np.int64)
             branch[rng.integers(joints)] = rng.choice([-1, 1]) if number % 2 else 0
             program = Program(problem, Motions(problem, degrees, branch), momentum, reach)
-            x = np.append(program.motions.quintics, np.zeros(program.size - program.motions.size))
+            x = np.zeros(program.size)
             if number:
-                program.instants = INSTANTS
-                spread = SPREADS[number % len(SPREADS)] * program.scale
-                drawn = [x + spread @ rng.normal(size=program.size) for _ in range(DRAWN)]
-                program.near = min(drawn, key=lambda x: program.evaluate(x).violation)
-                x = minimise(program, program.near).x  # feasible first, then least
+                program.near = SPREADS[number % len(SPREADS)] * rng.normal(size=program.size)
+                x = minimise(program, program.near).x  # (14) first
                 program.near = None
-            yield program, minimise(program, x)
+            yield program, x
 
 
-def followed(program: Program, solution: Solution) -> Solution:
-    """Follow a solution, with more instants until all rows hold between them too."""
+def solve(program: Program, x: Array) -> Solution:
+    """Solve a program from x; at more instants, wherever rows are violated between them, until none is."""
+    solution = minimise(program, x)
     for _ in range(EXCHANGES):
         _, instants = violated(program, solution.x)
-        if solution.evaluation.violation > ORIENTATION or not len(instants):
+        exchanged = len(program.instants) > 0
+        if not len(instants) or (exchanged and solution.violation > ORIENTATION):
             break
-        held = program.instants if len(program.instants) else INSTANTS
-        far = np.abs(held[:, None] - instants).min(axis=1) > CLOSE
-        program.instants = np.union1d(held[far], instants)
-        following = minimise(program, solution.x)
-        solution = replace(following, steps=solution.steps + following.steps)
+        if exchanged:
+            program.instants = np.union1d(program.instants, instants)
+            x = solution.x
+        else:
+            program.instants = INSTANTS  # from x again: past an obstacle there are several ways
+        following = minimise(program, x)
+        solution = following._replace(steps=solution.steps + following.steps)
     return solution
 
 
@@ -158,4 +151,14 @@ def violated(program: Program, x: Array) -> tuple[float, Array]:
     k, row = lowest_of_neighbours(np.where(values < NEARLY, values, np.inf))
     s, least = narrowed(lambda closer: program.rows_at(closer, x), row, GRID[k], values[k, row], GRID[1], 1.0)
     worst = max(0.0, float((-least - back_off(s)).max(initial=0.0)))
-    return worst, np.unique(s[least < -back_off(s) / 2 - ROUNDING])
+    return worst, np.unique(s[least < -0.9 * back_off(s) - ROUNDING])
+
+
+def plan_of(program: Program, solution: Solution) -> Plan:
+    """The plan that moves as an SQP has ended."""
+    z = program.motions.free_part(solution.x[: program.motions.size])
+    h = np.array([program.angular_momentum(solution.x)])
+    status = "optimal" if solution.converged else "feasible"
+    explanation = "Every constraint holds at all times."
+    motion = program.problem, program.motions.polynomials, z, h
+    return Plan.of_motion(*motion, status=status, ok=True, explanation=explanation, solver={})

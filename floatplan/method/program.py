@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,38 +18,36 @@ from floatplan.tables import OBJECTIVE_TABLE
 QUADRATURE = gauss_legendre(96)  # of (14) and (18): exact to 1e-12 rad but for motions that nobody wants
 LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a limit
 BACK_OFF = 2e-7  # [-] of these, by which the search keeps inside: its plan then holds between instants too
+NEAR_ENDS = 0.05  # [-] of the flight: there motions may change less, as the cube of the time to the end
 
 
 class Evaluation(NamedTuple):
-    """At x (m,): minimise ``|residuals|^2 / 2`` where ``missed = 0`` and ``rows >= 0``; with derivatives by x."""
+    """At x (m,): the objective, half a sum of squares; its gradient (m,) and Gauss's and Newton's Hessian; rows (r,).
 
-    residuals: Array
-    residuals_by_x: Array
-    missed: Array
-    missed_by_x: Array
+    Rows must not be negative: what (14) misses, with either sign, then the inequalities. Their scales are 1 rad, the
+    limits and LENGTH_SCALE.
+    """
+
+    objective: float
+    gradient: Array
+    hessian: Array
     rows: Array
     rows_by_x: Array
 
     @property
-    def objective(self) -> float:
-        """Half the square of the residuals."""
-        return float(self.residuals @ self.residuals) / 2
-
-    @property
-    def gradient(self) -> Array:
-        """Of the objective, (m,)."""
-        return np.asarray(self.residuals_by_x.T @ self.residuals)
-
-    @property
     def violation(self) -> float:
-        """Sum of what the constraints lack."""
-        return float(np.abs(self.missed).sum() - np.minimum(self.rows, 0).sum())
+        """Most that a row lacks."""
+        return max(-float(self.rows.min()), 0.0)
+
+    def merit(self, penalty: float) -> float:
+        """The objective and the penalty times the violation."""
+        return self.objective + penalty * self.violation
 
 
 class Program:
-    """A problem's flights on one branch of the arcsine: x is w and, where h is free, its share of ``reach``.
+    """A problem's flights on one branch of the arcsine: x is z and, where h is free, its share of ``reach``.
 
-    Inequalities hold at ``instants`` of [0, 1]. Where a motion is given as ``near``, the objective is to stay near it.
+    Inequalities hold at ``instants`` of [0, 1]. Where an x is given as ``near``, the objective is to stay near it.
     """
 
     def __init__(self, problem: Problem, motions: Motions, momentum: float, reach: float) -> None:
@@ -59,10 +56,8 @@ class Program:
         self.momentum = momentum  # [kg m^2/s]
         self.reach = reach  # [kg m^2/s], 0 where h is given
         self.size = motions.size + (reach > 0)
-        self.scale = np.eye(self.size)  # by which a unit of x is a root mean square of 1 rad of p
-        self.scale[: motions.size, : motions.size] = motions.R
         self.dynamics = Dynamics(problem.robot)
-        self.used = limit_shares(problem, self.dynamics)
+        self.limits = [(name, used) for shares in shares_of_limits(problem) for name, used in shares.used.items()]
         capsules = problem.robot.shapes if problem.obstacles else ()
         bodies = np.array([capsule.body for capsule in capsules], dtype=np.int64)
         ends = np.array([[capsule.start, capsule.end] for capsule in capsules], dtype=np.complex128)
@@ -79,15 +74,15 @@ class Program:
     def states(self, x: Array, s: Array) -> tuple[Array, Array]:
         """States u (N, 3n+2) at the nodes, then at s, and their derivatives (N, 3n+2, m) by x; theta_0 by (18)."""
         instants = np.concatenate((QUADRATURE.nodes, s))
-        joints, joints_by_x = self.motions.at(instants, x[: self.motions.size])
+        joints, joints_by_z = self.motions.at(instants, x[: self.motions.size])
         u = np.zeros((len(instants), joints.shape[1] + 2))
         u_by_x = np.zeros((*u.shape, self.size))
         u[:, :-2] = joints
-        u_by_x[:, :-2, : self.motions.size] = joints_by_x
+        u_by_x[:, :-2, : self.motions.size] = joints_by_z
         u[:, -2] = self.angular_momentum(x)
         u_by_x[:, -2, self.motions.size :] = self.reach
         rates = [self.dynamics.base_rate(state) for state in u[: len(QUADRATURE.nodes)]]
-        integrals = self.motions.duration * QUADRATURE.integrals(instants)
+        integrals = self.problem.flight.duration * QUADRATURE.integrals(instants)
         u[:, -1] = self.problem.initial.orientation + integrals @ [rate.values[0] for rate in rates]
         u_by_x[:, -1] = integrals @ [rate.jacobian[0] @ u_by_x[k] for k, rate in enumerate(rates)]
         return u, u_by_x
@@ -97,25 +92,28 @@ class Program:
         u, u_by_x = self.states(x, np.append(self.instants, 1.0))
         nodes = len(QUADRATURE.nodes)
         missed = u[-1:, -1] - self.problem.final.orientation  # (14)
-        rows = [self.rows(s, state) for s, state in zip(self.instants, u[nodes:-1], strict=True)]
-        values = np.array([row.values for row in rows]).ravel()
-        jacobians = np.array([row.jacobian @ u_by_x[nodes + k] for k, row in enumerate(rows)])
-        by_x = jacobians.reshape(len(values), self.size)
-        return Evaluation(*self.residuals(x, u[:nodes], u_by_x[:nodes]), missed, u_by_x[-1:, -1], values, by_x)
+        values = [missed, -missed]
+        by_x = [u_by_x[-1:, -1], -u_by_x[-1:, -1]]
+        for s, state, state_by_x in zip(self.instants, u[nodes:-1], u_by_x[nodes:-1], strict=True):
+            rows = self.rows(s, state)
+            values.append(rows.values)
+            by_x.append(rows.jacobian @ state_by_x)
+        residuals, J = self.residuals(x, u[:nodes], u_by_x[:nodes])
+        objective = float(residuals @ residuals) / 2
+        return Evaluation(objective, J.T @ residuals, J.T @ J, np.concatenate(values), np.concatenate(by_x))
 
     def residuals(self, x: Array, u: Array, u_by_x: Array) -> tuple[Array, Array]:
-        """The w of (17), or what is integrated at the nodes, so that half the sum of squares is the integral."""
-        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
+        """The b of (17), or what is integrated at the nodes, so that half the sum of squares is the integral."""
         if self.near is not None:
-            to_near: Array = np.asarray(np.linalg.inv(self.scale), dtype=np.float64)
-            return to_near @ (x - self.near), to_near
+            return x - self.near, np.eye(self.size)
+        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
-            return x[: self.motions.size], np.eye(self.motions.size, self.size)
-        weights = np.sqrt(2 * self.motions.duration * QUADRATURE.weights)[:, None]
-        own = self.dynamics.quantity[quantity]
-        parts = [self.dynamics.quantities(state) for state in u]
-        values = weights * np.array([part.values[own] for part in parts])
-        by_x = weights[:, None] * np.array([part.jacobian[own] @ u_by_x[k] for k, part in enumerate(parts)])
+            b, b_by_z = self.motions.b(x[: self.motions.size])
+            return b, np.pad(b_by_z, ((0, 0), (0, self.size - self.motions.size)))
+        weights = np.sqrt(2 * self.problem.flight.duration * QUADRATURE.weights)[:, None]
+        at_nodes = [self.dynamics.quantities(state)[quantity] for state in u]
+        values = weights * np.array([at_node.values for at_node in at_nodes])
+        by_x = weights[:, None] * np.array([at_node.jacobian @ u_by_x[k] for k, at_node in enumerate(at_nodes)])
         return values.ravel(), by_x.reshape(values.size, self.size)
 
     def rows_at(self, instants: Array, x: Array) -> Array:
@@ -129,39 +127,26 @@ class Program:
         Of limits it is the share that is left, of clearances what is left of the margin, in ``LENGTH_SCALE``.
         """
         parts = [Quantity(np.zeros(0), np.zeros((0, len(u))))]
-        if len(self.used):
-            quantities = self.dynamics.quantities(u)
-            parts.append(Quantity(1 - self.used @ quantities.values, -self.used @ quantities.jacobian))
-        if len(self.radius):
-            time = s * self.motions.duration
-            places, places_by_u = self.dynamics.places(u, self.weights)
-            places = places + complex(*self.path.positions(np.array([time]))[0])
+        quantities = self.dynamics.quantities(u) if self.limits else {}
+        for name, weights in self.limits:
+            used = weights @ quantities[name].values
+            used_by_u = weights @ quantities[name].jacobian
+            parts.append(Quantity(np.concatenate((1 - used, 1 + used)), np.concatenate((-used_by_u, used_by_u))))
+        if self.problem.obstacles:
+            time = s * self.problem.flight.duration
+            points, points_by_u = self.dynamics.points(u, self.weights)
+            points = points + complex(*self.path.positions(np.array([time]))[0])
             for obstacle in self.problem.obstacles:
-                low, high = obstacle.window or (0.0, math.inf)
-                seen = places - complex(*obstacle.velocity) * time
-                distance, by_u = obstacle_distances(obstacle, seen, places_by_u, self.radius)
-                slack = Quantity((distance - obstacle.margin) / LENGTH_SCALE, by_u / LENGTH_SCALE)
-                parts.append(slack if low <= time <= high else Quantity(np.ones_like(distance), 0 * by_u))
+                seen = points - complex(*obstacle.velocity) * time
+                distance, by_u = obstacle_distances(obstacle, seen, points_by_u, self.radius)
+                parts.append(Quantity((distance - obstacle.margin) / LENGTH_SCALE, by_u / LENGTH_SCALE))
         values = np.concatenate([part.values for part in parts]) - back_off(s)
         return Quantity(values, np.concatenate([part.jacobian for part in parts]))
 
 
 def back_off(s: Any) -> Any:
     """What rows are kept free by, in their scales, at an instant of [0, 1]: as much as motions may change there."""
-    return BACK_OFF * (4 * s * (1 - s)) ** 3
-
-
-def limit_shares(problem: Problem, dynamics: Dynamics) -> Array:
-    """The matrix (r, Q) from the dynamics' quantities to the shares of limits that they use, with either sign."""
-    rows = [np.zeros((0, dynamics.count))]
-    for limit in shares_of_limits(problem):
-        for own, also in ((1, 1), (1, -1), (-1, 1), (-1, -1)) if limit.also else ((1, 0), (-1, 0)):
-            row = np.zeros((len(limit.limit), dynamics.count))
-            for sign, weights in ((own, limit.used), (also, limit.also)):
-                for name, part in weights.items():
-                    row[:, dynamics.quantity[name]] += sign * part
-            rows.append(row)
-    return np.concatenate(rows)
+    return BACK_OFF * np.minimum(1, s * (1 - s) / NEAR_ENDS) ** 3
 
 
 def obstacle_distances(obstacle: Obstacle, ends: ComplexArray, ends_by_u: ComplexArray, radius: Array) -> Quantity:

@@ -1,9 +1,11 @@
-"""Sequential quadratic programming (Nocedal and Wright, chapter 18), whose quadratic programs ProxQP solves."""
+"""Sequential quadratic programming whose steps exist whatever the constraints ask, by one elastic variable.
+
+Numbers in parentheses are those of Nocedal and Wright, Numerical Optimization, second edition, chapter 18.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from proxsuite import proxqp
@@ -11,130 +13,128 @@ from proxsuite import proxqp
 from floatplan.arrays import Array
 from floatplan.method.program import Evaluation, Program
 
-QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
-QP_ITERATIONS = 60  # outer, and inner ones of each; ProxQP's default of 10000 takes minutes where there is no solution
-NEAR = 0.5  # [-] of its scale: a row that leaves more is not in a QP, whose step is not to change it by so much
-LONGEST_STEP = 0.5  # [rad] root mean square of p, for which a linearisation is trusted
-SHORTEST = 1e-4  # [-] of a step
-FEASIBLE = 1e-9  # sum of violations, in rad and shares of limits, at a solution
-STATIONARY = 1e-5  # [-] of the gradient, what is left of the Lagrangian's at a solution: its square, of the objective
-LITTLE = 1e-3  # [rad] of a variable: the gradient counts as no less than what so much of one makes of it
-MOST_STEPS = 100
-ARMIJO = 1e-4  # [-] of the descent that a step promises: it has to make so much
+FEASIBLE = 1e-9  # [-] of a row's scale: largest violation at a solution
+STATIONARY = 1e-9  # [-] of the objective: twice what a step promises at a solution
+ROUNDING = 1e-12  # [-] of the merit: a change that means nothing
+MOST_STEPS = 150
+LONGEST_STEP = 0.2  # [rad] root mean square of p, for which linearised rows are trusted
+SHORTEST_STEP = 1e-4  # [-] of the first that is tried
+MEANINGLESS = 1e6  # [rad] of a whole step: rows that ask for so much do not depend on x
+ARMIJO = 1e-4  # [-] of what a step promises: it has to bring so much
+NEAR = 0.5  # [-] of its scale: a row that leaves more is not in a QP
+WEIGHTS = (1e2, 1e4, 1e6)  # [-] of the elastic variable, in units of the QP: the first that suffices
+QP_ACCURACY = 1e-9  # [-] of a QP's residuals
+ACTIVE = 1e-6  # [-] of a row's multiplier, in units of the QP: with less it counts as inactive
+QP_ITERATIONS = 100  # outer ones, and inner ones of each
+LEAST_CURVATURE = 1e-12  # [-] of the Hessian's largest
 DAMPING = 0.2  # [-] least curvature that an update leaves, (18.15)
-ELASTIC = 1e3  # [-] of the Hessian's largest diagonal entry: what the square of a violation costs in an elastic step
-PASSES = 20  # of an elastic step, each with the rows that fail after the one before
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Where it ended: x (m,), the program there, whether that is a minimum, and after how many steps."""
+class Solution(NamedTuple):
+    """Where it ended: x (m,), the violation there, whether that is a minimum, and after how many steps."""
 
     x: Array
-    evaluation: Evaluation
+    violation: float
     converged: bool
     steps: int
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """A direction (m,), the multipliers of (14) and of the rows, and the violation that it leaves, linearised."""
-
-    direction: Array
-    of_equality: Array
-    of_rows: Array
-    violation_left: float = 0.0
-
-    def lagrangian_gradient(self, at: Evaluation) -> Array:
-        """Gradient (m,) of the objective, less the constraints by their multipliers."""
-        return np.asarray(at.gradient + at.missed_by_x.T @ self.of_equality - at.rows_by_x.T @ self.of_rows)
-
-
 def minimise(program: Program, x: Array) -> Solution:
-    """Solve a program from x (m,), by a line search on the l1 merit; its Hessian is, for (17), first the identity."""
-    current = program.evaluate(x)
-    squares = current.residuals_by_x.T @ current.residuals_by_x  # Gauss's and Newton's Hessian
-    B = squares + 1e-6 * np.diagonal(squares).max(initial=0.0) * np.eye(len(x))
+    """Solve a program from x (m,); the merit of a point is its objective and the penalty times its violation."""
+    here = program.evaluate(x)
+    B = here.hessian + LEAST_CURVATURE * np.diagonal(here.hessian).max(initial=0.0) * np.eye(len(x))
     penalty = 0.0
     for steps in range(MOST_STEPS if len(x) else 0):
-        step = quadratic_step(current, B) or elastic_step(current, B)
-        size = max(float(np.linalg.norm(current.gradient)), LITTLE * float(np.diagonal(B).max()))
-        left = np.linalg.norm(B @ step.direction) / size
-        if current.violation < FEASIBLE and left < STATIONARY:
-            return Solution(x, current, True, steps)
-        largest = np.abs(np.concatenate((step.of_equality, step.of_rows))).max()
-        penalty = max(1.2 * float(largest), current.objective, penalty / 2)
-        slope = float(current.gradient @ step.direction) - penalty * (current.violation - step.violation_left)
-        merit = current.objective + penalty * current.violation
-        taken = None
-        for length, moved, following in tried_steps(program, x, current, step):
-            enough = merit + ARMIJO * length * min(slope, 0.0) + 1e-13 * abs(merit)
-            if following.objective + penalty * following.violation <= enough:
-                taken = moved, following
-                break
-        if taken is None:
-            return Solution(x, current, False, steps)
-        moved, following = taken
-        B = damped_bfgs(B, moved, step.lagrangian_gradient(following) - step.lagrangian_gradient(current))
+        d, violation_left, multipliers = elastic_step(here, B)
+        curvature = float(d @ B @ d)
+        if here.violation < FEASIBLE and curvature < STATIONARY * here.objective:
+            return Solution(x, here.violation, True, steps)
+        # A penalty by which the merit falls along the step, (18.36), and which makes it exact
+        descent = -float(here.gradient @ d)
+        mended = here.violation - violation_left
+        penalty = max(penalty / 2, here.objective, 2 * (curvature / 2 - descent) / max(mended, FEASIBLE))
+        if violation_left < FEASIBLE:
+            penalty = max(penalty, float(multipliers.sum()))
+        moved = line_search(program, x, here, d, multipliers, penalty, descent + penalty * mended)
+        if moved is None:
+            return Solution(x, here.violation, False, steps)
+        following = program.evaluate(x + moved)
+        change = following.gradient - here.gradient - (following.rows_by_x - here.rows_by_x).T @ multipliers
+        B = damped_bfgs(B, moved, change)  # of the Lagrangian's gradient
         x = x + moved
-        current = following
-    return Solution(x, current, False, MOST_STEPS)
+        here = following
+    return Solution(x, here.violation, False, MOST_STEPS)
 
 
-def quadratic_step(current: Evaluation, B: Array) -> Step | None:
-    """Minimise ``g d + d B d / 2`` where the linearised constraints hold; None where ProxQP finds no solution."""
-    near = np.flatnonzero(current.rows < NEAR)
-    scale = 1 / max(float(np.abs(current.gradient).max()), 1.0)  # of the objective, whose residuals ProxQP bounds too
-    qp = proxqp.dense.QP(len(B), len(current.missed), len(near))
-    qp.settings.eps_abs = QP_ACCURACY
-    qp.settings.max_iter = QP_ITERATIONS
-    qp.settings.max_iter_in = QP_ITERATIONS
-    rows = (current.rows_by_x[near], -current.rows[near]) if len(near) else (None, None)
-    qp.init(scale * B, scale * current.gradient, current.missed_by_x, -current.missed, *rows, None)
-    qp.solve()
-    results = qp.results
-    if results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED or not np.isfinite(results.x).all():
-        return None
-    of_rows = np.zeros(len(current.rows))
-    of_rows[near] = np.maximum(-np.array(results.z), 0) / scale
-    return Step(np.array(results.x), np.array(results.y) / scale, of_rows)
+def elastic_step(here: Evaluation, B: Array) -> tuple[Array, float, Array]:
+    """Minimise ``g d + d B d / 2 + weight t`` where ``rows + rows_by_x d >= -t`` and ``t >= 0``.
 
-
-def elastic_step(current: Evaluation, B: Array) -> Step:
-    """Minimise that and the squares of what linearised constraints lack: where they contradict, all give a little."""
-    weight = ELASTIC * float(np.diagonal(B).max())
-    direction: Array = np.zeros(len(B))
-    for _ in range(PASSES):
-        fails = current.rows + current.rows_by_x @ direction < 0
-        J = np.vstack((current.missed_by_x, current.rows_by_x[fails]))
-        lacking = np.concatenate((current.missed, current.rows[fails]))
-        gradient = current.gradient + weight * J.T @ lacking
-        direction = np.asarray(-np.linalg.solve(B + weight * J.T @ J, gradient), dtype=np.float64)
-    rows = np.minimum(current.rows + current.rows_by_x @ direction, 0)
-    missed = current.missed + current.missed_by_x @ direction
-    return Step(direction, weight * missed, -weight * rows, float(np.abs(missed).sum() - rows.sum()))
-
-
-def tried_steps(
-    program: Program, x: Array, current: Evaluation, step: Step
-) -> Iterator[tuple[float, Array, Evaluation]]:
-    """Yield ever shorter steps: their length, how far they go (m,), and the program there.
-
-    After a whole one, it corrected by the shortest step to the active constraints as they are there, (18.42).
+    Returned are d (m,), the t that is left, none where the linearised rows can be met, and the rows' multipliers.
+    ProxQP is given the problem in y, ``d = W y``, by which the Hessian is the identity.
     """
-    in_rad = float(np.linalg.norm(np.linalg.solve(program.scale, step.direction)))
-    first = min(1.0, LONGEST_STEP / max(in_rad, SHORTEST**2))
-    length = first
-    while length > SHORTEST * first and in_rad > SHORTEST**2:
-        following = program.evaluate(x + length * step.direction)
-        yield length, length * step.direction, following
-        if length == 1:
-            active = step.of_rows > 0
-            J = np.vstack((current.missed_by_x, current.rows_by_x[active]))
-            lacking = np.concatenate((following.missed, following.rows[active]))
-            corrected = step.direction - np.linalg.lstsq(J, lacking, rcond=1e-10)[0]
-            yield length, corrected, program.evaluate(x + corrected)
+    near = np.flatnonzero(here.rows < NEAR)
+    eigenvalues, eigenvectors = np.linalg.eigh(B)
+    W = eigenvectors / np.sqrt(np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1]))
+    # The unit of y is as long as d without rows and d to (14)
+    to_equality = np.linalg.lstsq(here.rows_by_x[:1] @ W, here.rows[:1])[0]
+    unit = max(float(np.linalg.norm(W.T @ here.gradient) + np.linalg.norm(to_equality)), FEASIBLE)
+    W = unit * W
+    rows = np.column_stack((np.vstack((here.rows_by_x[near] @ W, np.zeros(len(B)))), np.ones(len(near) + 1)))
+    low = np.append(-here.rows[near], 0.0)
+    hessian = np.diag(np.append(np.ones(len(B)), 0.0))
+    for weight in WEIGHTS:
+        qp = proxqp.dense.QP(len(hessian), 0, len(rows))
+        qp.settings.eps_abs = QP_ACCURACY
+        qp.settings.max_iter = QP_ITERATIONS
+        qp.settings.max_iter_in = QP_ITERATIONS
+        gradient = np.append(W.T @ here.gradient / unit**2, weight)
+        qp.init(hessian, gradient, None, None, rows, low, None)
+        qp.solve()
+        solution = np.array(qp.results.x)
+        of_rows = np.maximum(-np.array(qp.results.z), 0)
+        if solution[-1] < FEASIBLE:
+            break
+    # ProxQP says which rows are active; these as equations give the solution to its last digits, the same ones always
+    active = np.flatnonzero(of_rows > ACTIVE)
+    A = rows[active]
+    equations = np.block([[hessian, -A.T], [A, np.zeros((len(active), len(active)))]])
+    both = np.linalg.lstsq(equations, np.append(-gradient, low[active]), rcond=1e-14)[0]
+    polished, of_active = np.split(both, [len(gradient)])
+    if (rows @ polished - low).min() > -QP_ACCURACY and of_active.min(initial=0) >= 0:
+        solution = polished
+        of_rows = np.zeros(len(rows))
+        of_rows[active] = of_active
+    multipliers = np.zeros(len(here.rows))
+    multipliers[near] = unit**2 * of_rows[:-1]
+    multipliers[:2] -= multipliers[:2].min()  # what (14) has with both signs is nothing
+    return W @ solution[:-1], max(float(solution[-1]), 0.0), multipliers
+
+
+def line_search(
+    program: Program, x: Array, here: Evaluation, d: Array, multipliers: Array, penalty: float, promised: float
+) -> Array | None:
+    """How far to go (m,) along d: the first of ever shorter steps that lowers the merit, None where none does.
+
+    Each is tried also as corrected to second order, (18.42), by the shortest step to what active rows lack there.
+    """
+    size = float(np.linalg.norm(d))
+    longest = min(1.0, LONGEST_STEP / max(size, FEASIBLE))
+    length = longest
+    near = multipliers > 0
+    near[:2] = True  # (14)
+    while promised > 0 and size < MEANINGLESS and length > SHORTEST_STEP * longest:
+        enough = here.merit(penalty) * (1 + ROUNDING) - ARMIJO * length * promised
+        step = length * d
+        following = program.evaluate(x + step)
+        if following.merit(penalty) <= enough:
+            return step
+        lacking = np.minimum(following.rows - here.rows - here.rows_by_x @ step, 0)
+        short = near & (lacking < 0)
+        corrected = step - np.linalg.lstsq(here.rows_by_x[short], lacking[short], rcond=1e-10)[0]
+        if program.evaluate(x + corrected).merit(penalty) <= enough:
+            return np.asarray(corrected)
         length /= 2
+    return None
 
 
 def damped_bfgs(B: Array, step: Array, change: Array) -> Array:

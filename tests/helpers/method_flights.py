@@ -7,8 +7,9 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.method.motion import CONDITIONS, Motions
+from floatplan.method.planner import solve
 from floatplan.method.program import Program
-from floatplan.method.sqp import Solution, minimise
+from floatplan.method.sqp import Solution
 from floatplan.motion.sine_polynomial import basis
 
 
@@ -23,13 +24,13 @@ def at_motion(plan: fp.Plan, reach: float = 0.0) -> tuple[Program, Array]:
     free = np.linalg.solve(basis(motions.polynomials.form).powers, powers.T)[CONDITIONS:].T
     own = np.arange(free.shape[1]) < np.array(motions.polynomials.free)[:, None]
     x = np.zeros(program.size)
-    x[: motions.size] = motions.quintics + motions.R @ free[own]
+    x[: motions.size] = free[own]
     return program, x
 
 
 def from_there(plan: fp.Plan, instants: int = 129) -> tuple[Program, Solution]:
-    """Return where the reference method ends from a plan's motion, with inequalities at so many instants."""
+    """Return where the reference method ends from a plan's motion, with inequalities at so many instants and more."""
     program, x = at_motion(plan)
     if plan.problem.has_inequalities:
         program.instants = np.linspace(0, 1, instants)[1:-1]
-    return program, minimise(program, x)
+    return program, solve(program, x)

@@ -60,10 +60,10 @@ def test_momentum_rates_and_torques_are_those_of_the_closed_form_and_of_the_full
         rate = closed.base_rate(*state, u[-2])
         assert dynamics.base_rate(u).values == pytest.approx(rate, rel=1e-9)
         moments = closed.moments(*state, u[None, 2 * n : 3 * n], rate)
-        own = dynamics.quantities(u).values
-        assert own[dynamics.quantity["torques"]] == pytest.approx((moments @ armed.tree.turns)[0], rel=1e-8, abs=1e-8)
+        own = dynamics.quantities(u)
+        assert own["torques"].values == pytest.approx((moments @ armed.tree.turns)[0], rel=1e-8, abs=1e-8)
         motors = (moments @ armed.tree.motor_turns)[0]
-        assert own[dynamics.quantity["motor_torques"]] == pytest.approx(motors, rel=1e-8, abs=1e-8)
+        assert own["motor_torques"].values == pytest.approx(motors, rel=1e-8, abs=1e-8)
         forces = full.full_forces(*state, u[None, 2 * n : 3 * n], rate)[0]
         assert dynamics.torques(u).values == pytest.approx(forces, rel=1e-8, abs=1e-8)
 
@@ -72,29 +72,32 @@ def test_derivatives_are_differences(armed):
     dynamics = Dynamics(armed)
     weights = armed.tree.point_weights(np.arange(len(armed.tree.mass)), np.full(len(armed.tree.mass), 0.3 - 0.2j))
     for u in states_of(armed, 2)[:3]:
-        for quantity in (dynamics.base_rate, dynamics.torques, dynamics.quantities):
+        for quantity in (dynamics.base_rate, dynamics.torques):
             assert_slopes(quantity(u).jacobian, differences(lambda at, of=quantity: of(at).values, u))
+        for name, quantity in dynamics.quantities(u).items():
+            assert_slopes(quantity.jacobian, differences(lambda at, of=name: dynamics.quantities(at)[of].values, u))
         assert_slopes(
-            dynamics.places(u, weights)[1].view(float),
-            differences(lambda at: dynamics.places(at, weights)[0], u).copy().view(float),
+            dynamics.points(u, weights)[1].view(float),
+            differences(lambda at: dynamics.points(at, weights)[0], u).copy().view(float),
         )
 
 
 @pytest.mark.parametrize("number", range(0, 40, 8))
 def test_motions_meet_their_ends_whatever_the_variables(number):
-    """(12) keeps the range, (13) holds on every branch, (17) is |w|^2 and a constant, derivatives are differences."""
+    """(12) keeps the range, (13) holds on every branch, (17) is of a plan's b, derivatives are differences."""
     problem, rng = plain_problems(number + 1)[number], np.random.default_rng(number)
     motions = Motions(problem, problem.degrees, rng.integers(-1, 2, len(problem.robot.joints)))
-    squares = []
-    for w in (motions.quintics, motions.quintics + motions.R @ rng.normal(size=motions.size)):
-        ends, _ = motions.at(np.array([0.0, 1.0]), w)
+    low, high = problem.position_limits.T
+    for z in (np.zeros(motions.size), rng.normal(size=motions.size)):
+        ends, _ = motions.at(np.array([0.0, 1.0]), z)
         for end, state in zip(ends, (problem.initial, problem.final), strict=True):
             asked = np.concatenate((state.positions, state.velocities, state.accelerations))
             assert end == pytest.approx(asked, abs=1e-8)
-        moving, by_w = motions.at(np.linspace(0, 1, 7), w)
-        assert (np.abs(moving[:, : len(motions.centre)] - motions.centre) <= motions.amplitude * (1 + 1e-12)).all()
-        slopes = differences(lambda at: motions.at(np.linspace(0, 1, 7), at)[0].ravel(), w)
-        assert_slopes(by_w.reshape(slopes.shape), slopes)
-        b = motions.polynomials.powers_of_seconds(motions.free_part(w))
-        squares.append((b**2).sum() - motions.unit**2 * (w**2).sum())
-    assert squares[0] == pytest.approx(squares[1], rel=1e-9)
+        moving, by_z = motions.at(np.linspace(0, 1, 7), z)
+        assert (np.abs(moving[:, : len(low)] - (low + high) / 2) <= (high - low) / 2 * (1 + 1e-12)).all()
+        slopes = differences(lambda at: motions.at(np.linspace(0, 1, 7), at)[0].ravel(), z)
+        assert_slopes(by_z.reshape(slopes.shape), slopes)
+        b, b_by_z = motions.b(z)
+        exact = motions.polynomials.powers_of_seconds(motions.free_part(z)).ravel()
+        assert b == pytest.approx(exact, rel=1e-9, abs=1e-9 * np.abs(exact).max())
+        assert_slopes(b_by_z, differences(lambda at: motions.b(at)[0], z))
