@@ -164,7 +164,7 @@ class CorrectionGains:
 
 WORK_IN_SPACE = 0.25  # [-] of an instant in the kernel, relative to one of a lifted motion, by which work is counted
 MOST_STARTS = 65  # [-] of a problem without inequalities, the plain one and random ones, until one is solved
-SETTINGS = Settings()
+SETTINGS = Settings(slow_evaluations=4)  # without rows, lines of five evaluations lead into valleys rather than out
 CONSTRAINED_SETTINGS = Settings(stages=(COARSE, FINE, FINE), longest_step=0.2)  # beyond an obstacle a long step lands
 EXCHANGE = Exchange()
 EXCHANGE_IN_SPACE = Exchange(
