@@ -98,23 +98,25 @@ def _row(judged: FlightJudgement) -> dict[str, Any]:
         "end": flight.end,
         "frames": flight.frames,
         "verdict": judged.verdict,
-        "fall": _or_none(judged.fall.fall),
-        "fall_interval": _or_none(judged.fall.interval),
-        "sideways": _or_none(judged.fall.sideways),
+        "fall": or_none(judged.fall.fall),
+        "fall_interval": or_none(judged.fall.interval),
+        "sideways": or_none(judged.fall.sideways),
         "angular_momentum": None if turn is None else np.asarray(turn.angular_momentum).tolist(),
         "turn_rms": None if turn is None else turn.rms,
         "turn_noise": None if turn is None else turn.noise,
-        "rate_share": _share(judged.rate_share),
-        "torque_share": _share(judged.torque_share),
-        "wrench": {"force": _or_none(judged.wrench[0]), "moment": _or_none(judged.wrench[1])},
+        "rate_share": share_table(judged.rate_share),
+        "torque_share": share_table(judged.torque_share),
+        "wrench": {"force": or_none(judged.wrench[0]), "moment": or_none(judged.wrench[1])},
         "feet": {"floating": judged.floating, "sinking": judged.sinking, "sliding": judged.sliding},
         "faults": list(judged.faults),
     }
 
 
-def _or_none(value: float) -> float | None:
+def or_none(value: float) -> float | None:
+    """Return a number as JSON has it: None of what is not finite."""
     return value if math.isfinite(value) else None
 
 
-def _share(found: tuple[float, str] | None) -> dict[str, Any] | None:
+def share_table(found: tuple[float, str] | None) -> dict[str, Any] | None:
+    """Return the largest share of a limit and whose it is, as JSON has it; None without limits."""
     return None if found is None else {"share": found[0], "joint": found[1]}

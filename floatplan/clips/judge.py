@@ -144,12 +144,13 @@ def _shares(
     of_motors = np.abs(torques @ robot.transmission[BASE:])
     motor_rates = np.abs(velocities[:, [robot.model_joints.index(name) for name in robot.motors]])
     return (
-        _largest_share(motor_rates, robot.motor_velocity_limits, robot.motors),
-        _largest_share(of_motors, robot.motor_torque_limits, robot.motors),
+        largest_share(motor_rates, robot.motor_velocity_limits, robot.motors),
+        largest_share(of_motors, robot.motor_torque_limits, robot.motors),
     )
 
 
-def _largest_share(values: Array, limits: Array, names: tuple[str, ...]) -> tuple[float, str] | None:
+def largest_share(values: Array, limits: Array, names: tuple[str, ...]) -> tuple[float, str] | None:
+    """The largest share that values (K, m) have of limits (m,), and whose it is; None where nothing is limited."""
     limited = np.flatnonzero(np.isfinite(limits))
     if not len(limited):
         return None

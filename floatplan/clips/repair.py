@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arguments import many, one_of, optional, whole
-from floatplan.arrays import Array, read_only
-from floatplan.clips.check import ClipCheck, check_clip
+from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
 from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.flights import ClipFlight
@@ -23,6 +22,7 @@ from floatplan.clips.stances import Seam, foot_misses, stance_configurations, tu
 from floatplan.clips.timing import RAMP, Clock
 from floatplan.errors import InputError
 from floatplan.motion.spatial.dynamics import BASE
+from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
 from floatplan.tables import Range
@@ -79,15 +79,15 @@ class FlightRepair:
             "choice": found.choice,
             "duration_before": self.flight.duration,
             "duration_after": found.duration,
-            "joints_rms": _finite(found.joints_rms),
-            "joints_largest": _finite(found.joints_largest),
-            "base_largest": _finite(found.base_largest),
-            "rate_share": _share(found.rate_share),
-            "torque_share": _share(found.torque_share),
+            "joints_rms": or_none(found.joints_rms),
+            "joints_largest": or_none(found.joints_largest),
+            "base_largest": or_none(found.base_largest),
+            "rate_share": share_table(found.rate_share),
+            "torque_share": share_table(found.torque_share),
             "seam": {"base": self.seam_base, "turn": self.seam_turn, "foot": self.seam_foot},
             "stance": None
             if self.stance is None
-            else {"vertical_least": self.stance.vertical_least, "friction": _finite(self.stance.friction)},
+            else {"vertical_least": self.stance.vertical_least, "friction": or_none(self.stance.friction)},
             "repairable": found.repairable,
             "reason": found.reason or None,
         }
@@ -228,20 +228,24 @@ class _Whole:
             seams.append(Seam(instant=instant, sign=sign, room=min(RAMP, 0.5 * free), change=change))
         return seams
 
-    def configurations(self, times: Array) -> Array:
-        """Configurations (K, 7 + J) at times (K,) of the repaired clip, s."""
-        clip_times = self._clock.to_clip(times)
-        found = np.empty((len(times), self._clip.robot.model.nq))
-        in_flight = np.zeros(len(times), np.bool_)
+    def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
+        """Plans, which of times (K,) are within each, and these in the plan's own time, s."""
         for number, repaired in self._repaired.items():
             plan = repaired.plan
             assert plan is not None, "the flight is repaired"
             local = times - self._begins[number]
             inside = (local >= 0) & (local <= plan.duration)
             if inside.any():
-                found[inside] = plan.q(np.clip(local[inside], 0.0, plan.duration))
-            in_flight |= inside
-        stands = ~in_flight
+                yield plan, inside, local[inside]
+
+    def configurations(self, times: Array) -> Array:
+        """Configurations (K, 7 + J) at times (K,) of the repaired clip, s."""
+        clip_times = self._clock.to_clip(times)
+        found = np.empty((len(times), self._clip.robot.model.nq))
+        stands = np.ones(len(times), np.bool_)
+        for plan, inside, local in self._in_flight(times):
+            found[inside] = plan.q(local)
+            stands &= ~inside
         found[stands] = stance_configurations(self._clip, clip_times[stands], times[stands], self._seams)
         return found
 
@@ -249,13 +253,8 @@ class _Whole:
         """Velocities (K, 6 + J) of Pinocchio's model at times (K,): of plans their own, in stances by differences."""
         found = np.empty((len(times), self._clip.robot.model.nv))
         stands = np.ones(len(times), np.bool_)
-        for number, repaired in self._repaired.items():
-            plan = repaired.plan
-            assert plan is not None, "the flight is repaired"
-            local = times - self._begins[number]
-            inside = (local >= 0) & (local <= plan.duration)
-            if inside.any():
-                found[inside] = plan.v(np.clip(local[inside], 0.0, plan.duration))
+        for plan, inside, local in self._in_flight(times):
+            found[inside] = plan.v(local)
             stands &= ~inside
         at = times[stands]
         early = self.configurations(np.clip(at - STEP, 0.0, self._clock.duration))
@@ -333,11 +332,3 @@ class _Whole:
         attitudes = Rotation.from_quat(q[:, 3:7]).as_matrix()
         model = self._clip.robot.model
         return centre_of_mass(model, body_poses(model, q[:, :3], attitudes, q[:, BASE + 1 :]))
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _share(found: tuple[float, str] | None) -> dict[str, Any] | None:
-    return None if found is None else {"share": found[0], "joint": found[1]}

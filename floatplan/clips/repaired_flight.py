@@ -13,10 +13,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
 from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.flights import ClipFlight
+from floatplan.clips.judge import largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
@@ -281,13 +282,3 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str, plan: Plan) -> Repaired
         torque_share=torque_share,
         reason="; ".join(reasons),
     )
-
-
-def largest_share(values: Array, limits: Array, names: tuple[str, ...]) -> tuple[float, str] | None:
-    """The largest share that values (K, m) have of limits (m,), and whose it is; None where nothing is limited."""
-    limited = np.flatnonzero(np.isfinite(limits))
-    if not len(limited):
-        return None
-    shares = read_only(values[:, limited].max(axis=0) / limits[limited])
-    largest = int(shares.argmax())
-    return float(shares[largest]), names[limited[largest]]

@@ -119,9 +119,10 @@ def _with_feet_held(clip: Clip, configuration: Array, feet: Sequence[tuple[int, 
         change = np.zeros(model.nv)
         change[legs] = jacobian.T @ np.linalg.solve(normal, miss)
         now = pin.integrate(model, now, change)
-    share = max(each for _, _, each in feet)
     held = configuration.copy()
-    held[BASE + 1 :] += share * (now[BASE + 1 :] - configuration[BASE + 1 :])
+    for body, _, share in feet:
+        own = [column + 1 for column in _leg(model, body)]  # a configuration has one number more, of the quaternion
+        held[own] = configuration[own] + share * (now[own] - configuration[own])
     return held
 
 

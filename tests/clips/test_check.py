@@ -20,18 +20,6 @@ KEYS = {"begin", "end", "frames", "verdict", "fall", "fall_interval", "sideways"
 }
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("robot") / "hopper.urdf"
-    path.write_text(samples.robot_text())
-    return path
-
-
-@pytest.fixture(scope="module")
-def robot(model: Path) -> fp.Robot:
-    return fp.Robot.from_urdf(model, base="free-flyer")
-
-
 Judge = Callable[..., fp.ClipCheck]
 
 

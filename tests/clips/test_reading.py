@@ -18,18 +18,6 @@ FPS = 50.0
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("robot") / "hopper.urdf"
-    path.write_text(samples.robot_text())
-    return path
-
-
-@pytest.fixture(scope="module")
-def robot(model: Path) -> fp.Robot:
-    return fp.Robot.from_urdf(model, base="free-flyer")
-
-
-@pytest.fixture(scope="module")
 def hop() -> samples.Sample:
     return samples.hops(FPS)
 

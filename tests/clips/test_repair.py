@@ -17,18 +17,6 @@ import floatplan as fp
 from floatplan.cli.commands import app
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("robot") / "hopper.urdf"
-    path.write_text(samples.robot_text())
-    return path
-
-
-@pytest.fixture(scope="module")
-def robot(model: Path) -> fp.Robot:
-    return fp.Robot.from_urdf(model, base="free-flyer")
-
-
 def clip_of(sample: samples.Sample, robot: fp.Robot, folder: Path) -> fp.Clip:
     path = samples.write_csv(sample, folder / "clip.csv", digits=9)
     return fp.load_clip(path, model=robot, fps=sample.fps, quaternion="xyzw")
