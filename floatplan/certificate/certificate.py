@@ -222,7 +222,8 @@ def _undecided(robot: RobotRecord, reason: str) -> Certificate:
 
 def _enclosure(ball: Balls) -> tuple[float, float]:
     """Numbers around the first of a ball's; infinite where it is not known."""
-    low, high = float(ball.mid[0] - ball.rad[0]), float(ball.mid[0] + ball.rad[0])
+    low = float(ball.mid[0] - ball.rad[0])
+    high = float(ball.mid[0] + ball.rad[0])
     if not low <= high:
         return -math.inf, math.inf
     return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)

@@ -141,8 +141,10 @@ class Taylor:
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""
         c = np.einsum("i...,ik...->k...", self.c, _delayed(other.c))
-        a, b = np.abs(self.c), np.abs(other.c)
-        size_a, size_b = np.add.reduce(a, axis=0), np.add.reduce(b, axis=0)
+        a = np.abs(self.c)
+        b = np.abs(other.c)
+        size_a = np.add.reduce(a, axis=0)
+        size_b = np.add.reduce(b, axis=0)
         rounding = (self.order + 2) * ROUND * size_a * size_b
         radius = self.e * (size_b + other.e) + size_a * other.e
         return Taylor(c, up(radius + rounding + _tail(a, b)))
@@ -201,7 +203,8 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     turning = 1j * rates[1:]
     for k in range(1, order):
         np.multiply(np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0), 1.0 / k, out=e[k])
-    size_rates, size_e = np.abs(rates), np.abs(e)
+    size_rates = np.abs(rates)
+    size_e = np.abs(e)
     rounding = (2 * order + 16) * ROUND * np.add.reduce(size_rates, axis=0) * np.add.reduce(size_e, axis=0)
     residual = rounding + _tail(size_rates, size_e)
     radius = up(angle.e + radius + up(residual))
@@ -221,7 +224,8 @@ def reciprocal(x: Taylor) -> Taylor:
     first = -y[0]
     for k in range(1, order):
         np.multiply(np.add.reduce(x.c[1 : k + 1] * y[k - 1 :: -1], axis=0), first, out=y[k])
-    size_x, size_y = np.abs(x.c), np.abs(y)
+    size_x = np.abs(x.c)
+    size_y = np.abs(y)
     total = np.add.reduce(size_y, axis=0)
     rounding = (order + 8) * ROUND * np.add.reduce(size_x, axis=0) * total
     r = up(rounding + _tail(size_x, size_y) + x.e * total)

@@ -17,7 +17,10 @@ from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 
 GRAVITY = 9.81  # [m/s^2]
-PHYSICAL, UNPHYSICAL, UNDECIDED, AFLOAT = "physical", "unphysical", "undecided", "afloat"
+PHYSICAL = "physical"
+UNPHYSICAL = "unphysical"
+UNDECIDED = "undecided"
+AFLOAT = "afloat"
 
 WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one no flight is called physical
 NO_FALL = 1.5  # [m/s^2] a smaller acceleration of the centre of mass is no fall: something carries the robot

@@ -25,7 +25,8 @@ BEYOND = 50.0  # [rad] outside of a joint's range, as degrees taken for radians 
 TOO_FAR = 0.02  # [m] that a body may be from where the file has it, when joints are told by that
 FRAMES_FOR_ORDER = 9  # [-] in which bodies are compared
 ON_ONE_LEVEL = 0.05  # [m] that feet are off what stands on one level, of a robot that walks or hops
-XYZW, WXYZ = "xyzw", "wxyz"
+XYZW = "xyzw"
+WXYZ = "wxyz"
 
 
 @one_thread

@@ -136,7 +136,8 @@ def nearest_turning(
         other = fit_joints(times, positions, possible[chosen + step])
         found = fit_turning(dynamics, other, times, attitudes)
         if found is not None and (turning is None or found.rms < turning.rms):
-            joints, turning = other, found
+            joints = other
+            turning = found
     return joints, turning
 
 
@@ -163,7 +164,10 @@ def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attit
                 length *= 0.5
             else:
                 break
-            start, momentum, turning, residuals = next_start, next_momentum, next_turning, next_residuals
+            start = next_start
+            momentum = next_momentum
+            turning = next_turning
+            residuals = next_residuals
             if float(np.linalg.norm(length * change[:3])) < SETTLED:
                 break
     except IntegrationError:

@@ -38,7 +38,8 @@ class JointDrive:
 
     def given(self, controls: Mapping[int, Array], positions: Array, rates: Array) -> Array:
         """Return the torques (N,), N m, that MuJoCo's actuators give, whose controls and forces it clips."""
-        model, torques = self.model, np.zeros(len(positions))
+        model = self.model
+        torques = np.zeros(len(positions))
         for number in self.actuators:
             gear, gain, bias = self._law(number)
             control = controls[number]
@@ -60,7 +61,8 @@ class JointDrive:
         InputError
             One has a state, as muscles and filters do, or a gain that changes, as dampers have, or none at all.
         """
-        model, constants = self.model, self.model.constants
+        model = self.model
+        constants = self.model.constants
         for number in self.actuators:
             reason = ""
             gear, gain, _ = self._law(number)
@@ -84,7 +86,8 @@ class JointDrive:
     def _law(self, number: int) -> tuple[float, float, Array]:
         """Gear, gain, and the three numbers of the bias."""
         model = self.model
-        gear, gain = float(model.actuator_gear[number, 0]), float(model.actuator_gainprm[number, 0])
+        gear = float(model.actuator_gear[number, 0])
+        gain = float(model.actuator_gainprm[number, 0])
         has_bias = model.actuator_biastype[number] != model.constants["mjBIAS_NONE"]
         return gear, gain, model.actuator_biasprm[number, :3] * float(has_bias)
 
@@ -132,7 +135,8 @@ def controls(model: CompiledMjcf, joints: Mapping[str, int], times: Array, motio
     notes: list[str] = []
     idle: list[str] = []
     for column, (name, joint) in enumerate(joints.items()):
-        positions, rates = motion["positions"][:, column], motion["velocities"][:, column]
+        positions = motion["positions"][:, column]
+        rates = motion["velocities"][:, column]
         torques = motion["torques"][:, column] + _passive(model, joint, positions, rates)
         drive = JointDrive(model, name, joint, actuators_of(model, joint))
         if not drive.actuators:

@@ -113,7 +113,8 @@ class BaseJoints:
 
     def _angles(self, turn: Rotation) -> Array:
         """Angles (N, hinges) by which the hinges turn, rad, continuous in time; none where a ball turns."""
-        relative, axes = self._at_zero.inv() * turn, [self._axis(index) for index in self._hinges]
+        relative = self._at_zero.inv() * turn
+        axes = [self._axis(index) for index in self._hinges]
         if not axes:
             return np.zeros((len(turn), 0))
         if len(axes) == 1:
@@ -135,7 +136,8 @@ class BaseJoints:
         """The base moved by slides (N, s), m, and angles (N, h), rad; a ball gives it its orientation."""
         place = np.tile(self.model.body_pos[self.base], (len(turn), 1))
         frame = Rotation.concatenate([self._at_zero] * len(turn))
-        axes, anchors = [], []
+        axes = []
+        anchors = []
         for index, joint in enumerate(self.numbers):
             arm = np.array(self.model.jnt_pos[joint])
             axes.append(frame.apply(self._axis(index)))
@@ -155,7 +157,8 @@ class BaseJoints:
     ) -> tuple[Array, Array]:
         """Entries of qpos and qvel: rates of slides, of hinges, and the spin, which is that of a ball."""
         of_slides, of_hinges, spin = rates
-        qpos, qvel = [], []
+        qpos = []
+        qvel = []
         for index, joint in enumerate(self.numbers):
             if index in self._balls:
                 qpos.append((self._at_zero.inv() * turn).as_quat(scalar_first=True))

@@ -74,7 +74,8 @@ def export(
     kp, kd : float or mapping, optional
         Gains as of :func:`floatplan.export.motion.exported`.
     """
-    known, names = format_of(form), names_of_model(form, model, motion.problem.robot)
+    known = format_of(form)
+    names = names_of_model(form, model, motion.problem.robot)
     rate = known.rate if rate is None else rate
     of_plans = known.of_plans if isinstance(motion, Plan) else None
     if (of_plans is not None or not known.gains) and (kp is not None or kd is not None):
@@ -184,8 +185,10 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
         "velocities": whole.velocities[:, order],
         "torques": whole.motor_torques[:, order],
     }
-    place, turn = whole.base_position, Rotation.from_quat(whole.base_quaternion)
-    velocity, spin = whole.base_velocity, whole.base_twist[:, 3:]
+    place = whole.base_position
+    turn = Rotation.from_quat(whole.base_quaternion)
+    velocity = whole.base_velocity
+    spin = whole.base_twist[:, 3:]
     if motion.model is None or motion.model.mjcf is None:
         quaternion = np.roll(whole.base_quaternion, 1, axis=1)
         in_model = {
@@ -218,14 +221,16 @@ def _in_model(
     torque over its gear, a servo the target that makes it give that torque; where the file has no actuators, the
     torque of each joint. ``notes`` say what the actuators cannot do.
     """
-    model, joints = mjcf.compiled, mjcf.joints
+    model = mjcf.compiled
+    joints = mjcf.joints
     base_qpos, base_qvel = mjcf.base.coordinates(*base)
     qpos = np.tile(model.qpos0, (len(times), 1))
     qvel = np.zeros((len(times), len(model.dof_bodyid)))
     notes: list[str] = []
     if mjcf.base.numbers:
         first = mjcf.base.numbers[0]
-        start, degree = int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
+        start = int(model.jnt_qposadr[first])
+        degree = int(model.jnt_dofadr[first])
         qpos[:, start : start + base_qpos.shape[1]] = base_qpos
         qvel[:, degree : degree + base_qvel.shape[1]] = base_qvel
     numbers = list(joints.values())
@@ -233,7 +238,8 @@ def _in_model(
     qvel[:, model.jnt_dofadr[numbers]] = of_joints["velocities"]
     if not mjcf.base.numbers:
         notes.append("the file holds its base to the world; with <freejoint/> in it, it takes this qpos and qvel")
-        qpos, qvel = np.concatenate((base_qpos, qpos), axis=1), np.concatenate((base_qvel, qvel), axis=1)
+        qpos = np.concatenate((base_qpos, qpos), axis=1)
+        qvel = np.concatenate((base_qvel, qvel), axis=1)
     ctrl = of_joints["torques"]
     if model.names["actuator"]:
         found = controls(model, joints, times, of_joints)
@@ -292,7 +298,8 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
             reason, source=motion.robot.source, element=f'robot "{motion.robot.name}"', advice="take csv-full"
         )
     times = sample_times(motion.duration, rate)
-    whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
+    whole = motion.at(times)
+    order = [motion.joints.index(name) for name in UNITREE_JOINTS]
     columns = [("time", times)]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
     if motion.gains is not None:
@@ -308,7 +315,8 @@ def _yaml(values: Array) -> str:
     return f"[{', '.join(each.replace('e', '.0e') if 'e' in each and '.' not in each else each for each in texts)}]"
 
 
-ALL, JOINTS = ("joints", "bodies"), ("joints",)
+ALL = ("joints", "bodies")
+JOINTS = ("joints",)
 FORMATS: dict[str, Format] = {
     "csv": Format(table.full_csv, "trajectory.csv", "planned joints; of a jump as csv-full", of_plans=table.table_text),
     "csv-full": Format(table.full_csv, "full_trajectory.csv", "base pose and all joints, one row per instant"),

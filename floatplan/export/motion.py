@@ -98,12 +98,14 @@ class Exported:
         time; ``contacts`` (N, C), whether each stands; ``forces`` (N, C, 3), N, on the robot, in the world, and
         ``contact_points``, m, where they act, NaN of what does not stand.
         """
-        motion, phases = self.motion, self.motion.phases
+        motion = self.motion
+        phases = self.motion.phases
         if not phases:
             return {}
         times = np.minimum(times, motion.duration)
         phase = phase_of(motion, times)
-        forces, points = motion.forces(times), motion.contact_points(times)
+        forces = motion.forces(times)
+        points = motion.contact_points(times)
         return {
             "phase": phase,
             "phase_begin": np.array([each.begin for each in phases]),

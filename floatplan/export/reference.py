@@ -17,7 +17,9 @@ from floatplan.export.table import archive, check_size, number_rows
 from floatplan.motion.flight import free_flyer
 from floatplan.plans.trajectory import frame_times
 
-FREE, SLIDE, HINGE = 0, 2, 3  # MuJoCo's types of joints
+FREE = 0  # MuJoCo's types of joints
+SLIDE = 2
+HINGE = 3
 
 
 def isaac_amp_content(motion: Exported, rate: float) -> bytes:
@@ -34,7 +36,8 @@ def isaac_amp_content(motion: Exported, rate: float) -> bytes:
     """
     if rate % 1:
         raise InputError(f"{rate} Hz is no whole number, as these files have it", element="rate", advice="round it")
-    names, frames = motion.names, _frames(motion, rate, motion.names.bodies)
+    names = motion.names
+    frames = _frames(motion, rate, motion.names.bodies)
     contacts = motion.contacts(frame_times(motion.duration, rate))
     if contacts:
         forces = contacts["forces"] @ _to_world(motion).matrix().T
@@ -63,18 +66,23 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
     InputError
         The model that is to read it does not float by joints with names, or not by such as reach the motion.
     """
-    names, tree = motion.names, motion.robot.file_tree
+    names = motion.names
+    tree = motion.robot.file_tree
     by_joints = names.mjcf if names.floats_by_joints else None
     of_base = [names.root] if by_joints is None else by_joints.base.names
     if not all(of_base):
-        reason, advice = "has no free joint with a name, by which LocoMuJoCo finds it", 'add <freejoint name="root"/>'
+        reason = "has no free joint with a name, by which LocoMuJoCo finds it"
+        advice = 'add <freejoint name="root"/>'
         raise InputError(reason, element="model", advice=advice)
     frames = _frames(motion, rate)
-    place, turn = frames["body_positions"][:, 0], frames["body_rotations"][:, 0]
+    place = frames["body_positions"][:, 0]
+    turn = frames["body_rotations"][:, 0]
     rotation = Rotation.from_quat(turn, scalar_first=True)
     spin = rotation.apply(frames["body_angular_velocities"][:, 0], inverse=True)
-    velocity, types = frames["body_linear_velocities"][:, 0], [FREE]
-    base_qpos, base_qvel = np.concatenate((place, turn), axis=1), np.concatenate((velocity, spin), axis=1)
+    velocity = frames["body_linear_velocities"][:, 0]
+    types = [FREE]
+    base_qpos = np.concatenate((place, turn), axis=1)
+    base_qvel = np.concatenate((velocity, spin), axis=1)
     if by_joints is not None:
         with naming(by_joints.path):
             base_qpos, base_qvel = by_joints.base.coordinates(place, rotation, velocity, spin)
@@ -108,13 +116,17 @@ def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict
     InputError
         The rate is wrong, or gives one frame only.
     """
-    times, bodies = frame_times(motion.duration, rate), bodies or (motion.robot.file_tree.root,)
+    times = frame_times(motion.duration, rate)
+    bodies = bodies or (motion.robot.file_tree.root,)
     if len(times) < 2:
         reason = f"{rate} Hz give one frame of a motion of {motion.duration} s"
         raise InputError(reason, element="rate", advice="give a higher rate")
     check_size(len(times), len(bodies), rate)
-    whole, flyer, turn = motion.at(times), free_flyer(motion.robot), _to_world(motion)
-    q, v = flyer.configurations(whole), flyer.velocities(whole)
+    whole = motion.at(times)
+    flyer = free_flyer(motion.robot)
+    turn = _to_world(motion)
+    q = flyer.configurations(whole)
+    v = flyer.velocities(whole)
     q[:, :3] = q[:, :3] @ turn.matrix().T
     q[:, 3:7] = (Rotation.from_quat(turn.coeffs()) * Rotation.from_quat(q[:, 3:7])).as_quat()
     order = [motion.joints.index(name) for name in motion.names.joints]
@@ -126,7 +138,8 @@ def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict
 
 def body_motions(model: Any, names: tuple[str, ...], q: Array, v: Array) -> dict[str, Array]:
     """Motion of bodies of a free-flyer model, from its coordinates (N, nq) and (N, nv); see :func:`_frames`."""
-    data, frames = model.createData(), [model.getFrameId(name, pin.FrameType.BODY) for name in names]
+    data = model.createData()
+    frames = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
     places, linear, angular = np.empty((3, len(q), len(names), 3))
     rotations = np.empty((len(q), len(names), 3, 3))
     for k, (configuration, velocity) in enumerate(zip(q, v, strict=True)):
@@ -134,8 +147,10 @@ def body_motions(model: Any, names: tuple[str, ...], q: Array, v: Array) -> dict
         for body, frame in enumerate(frames):
             placement = pin.updateFramePlacement(model, data, frame)
             twist = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            places[k, body], rotations[k, body] = placement.translation, placement.rotation
-            linear[k, body], angular[k, body] = twist.linear, twist.angular
+            places[k, body] = placement.translation
+            rotations[k, body] = placement.rotation
+            linear[k, body] = twist.linear
+            angular[k, body] = twist.angular
     wxyz = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*places.shape[:2], 4)
     turned_over = np.einsum("kbi,kbi->kb", wxyz[1:], wxyz[:-1]) < 0
     wxyz[1:] *= np.cumprod(np.where(turned_over, -1.0, 1.0), axis=0)[:, :, None]

@@ -97,7 +97,8 @@ def full_columns(motion: Exported, rate: float) -> list[Column]:
     force on it, in the world; at a change of contacts all are those before it.
     """
     times = sample_times(motion.duration, rate)
-    whole, tree = motion.at(times), motion.robot.joint_tree
+    whole = motion.at(times)
+    tree = motion.robot.joint_tree
     columns = [Column("time", "s", times)]
     for prefix, unit, letters, values in (
         ("base_", "m", SPACE, whole.base_position),

@@ -31,7 +31,8 @@ def out_of_plane_leak(robot: Robot) -> float:
     """
     _, maps = centroidal_maps(robot, sample_postures(robot.position_limits, POSTURES, Random(0)))
     momenta = _axes(robot) @ maps @ robot.selection
-    out_of_plane, in_plane = (momenta[:, :2] ** 2).sum(), (momenta[:, 2] ** 2).sum()
+    out_of_plane = (momenta[:, :2] ** 2).sum()
+    in_plane = (momenta[:, 2] ** 2).sum()
     return math.sqrt(out_of_plane / in_plane)
 
 
@@ -101,9 +102,12 @@ def centroidal_maps(robot: Robot, positions: Array) -> tuple[Array, Array]:
     They are those at planned positions (K, n): of the whole robot with its joints held, and by the velocities of its
     model; in the base's axes.
     """
-    model, data = robot.model, robot.model.createData()
-    none, full = np.zeros(model.nv), robot.reference + positions @ robot.selection.T
-    inertia, maps = np.empty((len(full), 3, 3)), np.empty((len(full), 3, model.nv))
+    model = robot.model
+    data = robot.model.createData()
+    none = np.zeros(model.nv)
+    full = robot.reference + positions @ robot.selection.T
+    inertia = np.empty((len(full), 3, 3))
+    maps = np.empty((len(full), 3, model.nv))
     for k, q in enumerate(full):
         maps[k] = pin.ccrba(model, data, q, none)[3:]
         inertia[k] = data.Ig.inertia

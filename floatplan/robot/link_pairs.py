@@ -126,7 +126,8 @@ class LinkPairs:
     def size(self) -> float:
         """Of the robot, m: the diagonal of a box around its pieces in the reference posture."""
         middles = self._middles(self.robot.resting[None])[0]
-        low, high = middles - self._radii[:, None], middles + self._radii[:, None]
+        low = middles - self._radii[:, None]
+        high = middles + self._radii[:, None]
         return float(np.linalg.norm(high.max(axis=0, initial=-np.inf) - low.min(axis=0, initial=np.inf)))
 
     def links(self, pair: int) -> tuple[str, str]:
@@ -140,7 +141,8 @@ class LinkPairs:
         Negative is how far the one must move for them to part.
         """
         indices = np.arange(len(self.pairs)) if chosen is None else chosen
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = self.robot.model.createData()
         geometry = pin.GeometryModel()
         added: dict[int, int] = {}
         for index in indices.tolist():
@@ -160,7 +162,8 @@ class LinkPairs:
 
     def least_distances(self, positions: Array) -> Array:
         """Lower bounds (K, P), m, of :meth:`distances` of all pairs: by balls around the pieces."""
-        places, radii = self._middles(positions), self._radii
+        places = self._middles(positions)
+        radii = self._radii
         ends = np.array([(pair.first, pair.second) for pair in self.pairs], dtype=np.int64).reshape(-1, 2)
         bounds = np.empty((len(positions), len(ends)))
         for begin in range(0, len(ends), PAIRS_AT_ONCE):
@@ -176,7 +179,8 @@ class LinkPairs:
 
     def _middles(self, positions: Array) -> Array:
         """Middles (K, S, 3) m of these balls."""
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = self.robot.model.createData()
         middles = np.array([piece.ball[0] for piece in self.pieces]).reshape(-1, 3)
         bodies = np.array([piece.body for piece in self.pieces], dtype=np.int64)
         places = np.empty((len(positions), len(self.pieces), 3))
@@ -189,9 +193,11 @@ class LinkPairs:
 
     def meet(self, pair: int, positions: Array) -> bool:
         """Whether the surfaces of a pair, of meshes their triangles', meet at planned positions (n,), rad."""
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = self.robot.model.createData()
         pin.forwardKinematics(model, data, self._configurations(positions[None])[0])
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        request = coal.CollisionRequest()
+        result = coal.CollisionResult()
         ends = list[Any]()
         for index in (self.pairs[pair].first, self.pairs[pair].second):
             piece = self.pieces[index]

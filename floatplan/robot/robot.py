@@ -281,7 +281,8 @@ class Robot:
             )
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
-                plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
+                plane = everything.in_plane.name
+                coupled = mirror_couplings(tree, everything, joints)
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
@@ -348,7 +349,8 @@ class Robot:
     @property
     def not_in_plane(self) -> InputError:
         """What is said of a robot that flies in space where only flights in a plane are known, yet."""
-        reason, advice = "the robot flies in space, and this is not yet for flights in space", "leave base out"
+        reason = "the robot flies in space, and this is not yet for flights in space"
+        advice = "leave base out"
         return InputError(reason, source=self.source, element="robot.base", advice=advice)
 
     @property
@@ -533,7 +535,8 @@ class Robot:
 
     @lru_cache(maxsize=16)  # noqa: B019 - of few robots, as many problems of one have the same
     def _hulls(self, frames: tuple[str, ...], touching: frozenset[str]) -> tuple[LinkCapsule, ...]:
-        turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
+        turns = self.tree.turns
+        places = [self.frames[frame] for frame in frames]
         exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
         exact.update(self.layout.body_of[link] for link in touching)
         standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)

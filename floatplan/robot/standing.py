@@ -18,9 +18,12 @@ from floatplan.tables import POINT_FEET
 SOLE = 0.05  # [m] a foot that is shorter is a point
 HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot that stands on it; others stand on their tips
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
-ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
+ROLLED = np.pi / 3  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
+ROLLS = 25
 UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
-HEEL, TOE, TIP = ".heel", ".toe", ".tip"  # of points that have no frames of their own
+HEEL = ".heel"  # of points that have no frames of their own
+TOE = ".toe"
+TIP = ".tip"
 SOLE_ENDS = (HEEL, TOE)
 
 
@@ -56,7 +59,8 @@ class StandingPoint(NamedTuple):
 
 def spot_weights(robot: Robot, spots: Sequence[Spot]) -> ComplexArray:
     """Weights (points, 2 m) of places relative to the centre of mass: W of rotations e, then rho of angles, m."""
-    bodies, local = np.array([each.body for each in spots]), np.array([each.place for each in spots], np.complex128)
+    bodies = np.array([each.body for each in spots])
+    local = np.array([each.place for each in spots], np.complex128)
     rolled = np.zeros((len(bodies), len(robot.tree.mass)))
     rolled[np.arange(len(bodies)), bodies] = robot.tree.turn * np.array([each.radius for each in spots])
     return np.concatenate((robot.tree.point_weights(bodies, local), rolled), axis=1)
@@ -104,10 +108,12 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
     if frame not in robot.frames:
         raise InputError(f'no frame "{frame}" is known', advice="name a link or a joint")
     home = robot.frames[frame]
-    origin, ends = Spot(home.body, home.local), link_corners(robot, frame)
+    origin = Spot(home.body, home.local)
+    ends = link_corners(robot, frame)
     if not ends:
         return (StandingPoint("", origin, 0.0),)
-    places, under = heights_over_com(robot, ends, y), undersides(robot, ends, y)
+    places = heights_over_com(robot, ends, y)
+    under = undersides(robot, ends, y)
     ground = float(under.min())
     depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
     if may_roll(out_of_round(robot, frame, origin, depth, y), depth):  # large wheels are flat as soles, nearly

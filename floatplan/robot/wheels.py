@@ -25,7 +25,8 @@ def wheels(robot: Robot) -> dict[str, str]:
             for name, link in tree.links.items()
             if link.inertial is not None and (name == joint.child or joint in tree.path(name))
         ]
-        masses, places = np.array([mass for mass, _ in carried]), np.array([place for _, place in carried])
+        masses = np.array([mass for mass, _ in carried])
+        places = np.array([place for _, place in carried])
         if masses.sum() > 0:
             away = placements[joint.child].actInv(masses @ places / masses.sum())
             if np.linalg.norm(np.cross(away, joint.axis)) <= ON_AXIS:

@@ -24,7 +24,8 @@ from floatplan.studies.folder import Range, StudyFolder, decoded
 from floatplan.studies.rows import PlannedChunk, lost_row, packed, planned_rows, row_check
 
 CHUNK_SECONDS = 1.0  # [s] of work
-FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and of whole searches
+FIRST_TOGETHER = 64  # rows of the first chunks, of batches and of whole searches
+FIRST_ALONE = 1
 MOST_IN_CHUNK = 32_768  # rows
 GROWTH = 8  # times that a chunk may be larger than the one that its speed was measured with
 SHORTEST = 1 / 16  # [-] of a chunk, at the end: what is handed out costs a little too

@@ -66,7 +66,8 @@ class Samples:
             return {axis.path: axis.column(axis.values[at]) for axis, at in zip(self.axes, places, strict=True)}
         values = {}
         for axis, shares in zip(self.axes, self._drawn[first:stop].T, strict=True):
-            low, high = axis.values[0], axis.values[-1]
+            low = axis.values[0]
+            high = axis.values[-1]
             values[axis.path] = axis.column(low + (high - low) * shares)
         return values
 

@@ -38,7 +38,8 @@ STYLES = ("uplot/uPlot.min.css", "report.css", "map.css")
 PLOTTED = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "camera.js", "stage.js", "player.js")
 SCRIPTS = (*PLOTTED, "flight.js", "heatmap.js", "map.js")
 COLOURS = 64  # [-] of the page's scale
-WIDTH, HEIGHT = 4.4, 3.4  # [in]
+WIDTH = 4.4  # [in]
+HEIGHT = 3.4
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
 MANY_DECADES = 3000.0  # times the least colour: where the largest is more, powers of ten alone are told
 STATUS_LOOKS = {  # colour and words
@@ -92,7 +93,8 @@ def heatmap(shown: HeatMap) -> Figure:
             cells[shown.status == index] = to_rgba_array(colour)[0] * 255
         finite = np.isfinite(shown.colour)
         if finite.any() and not of_status:
-            low, high = float(shown.colour[finite].min()), float(shown.colour[finite].max())
+            low = float(shown.colour[finite].min())
+            high = float(shown.colour[finite].max())
             spreads = low > 0 and high > LOGARITHMIC * low
             norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
             scale = ScalarMappable(norm, SEQUENCE)
@@ -120,7 +122,8 @@ def _edges(study: StudyFile, axis: Axis) -> Array:
     """Edges of a key's cells: around the values of a grid, even ones elsewhere."""
     if study.samples.kind != "grid":
         bins = int(np.clip(np.sqrt(len(study) / ROWS_IN_A_BIN), 1, MOST_BINS))
-        low, high = float(axis.values[0]), float(axis.values[-1])
+        low = float(axis.values[0])
+        high = float(axis.values[-1])
         return np.linspace(low, high if high > low else low + 1, bins + 1)
     values = np.unique(axis.values)
     if len(values) == 1:

@@ -29,7 +29,8 @@ FORMAT = "floatplan.motions/1"
 INDEX = "index.json"
 LARGEST_INDEX = 500_000_000  # [bytes]
 LARGEST_MOTION = 1_000_000_000  # [bytes]
-EVERY, RARELY = 5.0, 20  # [s] the index is written; or where that takes long, in times of what it takes
+EVERY = 5.0  # [s] the index is written; or where that takes long, in times of what it takes
+RARELY = 20
 
 Row = Mapping[str, Any]  # of a study's table
 

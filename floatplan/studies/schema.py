@@ -117,7 +117,8 @@ class VariedNumber:
         """Refuse a number, in the file's unit, out of its range, or not whole where it must be."""
         if self.whole and value != math.floor(value):
             raise InputError(f"{value:g} is not a whole number", element=element)
-        low, high = self.allowed.low / self.factor, self.allowed.high / self.factor
+        low = self.allowed.low / self.factor
+        high = self.allowed.high / self.factor
         if not low <= value <= high:
             raise InputError(f"{value:g} is outside {Range(low, high, self.unit)}", element=element)
 
@@ -156,7 +157,8 @@ def _numbers() -> Mapping[str, tuple[str, Range, bool]]:
 
 def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[str, Key, str | Range, bool]]:
     """Paths of the numbers in what has a type, each with its key, its range or that's name, and whether it is whole."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if hint in (float, int):
         yield path, key, name, hint is int
     elif isinstance(hint, type) and issubclass(hint, Keyed):

@@ -62,7 +62,8 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
 def _keep_missing(place: StudyFolder, gaps: Sequence[Range], rows: Range, table: Any) -> None:
     """Write the rows of a shard's table that the study's folder lacks; what is there stays."""
     for first, stop in gaps:
-        first, stop = max(first, rows[0]), min(stop, rows[1])
+        first = max(first, rows[0])
+        stop = min(stop, rows[1])
         if first < stop:
             place.keep(first, stop, written(table.slice(first - rows[0], stop - first)))
 

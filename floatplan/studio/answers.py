@@ -26,8 +26,10 @@ POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
 TRAIL = 161  # [-] points of a path
 NEAR_BUDGET = 0.3  # [s] of search for the flight that is shown where no jump was found
-DURATION, MOMENTUM = "flight.duration", "flight.angular_momentum"
-COLUMNS, ROWS = 9, 7  # [-] values of h, values of T
+DURATION = "flight.duration"
+MOMENTUM = "flight.angular_momentum"
+COLUMNS = 9  # [-] values of h, values of T
+ROWS = 7
 DURATION_STEP = 0.07  # [-] of the duration
 MOMENTUM_STEP = 0.12  # [-] of the angular momentum, or of half the interval (9); the larger one counts
 TOGETHER = 3  # [-] points that are asked for at a time
@@ -232,7 +234,8 @@ class Map:
     @classmethod
     def centred_at(cls, present: ShownPlan) -> Map:
         """Return the empty map with a plan in its middle."""
-        duration, momentum = present.plan.duration, present.plan.angular_momentum
+        duration = present.plan.duration
+        momentum = present.plan.angular_momentum
         low, high = present.plan.angular_momentum_bounds or (0.0, 0.0)
         step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)
         return cls(

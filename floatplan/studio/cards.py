@@ -13,7 +13,8 @@ from floatplan.studio.curves import AMBER, BLUE, GREEN, RED, colour_of
 from floatplan.studio.session import Verdict, View
 from floatplan.tables import LimitRow
 
-GREY, BLACK = "#7a7f87", "#3a3f45"
+GREY = "#7a7f87"
+BLACK = "#3a3f45"
 MOST_WARNINGS = 6  # [-] listed; the others are counted
 WIDEST = 1.25  # [-] share of a limit at the end of a bar
 
@@ -35,11 +36,13 @@ def is_news(drawn: View | None, view: View) -> bool:
 
 def status_card(view: View) -> str:
     """The verdict in a colour, why, and the numbers that count."""
-    answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
+    answer = view.answer
+    known = BEFORE_THE_END.get(view.verdict)
     colour, headline = known or BEFORE_THE_END["waiting"]
     if known is None and answer is not None:
         words, tone = _verdict(answer)
-        colour, headline = COLOURS[tone], words.capitalize()
+        colour = COLOURS[tone]
+        headline = words.capitalize()
     parts = []
     if view.refusal:
         parts.append(f'<div class="band refusal"><b>Not changed</b><p>{escape(view.refusal)}</p></div>')
@@ -54,7 +57,8 @@ def status_card(view: View) -> str:
 
 def warning_card(view: View) -> str:
     """What is said beside the verdict: of stances before and after the flight, and what the plan does unasked."""
-    answer, parts = view.answer, list[str]()
+    answer = view.answer
+    parts = list[str]()
     if answer is not None and view.is_current:
         parts += map(_stance, answer.stances)
     if answer is not None and answer.plan.ok and answer.warnings:
@@ -102,7 +106,9 @@ def _paragraphs(*words: str) -> str:
 
 
 def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
-    plan, use, jump = answer.plan, answer.largest_use, answer.found_jump
+    plan = answer.plan
+    use = answer.largest_use
+    jump = answer.found_jump
     height = [] if jump is None else [("height", f"{jump.height:.3g} m"), ("of it in flight", f"{plan.duration:.4g} s")]
     facts = [
         ("duration", f"{answer.motion.duration:.4g} s"),
@@ -130,7 +136,8 @@ def limits_card(answer: ShownPlan | None) -> str:
         ]
         rows = "".join(f"<tr><td>{name}<td>{use:.0%}<td>{_bar(use)}</tr>" for name, use, limited in peaks if limited)
         return f'<div class="fp"><table><tr><th>of limits<th>most<th></tr>{rows}</table></div>'
-    limits, motors = limits_shown(answer.utilisation), answer.plan.robot.motors
+    limits = limits_shown(answer.utilisation)
+    motors = answer.plan.robot.motors
     titles = "".join(f"<th>{limit.title.lower()}, {raised(limit.unit)}<th>" for limit in limits)
     ordered = sorted(answer.utilisation, key=lambda row: motors.index(row.joint))
     rows = "".join(_motor(row, limits) for row in ordered)

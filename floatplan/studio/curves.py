@@ -16,8 +16,12 @@ from floatplan.view.jumps import footing, limit_shares
 
 SAMPLES = 401  # [-] instants of a curve
 ALIKE = 0.01  # [-] of a limit: a follower whose curve differs by less from its leader's is not drawn
-NEARLY, FULL = 0.9, 1 + 1e-9  # [-] shares of a limit from which a use is amber, and red
-GREEN, AMBER, RED, BLUE = "#1a7f4b", "#985a00", "#c0182b", "#1f5fbf"
+NEARLY = 0.9  # [-] shares of a limit from which a use is amber, and red
+FULL = 1 + 1e-9
+GREEN = "#1a7f4b"
+AMBER = "#985a00"
+RED = "#c0182b"
+BLUE = "#1f5fbf"
 ROOM = 1.15  # [-] of the largest that is drawn: height of a plot
 FLYING = "#c9d8ee"  # the phase without contacts
 RIGHT = 60.0  # [%] of the width from which labels are on the left of their places
@@ -50,7 +54,8 @@ class Shares:
 
 def shares(motion: Trajectory) -> tuple[Shares, ...]:
     """What a motion uses of the limits on torque and rate: of those asked for, else of the URDF's, if there are any."""
-    state, problem = motion.state(np.linspace(0.0, motion.duration, SAMPLES)), _limited(motion.whole_problem)
+    state = motion.state(np.linspace(0.0, motion.duration, SAMPLES))
+    problem = _limited(motion.whole_problem)
     torque, rate = limit_shares(problem, state)
     motors = np.minimum(problem.motor_torque_limits, problem.motor_stall)
     return (
@@ -72,7 +77,8 @@ def _limited(problem: Problem) -> Problem:
 
 def _told(title: str, unit: str, names: Sequence[str], limits: Array, used: Array, values: Array) -> Shares:
     """The shares of what has a limit; or the values, where nothing has. Curves that are alike are one."""
-    limited, kept = bool(np.isfinite(limits).any()), list[int]()
+    limited = bool(np.isfinite(limits).any())
+    kept = list[int]()
     drawn = np.abs(used if limited else values).T
     for index, curve in enumerate(drawn):
         alike = (np.abs(curve - drawn[each]).max() <= ALIKE * max(float(drawn.max()), 1e-9) for each in kept)
@@ -103,7 +109,8 @@ def instant_mark(share: float) -> str:
 
 
 def _plot(used: Shares, duration: float) -> str:
-    peak, count = used.peak, used.values.shape[1]
+    peak = used.peak
+    count = used.values.shape[1]
     top = ROOM * max(peak, 1.0 if used.limited else 1e-9)
     across = np.linspace(0.0, 1000.0, count)
     paths = "".join(
@@ -112,11 +119,10 @@ def _plot(used: Shares, duration: float) -> str:
         for name, curve in zip(used.names, used.values, strict=True)
     )
     row, column = np.unravel_index(used.values.argmax(), used.values.shape) if used.values.size else (0, 0)
-    left, high = 100.0 * column / max(count - 1, 1), 100.0 * (1 - peak / top)
-    name, told = (
-        used.names[row] if used.names else "",
-        f"{peak:.0%}" if used.limited else f"{short(peak, 3)} {used.unit}",
-    )
+    left = 100.0 * column / max(count - 1, 1)
+    high = 100.0 * (1 - peak / top)
+    name = used.names[row] if used.names else ""
+    told = f"{peak:.0%}" if used.limited else f"{short(peak, 3)} {used.unit}"
     side = f"right:{100 - left:.1f}%" if left > RIGHT else f"left:{left:.1f}%"
     place = f"{side};top:min({high:.1f}%,100% - 1.3em)"
     colour = colour_of(peak) if used.limited else BLUE
@@ -155,7 +161,8 @@ def phase_colours(jump: JumpMotion) -> list[list[str]]:
 
 def _bands(jump: JumpMotion) -> str:
     """The phases of a jump, each in the colours of what stands, one above the other."""
-    bands, words = list[str](), list[str]()
+    bands = list[str]()
+    words = list[str]()
     for phase, colours in zip(jump.phases, phase_colours(jump), strict=True):
         lasts = phase.end - phase.begin
         stands = ", ".join(phase.contacts) or "flight"

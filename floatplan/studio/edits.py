@@ -64,7 +64,8 @@ def phases(ends: Sequence[float] | None, flight: int = 0) -> Edit:
         fixed = [each for each in asked.fixed if pairs or each != "duration"]
         if "duration" not in fixed and pairs:
             fixed.append("duration")
-        takeoff, landing = replace(asked.takeoff, durations=before), replace(asked.landing, durations=after)
+        takeoff = replace(asked.takeoff, durations=before)
+        landing = replace(asked.landing, durations=after)
         lasting = replace(problem.flight, duration=lasts[flight]) if pairs else problem.flight
         jump = replace(asked, takeoff=takeoff, landing=landing, fixed=fixed)
         return replace(problem, flight=lasting, jump=jump)

@@ -61,7 +61,10 @@ class Inputs:
     """Sliders, choices and ticks of the ``problem`` that is drawn; each follows it unless the user holds it."""
 
     def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
-        self._gui, self._session, self._actions, self.problem = gui, session, actions, session.view.problem
+        self._gui = gui
+        self._session = session
+        self._actions = actions
+        self.problem = session.view.problem
         self.sliders: dict[str, Any] = {}  # by the path that each shows
         self._shown: list[Input] = []
 
@@ -79,7 +82,8 @@ class Inputs:
 
         All ``paths`` of a problem file get its value, the first one's is shown, or what ``get`` reads from a problem.
         """
-        path, step = paths[0], _step((high - low) / unit)
+        path = paths[0]
+        step = _step((high - low) / unit)
         digits = max(0, -int(np.floor(np.log10(step))))
 
         def shown(problem: fp.Problem) -> float:
@@ -145,14 +149,17 @@ class Inputs:
 
     def follow(self, problem: fp.Problem) -> bool:
         """Show what a problem has; return whether the user still holds an input. In the thread of the user's events."""
-        now, busy = time.monotonic(), False
+        now = time.monotonic()
+        busy = False
         for shown in self._shown:
-            handle, value = shown.handle, shown.get(problem)
+            handle = shown.handle
+            value = shown.get(problem)
             if now - shown.touched < RELEASED:
                 busy = True
             elif value != handle.value and value == value:  # a number that is not known is NaN
                 if isinstance(value, float):
-                    handle.min, handle.max = min(handle.min, value), max(handle.max, value)
+                    handle.min = min(handle.min, value)
+                    handle.max = max(handle.max, value)
                 handle.value = value
         return busy
 

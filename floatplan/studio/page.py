@@ -191,7 +191,8 @@ def own_page_alone(title: str) -> Iterator[None]:
     """
     from websockets.asyncio import server
 
-    serve, calls = server.serve, []
+    serve = server.serve
+    calls = []
     log = logging.getLogger("floatplan.studio.server")
     log.addFilter(FaultsOfClients())
 

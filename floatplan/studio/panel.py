@@ -28,8 +28,10 @@ LEAST = 0.01  # [-] of a limit slider's end
 WIDE = 3.0  # [-] of what the first motion needs, where the URDF has no limit: a slider's end
 SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 FRICTION = 0.1, 1.5  # [-] ends of its slider
-LEAST_MARGIN, HIGHEST = 0.3, 0.1  # [-], [m] of clearance: the same
-LONGER, SHORTEST = 1.25, 0.02  # [-] of a jump: end of the bar of its phases; [s] of a phase
+LEAST_MARGIN = 0.3  # [-], [m] of clearance: the same
+HIGHEST = 0.1
+LONGER = 1.25  # [-] of a jump: end of the bar of its phases; [s] of a phase
+SHORTEST = 0.02
 A_NUMBER = "a number"
 MOMENTA = ("midpoint", "free", A_NUMBER)
 DEGREES = ("auto", "7", "9", "11", "13")
@@ -42,8 +44,12 @@ class Controls:
     def __init__(
         self, server: Any, session: Session, actions: Actions, stage: Stage, player: Player, folder: str
     ) -> None:
-        self._server, self._gui, self._session, self._actions = server, server.gui, session, actions
-        self._stage, self._player = stage, player
+        self._server = server
+        self._gui = server.gui
+        self._session = session
+        self._actions = actions
+        self._stage = stage
+        self._player = player
         self.inputs = Inputs(self._gui, session, actions)
         self._drawn: View | None = None
         self._begun = 0  # number of the newest question whose search was not drawn at once
@@ -115,7 +121,8 @@ class Controls:
 
     def _flying(self) -> None:
         """Buttons and keys to go back and forth, and the time of the flight."""
-        session, player = self._session, self._player
+        session = self._session
+        player = self._player
         actions = {
             "Undo": session.undo,
             "Redo": session.redo,
@@ -147,12 +154,15 @@ class Controls:
             self.time.value = 0.0
 
     def _posture(self, end: edits.Part) -> None:
-        problem, path = self._session.view.problem, f"{end}.orientation"
-        turn, hint = edits.number_at(problem, path), "360° more is one somersault more."
+        problem = self._session.view.problem
+        path = f"{end}.orientation"
+        turn = edits.number_at(problem, path)
+        hint = "360° more is one somersault more."
         self.inputs.slider("base, °", (path,), turn - TURNS, turn + TURNS, DEGREE, hint)
         for joint, (low, high) in zip(problem.robot.joints, problem.position_limits.tolist(), strict=True):
             self.inputs.slider(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, DEGREE)
-        root, hint = self._stage.ghosts[end].root, "Drag its links to change it."
+        root = self._stage.ghosts[end].root
+        hint = "Drag its links to change it."
         shown = self._gui.add_checkbox(f"show the {end}", initial_value=root.visible, hint=hint)
         on(shown.on_update, lambda _: setattr(root, "visible", shown.value))
 
@@ -173,17 +183,20 @@ class Controls:
         self.inputs.tick(label, lambda each: each.jump is not None and part in each.jump.fixed, edit, hint)
 
     def _flight(self) -> None:
-        answer, problem = self._session.view.answer, self._session.view.problem
+        answer = self._session.view.answer
+        problem = self._session.view.problem
         low, high = (answer and answer.plan.angular_momentum_bounds) or (0.0, 1.0)
         half = max(high - low, abs(low), abs(high), 0.1)
-        present, speed = problem.flight.duration, problem.flight.speed_in_plane
+        present = problem.flight.duration
+        speed = problem.flight.speed_in_plane
         self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
         hint = "Angular momentum: the middle of what suits joints that do not turn back "
         hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
         self.inputs.choice("h is", MOMENTA, _momentum_word, self._momentum_edit, hint)
         path = "flight.angular_momentum"
         self._momentum = self.inputs.slider("h, kg m²/s", (path,), low - half, high + half, get=self._momentum_of)
-        path, hint = "flight.horizontal_velocity", "Of the centre of mass, horizontal."
+        path = "flight.horizontal_velocity"
+        hint = "Of the centre of mass, horizontal."
         self.inputs.slider("speed, m/s", (path,), speed - FASTER, speed + FASTER, hint=hint)
         self.inputs.choice(
             "least",
@@ -200,7 +213,8 @@ class Controls:
 
     def _momentum_of(self, problem: fp.Problem, unknown: float = math.nan) -> float:
         """The angular momentum that is asked for; that of the present motion where a word is."""
-        asked, answer = problem.flight.momentum_in_plane, self._session.view.answer
+        asked = problem.flight.momentum_in_plane
+        answer = self._session.view.answer
         if isinstance(asked, str):
             return unknown if answer is None else answer.plan.angular_momentum
         return float(asked)
@@ -252,7 +266,9 @@ class JumpTab:
     """What a whole jump is asked: its phases as a bar, friction, margins."""
 
     def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
-        self._gui, self._session, self._inputs = gui, session, inputs
+        self._gui = gui
+        self._session = session
+        self._inputs = inputs
         self._folder = gui.add_folder("Phases")
         self._bar: Any = None
         self._last_ends: tuple[float, ...] = ()  # [s] of the phases
@@ -283,13 +299,15 @@ class JumpTab:
                 self._bar = self._gui.add_multi_slider("ends, s", 0.0, most, 0.001, ends, min_range=SHORTEST)
             self._inputs.add(self._bar, self._ends, "phases", self._drag)
         self._bar.max = max(self._bar.max, *self._ends(view.problem))
-        ends, present = self._bar.value, self._ends(view.problem)
+        ends = self._bar.value
+        present = self._ends(view.problem)
         shares = [each / self._bar.max for each in (ends if is_alike(ends, present) else present)]
         self._look.content = bar_style(phase_colours(shown), shares)
 
     def _ends(self, problem: fp.Problem) -> tuple[float, ...]:
         """When the phases end: as is asked, else as they were found."""
-        answer, asked = self._session.view.answer, edits.phase_ends(problem)
+        answer = self._session.view.answer
+        asked = edits.phase_ends(problem)
         found = () if answer is None or answer.jump is None else tuple(phase.end for phase in answer.jump.phases)
         self._last_ends = tuple(round(each, 3) for each in asked or found or self._last_ends)
         return self._last_ends
@@ -314,7 +332,8 @@ class LimitsTab:
     """Limits of joints and motors."""
 
     def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
-        self._session, self._inputs = session, inputs
+        self._session = session
+        self._inputs = inputs
         self._sliders = {key: self._add(key) for key, row in LIMIT_TABLE.items() if row.of != "base"}
         self._table = gui.add_html("")
 
@@ -326,7 +345,9 @@ class LimitsTab:
                 slider.visible = edits.limit_choice(view.problem, key) == edits.BY_HAND
 
     def _add(self, key: LimitKey) -> list[Any]:
-        problem, row, needed = self._session.view.problem, LIMIT_TABLE[key], self._needed(key)
+        problem = self._session.view.problem
+        row = LIMIT_TABLE[key]
+        needed = self._needed(key)
         robot = problem.robot
         of_urdf = getattr(robot, f"motor_{key}_limits").tolist() if row.in_urdf else [math.inf] * len(robot.motors)
         words = ("none", "urdf", edits.BY_HAND) if np.isfinite(of_urdf).any() else ("none", edits.BY_HAND)
@@ -349,7 +370,8 @@ class LimitsTab:
 
     def _needed(self, key: LimitKey) -> dict[str, float]:
         """Peaks of the present motion, by motor."""
-        answer, robot = self._session.view.answer, self._session.view.problem.robot
+        answer = self._session.view.answer
+        robot = self._session.view.problem.robot
         peaks = {} if answer is None else {row.joint: getattr(row, f"{key}_peak") for row in answer.utilisation}
         return {motor: float(peaks.get(motor, 1.0)) for motor in robot.motors}
 
@@ -360,7 +382,11 @@ class ObstaclesTab:
     def __init__(
         self, gui: Any, tab: Any, session: Session, actions: Actions, inputs: Inputs, free_place: tuple[complex, float]
     ) -> None:
-        self._gui, self._tab, self._session, self._actions, self._inputs = gui, tab, session, actions, inputs
+        self._gui = gui
+        self._tab = tab
+        self._session = session
+        self._actions = actions
+        self._inputs = inputs
         self._kinds: list[str] = []
         self._folders: list[Any] = []
         self._sliders: list[Any] = []
@@ -375,7 +401,9 @@ class ObstaclesTab:
         self._inputs.forget(self._sliders)
         for folder in self._folders:
             folder.remove()
-        self._folders, self._sliders, self._kinds = [], [], kinds
+        self._folders = []
+        self._sliders = []
+        self._kinds = kinds
         for index, obstacle in enumerate(view.problem.obstacles):
             with self._tab, self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
                 self._sliders += [self._inputs.slider(*dial) for dial in obstacle_dials(index, obstacle)]

@@ -80,7 +80,8 @@ class Worker:
     """
 
     def __init__(self, robot: fp.Robot, niceness: int = 0) -> None:
-        self._robot, self._niceness = robot, niceness
+        self._robot = robot
+        self._niceness = niceness
         self._lock = threading.Lock()
         self._running = contextlib.ExitStack()
         self._executor: Any = None
@@ -112,7 +113,9 @@ class Worker:
     def stop(self) -> threading.Thread:
         """Let go of the process, whatever it does, from any thread; return the one that waits for its end."""
         with self._lock:
-            running, self._running, self._executor = self._running, contextlib.ExitStack(), None
+            running = self._running
+            self._running = contextlib.ExitStack()
+            self._executor = None
         ending = threading.Thread(target=running.close)  # a hundred milliseconds where processors are busy
         ending.start()
         return ending
@@ -205,9 +208,13 @@ class Planning:
         on_map: Callable[[int, Map], None],
         on_words: Callable[[int, str], None],
     ) -> None:
-        self._on_plan, self._on_map, self._on_words = on_plan, on_map, on_words
-        self._quick, self._thorough = Worker(robot), Worker(robot, LAST)
-        self._plans, self._proofs = Actions("plans"), Actions("proofs")
+        self._on_plan = on_plan
+        self._on_map = on_map
+        self._on_words = on_words
+        self._quick = Worker(robot)
+        self._thorough = Worker(robot, LAST)
+        self._plans = Actions("plans")
+        self._proofs = Actions("proofs")
         self._newest: Question | None = None
         self._near: fp.Plan | Jump | None = None  # the newest, from which the next search begins
         self._dropped = 0  # number of the newest question that is not to be answered any more
@@ -225,7 +232,8 @@ class Planning:
 
     def drop(self) -> None:
         """Answer nothing that was asked so far."""
-        self._dropped, self._newest = self._newest.number if self._newest else 0, copy(self._newest)
+        self._dropped = self._newest.number if self._newest else 0
+        self._newest = copy(self._newest)
         for each in (self._quick, self._thorough):
             each.stop()
 

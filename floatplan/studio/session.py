@@ -83,7 +83,8 @@ class History(Generic[State]):
         self._states = [first]
         self._at = 0
         self._clock = clock
-        self._gesture, self._last = "", -1e9
+        self._gesture = ""
+        self._last = -1e9
 
     @property
     def present(self) -> State:
@@ -99,13 +100,15 @@ class History(Generic[State]):
         else:
             self._states = [*self._states, state][-MOST:]
             self._at = len(self._states) - 1
-        self._gesture, self._last = gesture, now
+        self._gesture = gesture
+        self._last = now
 
     def go(self, step: int) -> bool:
         """Go so many steps forth, or back where negative, if there is such a state; return whether there is."""
         if not 0 <= self._at + step < len(self._states):
             return False
-        self._at, self._gesture = self._at + step, ""
+        self._at = self._at + step
+        self._gesture = ""
         return True
 
 

@@ -27,7 +27,9 @@ LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses: the flight loops, they are sent as often as the page draws them
 REST = 0.5  # [s] at landing, before it begins again
 Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
-START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
+START = (0, 130, 130)
+GOAL = (213, 94, 0)
+KEPT = (150, 90, 200)
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
 BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
@@ -37,7 +39,8 @@ def end_poses(view: View, end: str) -> outlines.Poses:
     """The bodies of the posture at "start" or "goal", its centre of mass where the flight, or a jump, has it then."""
     problem = view.problem
     flown = problem if view.answer is None or view.answer.found_jump is None else view.answer.plan.problem
-    state, time = end_state(problem, end), 0.0 if end == "start" else flown.flight.duration
+    state = end_state(problem, end)
+    time = 0.0 if end == "start" else flown.flight.duration
     path = flight_of(flown).ballistics.positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
     return outlines.body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
@@ -57,9 +60,13 @@ class Stage:
     """Everything in the scene; :meth:`draw` follows the session's view, what the user does changes the session."""
 
     def __init__(self, server: Any, session: Session, actions: Actions, first: ShownPlan) -> None:
-        self._server, self._session, self._actions = server, session, actions
-        problem, plan = session.view.problem, first.plan
-        self._robot, self._plane = problem.robot, problem.robot.plane
+        self._server = server
+        self._session = session
+        self._actions = actions
+        problem = session.view.problem
+        plan = first.plan
+        self._robot = problem.robot
+        self._plane = problem.robot.plane
         self._size = outlines.robot_size(plan)
         placed = outlines.postures(plan, outlines.snapshot_times(plan))
         self._box = outlines.picture_box(plan, placed)
@@ -118,7 +125,8 @@ class Stage:
         self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
-        ghost, jump = scene.RobotNodes(self._server, f"/{end}", self._robot), self._session.view.problem.jump
+        ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
+        jump = self._session.view.problem.jump
         ghost.root.visible = jump is None or end in jump.fixed  # else a guess
         parts = ghost.add_solids(colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
@@ -131,7 +139,9 @@ class Stage:
         """Call ``move`` with where the pointer is in the plane, and whether the drag begins there."""
 
         def drag(event: Any) -> None:
-            eye, pointer, begins = event.client.camera.position, event.end_position, event.phase == "start"
+            eye = event.client.camera.position
+            pointer = event.end_position
+            begins = event.phase == "start"
             place = scene.in_plane(self._plane, np.asarray(eye), np.asarray(pointer))
             if place is not None:
                 self._actions.do(f"{begins} {about}", lambda: move(place, begins))
@@ -140,7 +150,8 @@ class Stage:
 
     def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
         """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
-        view, key = self._session.view, f"{end} {part}"
+        view = self._session.view
+        key = f"{end} {part}"
         if begins or key not in self._grabbed:
             pivot, value = self.pivot(view, end, part)
             self._grabbed[key] = Grabbed(pivot, place, 0.0, value)
@@ -155,7 +166,8 @@ class Stage:
             self._session.set(f"{end}.orientation", held.value + turn)
             return
         joint = part - 1
-        body, tree = self._body(part), self._robot.tree
+        body = self._body(part)
+        tree = self._robot.tree
         share = float(tree.turns[body, joint] - tree.turns[tree.parent[body], joint])
         low, high = view.problem.position_limits[joint]
         value = float(np.clip(held.value + turn / share, low, high))
@@ -168,7 +180,9 @@ class Stage:
 
     def pivot(self, view: View, end: str, part: int) -> tuple[complex, float]:
         """Where a part of the posture at an end turns, and its angle, rad: the base about the centre of mass."""
-        poses, state, tree = end_poses(view, end), end_state(view.problem, end), self._robot.tree
+        poses = end_poses(view, end)
+        state = end_state(view.problem, end)
+        tree = self._robot.tree
         if part:
             return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
         centers = poses.points(range(len(tree.mass)), tree.center)[0]
@@ -199,7 +213,8 @@ class Stage:
         self._session.edit(put_obstacle(index, moved(obstacle, place - first)), f"carry {index}")
 
     def _draw_paths(self, shown: ShownPlan) -> None:
-        pairs, colours = [], []
+        pairs = []
+        colours = []
         for places, colour in zip(shown.paths, TRAILS, strict=True):
             pairs.append(scene.segments(self._plane, places[bends(places, BEND)]))
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
@@ -223,7 +238,8 @@ class Player:
     """Moves robots along their flights, all from the same instant on."""
 
     def __init__(self, server: Any, on_time: Callable[[float], None]) -> None:
-        self._server, self._on_time = server, on_time
+        self._server = server
+        self._on_time = on_time
         self._shows: list[Show] = []
         self._lock = threading.Lock()
         self._time = 0.0  # [s] of the flight
@@ -238,12 +254,15 @@ class Player:
     def show(self, shows: list[Show]) -> None:
         """Fly these from now on."""
         with self._lock:
-            self._shows, self._dirty = shows, True
+            self._shows = shows
+            self._dirty = True
 
     def seek(self, instant: float) -> None:
         """Go to an instant, s, and stay there."""
         with self._lock:
-            self._time, self.playing, self._dirty = instant, False, True
+            self._time = instant
+            self.playing = False
+            self._dirty = True
 
     def close(self) -> None:
         """End."""
@@ -258,7 +277,9 @@ class Player:
             with self._lock:
                 if self.playing:
                     self._time += (now - last) * self.speed
-                shows, instant, moving = self._shows, self._time, self.playing or self._dirty
+                shows = self._shows
+                instant = self._time
+                moving = self.playing or self._dirty
                 longest = max((shown.motion.duration for *_, shown in shows), default=0.0)
                 if self.playing and instant > longest + REST * self.speed:
                     self._time = 0.0

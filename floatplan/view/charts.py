@@ -82,9 +82,11 @@ class Panel:
         The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
         """
         known = [np.atleast_1d(np.inf if curve.limit is None else curve.limit) for curve in self.curves]
-        curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
+        curves = list(self.curves)
+        limits = np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
-            curves, limits = [Curve("", "", INK)], limits[:1]
+            curves = [Curve("", "", INK)]
+            limits = limits[:1]
         drawn = [*self.fixed]
         left: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
@@ -130,12 +132,15 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
     forces, shares of limits and the height of the centre of mass in the place of momentum and inertia.
     """
     plan = sampled.plan
-    joints, limits = range(len(plan.robot.joints)), plan.whole_problem.joint_limits
-    states, keys = (plan.whole_problem.initial, plan.whole_problem.final), [f"positions.{joint}" for joint in joints]
+    joints = range(len(plan.robot.joints))
+    limits = plan.whole_problem.joint_limits
+    states = (plan.whole_problem.initial, plan.whole_problem.final)
+    keys = [f"positions.{joint}" for joint in joints]
     if flies_in_space(plan):
         ends = [tuple(state.positions) for state in states]
     else:
-        ends, keys = [(state.orientation, *state.positions) for state in states], ["orientation", *keys]
+        ends = [(state.orientation, *state.positions) for state in states]
+        keys = ["orientation", *keys]
     angles = _of_parts(plan, keys, ends=list(zip(*ends, strict=True)))
     drawn = [
         Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
@@ -154,12 +159,16 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
 
 def _of_jump(sampled: SampledPlan, jump: JumpMotion) -> list[Chart]:
     """What stands, forces, what is used of friction and of limits, height."""
-    robot, problem, margin, held_by = jump.robot, jump.whole_problem, jump.request.margin, efforts(jump)
+    robot = jump.robot
+    problem = jump.whole_problem
+    margin = jump.request.margin
+    held_by = efforts(jump)
     stands, forces, friction = (
         [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(footing(jump).colours.items())]
         for key in ("stands", "force_z", "friction")
     )
-    limits, effort_limits = np.minimum(problem.motor_torque_limits, problem.motor_stall), np.array([*held_by.values()])
+    limits = np.minimum(problem.motor_torque_limits, problem.motor_stall)
+    effort_limits = np.array([*held_by.values()])
     rates = _of_parts(jump, [f"velocities.{joint}" for joint in range(len(robot.joints))])
     by_use = sorted(enumerate(held_by), key=lambda each: -largest(sampled.columns[f"held_use.{each[0]}"]))
     held = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
@@ -209,7 +218,8 @@ def _momentum_in_space(plan: Plan) -> list[Chart]:
         Curve("h", "momentum", INK),
     ]
     moments = [Curve(name, f"inertia.{index}", OKABE_ITO[index]) for index, name in enumerate(MOMENTS)]
-    panel, inertia = Panel("momentum", curves), Panel("inertia", moments)
+    panel = Panel("momentum", curves)
+    inertia = Panel("inertia", moments)
     return [
         Chart("momentum", "Angular momentum along h", "kg m²/s", [panel], of_each=False),
         Chart("inertia", "Principal moments of inertia", "kg m²", [inertia], of_each=False),
@@ -218,7 +228,8 @@ def _momentum_in_space(plan: Plan) -> list[Chart]:
 
 def _shares_in_space(sampled: SampledPlan, plan: Plan) -> list[Chart]:
     """What is used of limits, asked for or the file's."""
-    limits, robot = limits_in_use(plan), plan.robot
+    limits = limits_in_use(plan)
+    robot = plan.robot
     rates = _of_parts(plan, [f"velocities.{joint}" for joint in range(len(robot.joints))])
     drawn = [
         _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits["torque"]),
@@ -245,7 +256,8 @@ def is_crowded(plan: Trajectory) -> bool:
 def _of_parts(plan: Trajectory, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
     """Curves of the last of base and joints, with what more they have."""
     first = len(plan.robot.joints) + 1 - len(keys)
-    names, colours = ("orientation", *plan.robot.joints), palette(len(plan.robot.joints) + 1)
+    names = ("orientation", *plan.robot.joints)
+    colours = palette(len(plan.robot.joints) + 1)
     return [
         Curve(names[part], key, colours[part], part, **{name: values[part - first] for name, values in more.items()})
         for part, key in enumerate(keys, first)
@@ -270,10 +282,13 @@ def _limited(plan: Trajectory, row: LimitRow) -> Chart:
 
 def _motors(sampled: SampledPlan) -> list[Curve]:
     """The motors' own torques, in their leaders' colours; followers that do as their leaders do are left out."""
-    plan, motors = sampled.plan, sampled.plan.robot.motors
+    plan = sampled.plan
+    motors = sampled.plan.robot.motors
     leaders: IntArray = np.abs(plan.robot.motor_ratios).argmax(axis=1)
-    colours, joints = palette(len(plan.robot.joints) + 1)[1:], len(plan.robot.joints)
-    problem, certificate = plan.whole_problem, certificate_of(plan)
+    colours = palette(len(plan.robot.joints) + 1)[1:]
+    joints = len(plan.robot.joints)
+    problem = plan.whole_problem
+    certificate = certificate_of(plan)
     rates = np.abs(sampled.state.velocities @ plan.robot.motor_ratios.T)
     available = problem.motor_stall - problem.motor_slope * rates
     limits = np.minimum(problem.motor_torque_limits, available)
@@ -311,7 +326,8 @@ def _momentum(plan: Plan) -> Chart:
 def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     """Distances from obstacles; what is far away is cut off, the picture is of the passage."""
     plan = sampled.plan
-    obstacles, certificate = plan.whole_problem.obstacles, certificate_of(plan)
+    obstacles = plan.whole_problem.obstacles
+    certificate = certificate_of(plan)
     kinds = [obstacle.kind for obstacle in obstacles]
     findings = () if certificate is None else certificate.findings
     proved = {

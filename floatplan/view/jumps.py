@@ -68,7 +68,8 @@ class Footing:
     @property
     def scale(self) -> str:
         """What forces and cones as drawn mean, for a person."""
-        force, friction = round_below(0.3 / self.metres_per_newton), self.jump.request.friction
+        force = round_below(0.3 / self.metres_per_newton)
+        friction = self.jump.request.friction
         return f"force: {force:g} N are {force * self.metres_per_newton:.2g} m; cone: friction {friction:g}"
 
     @property
@@ -83,7 +84,8 @@ class Footing:
 
     def feet(self, times: Array) -> ComplexArray:
         """Places (N, contacts) m of where these forces act, between left and right; NaN where nothing stands."""
-        plane, points = self.jump.robot.plane, self.jump.at(times).points
+        plane = self.jump.robot.plane
+        points = self.jump.at(times).points
         middles = np.stack([np.mean([points[name] for name in each.names], axis=0) for each in self.contacts.values()])
         return np.asarray(middles @ plane.horizontal + 1j * (middles @ plane.vertical)).T
 
@@ -104,8 +106,10 @@ def _forces(jump: JumpMotion, contacts: dict[str, Contact], times: Array) -> Com
 
 def moments(jump: JumpMotion, flying: int = 2) -> Array:
     """Instants (4 + flying,), s: standing, the last push's largest force, some in flight, then the reverse."""
-    standing, (takeoff, landing) = footing(jump), jump.flight_span
-    times, force = standing.times, standing.sizes.sum(axis=1)
+    standing = footing(jump)
+    (takeoff, landing) = jump.flight_span
+    times = standing.times
+    force = standing.sizes.sum(axis=1)
     last_push = (jump.before[-1].span[0] < times) & (times < takeoff)
     first_fall = (landing < times) & (times < jump.after[0].span[1])
     before, after = (times[(stance * force).argmax()] for stance in (last_push, first_fall))
@@ -123,8 +127,11 @@ def jump_columns(jump: JumpMotion, state: FlightState) -> dict[str, Array]:
     ``torque_use``, of a motor's limit or of its torque-speed curve, whichever is nearer, ``rate_use``, ``held_use``
     and ``friction`` are shares: 0 where nothing limits.
     """
-    standing, problem, robot = footing(jump), jump.whole_problem, jump.robot
-    forces, feet = standing.forces(state.times), standing.feet(state.times)
+    standing = footing(jump)
+    problem = jump.whole_problem
+    robot = jump.robot
+    forces = standing.forces(state.times)
+    feet = standing.feet(state.times)
     torque_use, rate_use = limit_shares(problem, state)
     light = LIGHT * robot.mass * problem.flight.gravity
     cones = jump.request.friction * np.where(forces.imag > light, forces.imag, np.nan)
@@ -149,7 +156,8 @@ def limit_shares(problem: Problem, state: FlightState) -> tuple[Array, Array]:
 
     Signed as torques and rates are; 0 where nothing limits.
     """
-    motors, speeds = state.motor_torques, np.abs(state.velocities @ problem.robot.motor_ratios.T)
+    motors = state.motor_torques
+    speeds = np.abs(state.velocities @ problem.robot.motor_ratios.T)
     of_curve = (np.abs(motors) + problem.motor_slope * speeds) / problem.motor_stall
     shares = np.sign(motors) * np.maximum(np.abs(motors) / problem.motor_torque_limits, of_curve)
     return shares, state.velocities / problem.velocity_limits

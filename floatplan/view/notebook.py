@@ -57,7 +57,8 @@ def robot_svg(robot: Robot) -> str:
     """
     polygons = _outlines(robot)
     low, high = box_around(np.concatenate([outline for _, outline in polygons]), MARGIN)
-    width, height = (high - low).real, (high - low).imag
+    width = (high - low).real
+    height = (high - low).imag
     scale = SIZE / max(width, height)
     colours = palette(1 + len(robot.joints))
     drawn = []

@@ -28,12 +28,14 @@ from floatplan.view.style import round_below
 if TYPE_CHECKING:
     from floatplan.motion.spatial.bodies import BodyPoses
 
-ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of a circle
+ARC = 12  # [-] corners of a half circle, of a link or bar and of a circle
+FINE_ARC = 48
 REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
 MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
 LEAST_RADIUS = 0.4  # [-] of the former
 STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
-FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] along the path
+FEWEST_SNAPSHOTS = 7  # [-] along the path
+MOST_SNAPSHOTS = 11
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
 SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper is drawn without ground
 FLOOR_SAMPLES = 33
@@ -80,7 +82,8 @@ class Postures:
         """
         if self.depth is None:
             return [(shape, []) for shape in range(len(self.radius))]
-        corners, found = self.corners[index], []
+        corners = self.corners[index]
+        found = []
         places = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
         for shape in np.argsort(self.depth[index].mean(axis=1), kind="stable").tolist():
             normals = face_normals(places[shape], self.faces[shape])
@@ -133,14 +136,16 @@ def posture_at(plan: Trajectory, state: JointState, time: float) -> Postures:
     if isinstance(plan, Plan) and plan.robot.in_plane is None:
         whole: Any = plan.whole
         return seen_robot(plan.problem, times, whole.posture(state, time), com_path(plan, times))
-    orientation, com = np.array([state.orientation]), com_path(plan, times)
+    orientation = np.array([state.orientation])
+    com = com_path(plan, times)
     return placed_robot(plan.whole_problem, times, orientation, state.positions[None], com)
 
 
 def placed_robot(problem: Problem, times: Array, orientation: Array, positions: Array, com: ComplexArray) -> Postures:
     """Return a problem's robot at times (K,) s: orientation (K,), positions (K, n) rad, centre of mass (K,) m."""
     robot = problem.robot
-    poses, shapes = body_poses(robot, orientation, positions, com), drawn_shapes(robot)
+    poses = body_poses(robot, orientation, positions, com)
+    shapes = drawn_shapes(robot)
     ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]
     takeoff, landing = poses.points(*map(list, zip(*ends, strict=True))).T
     bodies = [shape.body for shape in shapes]
@@ -165,7 +170,8 @@ def bodies(plan: Plan, times: Array) -> BodyPoses:
 
 def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArray) -> Postures:
     """Return a problem's robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m."""
-    robot, solids = problem.robot, drawn_solids(problem.robot)
+    robot = problem.robot
+    solids = drawn_solids(problem.robot)
     most = max(len(solid.points) for solid in solids)
     points = [np.pad(solid.points, ((0, most - len(solid.points)), (0, 0)), "edge") for solid in solids]
     placed = np.stack([poses.points(solid.body, local) for solid, local in zip(solids, points, strict=True)], axis=1)
@@ -226,26 +232,32 @@ def ball(plan: Plan) -> tuple[Array, float]:
     """Return a place (3,) and a radius, m, that hold a flight in space."""
     state = plan.at(np.linspace(0.0, plan.duration, FLOOR_SAMPLES))
     size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
-    low, high = state.com_position.min(axis=0) - size, state.com_position.max(axis=0) + size
+    low = state.com_position.min(axis=0) - size
+    high = state.com_position.max(axis=0) + size
     return (low + high) / 2, float((high - low).max()) / 2
 
 
 def floor(plan: Plan) -> list[Array]:
     """Lines (2, 3), m, of a grid on the ground that a flight in space leaves, where it stands on it at takeoff."""
-    poses, solids = bodies(plan, np.linspace(0.0, plan.duration, FLOOR_SAMPLES)), drawn_solids(plan.robot)
+    poses = bodies(plan, np.linspace(0.0, plan.duration, FLOOR_SAMPLES))
+    solids = drawn_solids(plan.robot)
     placed = np.concatenate([poses.points(solid.body, solid.points) for solid in solids], axis=1)
-    low, high, level = placed.min(axis=(0, 1)), placed.max(axis=(0, 1)), float(placed[0, :, 2].min())
+    low = placed.min(axis=(0, 1))
+    high = placed.max(axis=(0, 1))
+    level = float(placed[0, :, 2].min())
     size = float((high - low).max())
     stands = poses.frame(plan.robot, plan.problem.takeoff.frame)[0, 2] <= level + 2 * STANDING * size
     if plan.ballistics.gravity == 0 or not stands or low[2] < level - SINKING * size:
         return []
     step = round_below(size / 4)
-    low, high = step * (np.floor(low / step) - 0.5), step * (np.ceil(high / step) + 0.5)
+    low = step * (np.floor(low / step) - 0.5)
+    high = step * (np.ceil(high / step) + 0.5)
     lines = []
     for along, across in ((0, 1), (1, 0)):
         for place in np.arange(low[across] + step / 2, high[across], step):
             ends = np.full((2, 3), level)
-            ends[:, across], ends[:, along] = place, (low[along], high[along])
+            ends[:, across] = place
+            ends[:, along] = (low[along], high[along])
             lines.append(ends)
     return lines
 
@@ -312,11 +324,13 @@ def drawn_radius(problem: Problem) -> Array:
     Where there is none: a fraction of the links' usual length or of the robot's reach; less where that would fill the
     margin of an obstacle that the link keeps clear of.
     """
-    robot, shapes = problem.robot, drawn_shapes(problem.robot)
+    robot = problem.robot
+    shapes = drawn_shapes(problem.robot)
     radius = np.array([shape.radius for shape in shapes])
     lengths = np.array([abs(shape.end - shape.start) for shape in shapes])
     usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
-    ends, bodies = np.array([shape.end for shape in shapes]), np.array([shape.body for shape in shapes])
+    ends = np.array([shape.end for shape in shapes])
+    bodies = np.array([shape.body for shape in shapes])
     reach = float(np.abs(robot.tree.point_weights(bodies, ends)).sum(axis=1).max())
     drawn = max(LINE_RADIUS * usual, REACH_RADIUS * reach)
     margins = [obstacle.margin for obstacle in problem.obstacles if obstacle.margin > 0]
@@ -348,7 +362,8 @@ def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
     """
     if placed.depth is not None:
         return []
-    low, high = placed.low, placed.high
+    low = placed.low
+    high = placed.high
     size = float(np.abs(high - low).max())
     slack = STANDING * size + float(placed.radius.min())
     heights = float(placed.takeoff[0].imag), float(placed.landing[-1].imag)
@@ -414,6 +429,7 @@ def picture_box(plan: Trajectory, placed: Postures) -> tuple[complex, complex]:
 
 def box_around(points: ComplexArray, room: float) -> tuple[complex, complex]:
     """Corners of the box around points (N,), m, with room around it, in its longer sides."""
-    low, high = pairs(points).min(axis=0), pairs(points).max(axis=0)
+    low = pairs(points).min(axis=0)
+    high = pairs(points).max(axis=0)
     pad = room * float(np.max(high - low))
     return complex(*(low - pad)), complex(*(high + pad))

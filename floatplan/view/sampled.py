@@ -35,7 +35,8 @@ class SampledPlan:
     @classmethod
     def of(cls, plan: Trajectory, times: Array, beside: Trajectory | None = None) -> SampledPlan:
         """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
-        state, beside = plan.state(times), beside or plan
+        state = plan.state(times)
+        beside = beside or plan
         columns = _columns_in_space(plan, state) if flies_in_space(plan) else _columns_in_plane(plan, state)
         for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
             columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
@@ -84,7 +85,8 @@ def attitude_axes(problem: Problem) -> tuple[str, tuple[str, str, str]]:
 
 def limits_in_use(plan: Plan) -> dict[str, Array]:
     """Limits (m,) of the motors' torques and rates, asked for or the file's; infinite where there are none."""
-    rows, found = {use.joint: use for use in plan.utilisation}, {}
+    rows = {use.joint: use for use in plan.utilisation}
+    found = {}
     for key in ("torque", "velocity"):
         limits = [getattr(rows[name], f"{key}_limit") for name in plan.robot.motors]
         found[key] = np.array([np.inf if limit is None else limit for limit in limits])
@@ -102,8 +104,10 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
     ):  # then along what the base turns about
         h = (turned[-1] * turned[0].inv()).as_rotvec()
     along = h / (np.linalg.norm(h) or 1.0)
-    axes, whole = attitude_axes(plan.problem)[0], cast("Any", plan.whole)
-    limits, rates = limits_in_use(plan), state.velocities @ plan.robot.motor_ratios.T
+    axes = attitude_axes(plan.problem)[0]
+    whole = cast("Any", plan.whole)
+    limits = limits_in_use(plan)
+    rates = state.velocities @ plan.robot.motor_ratios.T
     columns = {
         "orientation_rate": np.linalg.norm(state.orientation_rate, axis=1),
         "momentum_base": of_base @ along,

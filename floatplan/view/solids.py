@@ -15,7 +15,8 @@ from floatplan.robot.shapes.links import LINE_RADIUS
 from floatplan.robot.shapes.solids import evenly
 
 DIRECTIONS = 40  # [-] in which a solid that is round is as large as it is
-AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(18.0)  # from where pictures look: +x is to the right
+AZIMUTH = math.radians(-62.0)  # from where pictures look: +x is to the right
+ELEVATION = math.radians(18.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,8 @@ class Camera:
     @classmethod
     def at(cls, azimuth: float, elevation: float) -> Camera:
         """Look from an azimuth about the vertical, from +x, and an elevation, rad."""
-        (c, s), (low, high) = (math.cos(azimuth), math.sin(azimuth)), (math.cos(elevation), math.sin(elevation))
+        (c, s) = (math.cos(azimuth), math.sin(azimuth))
+        (low, high) = (math.cos(elevation), math.sin(elevation))
         return cls(np.array([-s, c, 0.0]), np.array([-c * high, -s * high, low]), np.array([c * low, s * low, high]))
 
     def __call__(self, points: Array) -> ComplexArray:
@@ -63,7 +65,8 @@ def drawn_solids(robot: Robot) -> tuple[DrawnSolid, ...]:
         part[joint] = 1 + int(row.argmax()) if row.any() else part[robot.model.parents[joint]]
     sizes = [float(np.ptp(solid.points, axis=0).max() + np.abs(solid.axes).max()) for solid in robot.solids]
     thickness = LINE_RADIUS * float(np.median([size for size in sizes if size > 0] or [1.0]))
-    directions, drawn = evenly(DIRECTIONS), []
+    directions = evenly(DIRECTIONS)
+    drawn = []
     for solid, size in zip(robot.solids, sizes, strict=True):
         if size == 0 and any(sizes):
             continue  # a link of no extent, such as a rotor

@@ -146,7 +146,8 @@ def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]]) -> None:
     width, height = figure.get_size_inches()
     rows = next((rows for rows in range(1, len(names)) if letters(rows) <= width * LETTERS), len(names))
     figure.set_size_inches(width, height + ROW * (rows - 1))
-    handles, columns = [handle for handle, _ in entries], -(-len(names) // rows)
+    handles = [handle for handle, _ in entries]
+    columns = -(-len(names) // rows)
     figure.legend(handles, names, loc="outside upper center", ncols=columns, handler_map=SIDE_BY_SIDE)
 
 

@@ -24,7 +24,8 @@ def dot(a: Any, b: Any) -> Any:
 
 def cross(a: Any, b: Any) -> Any:
     """Vector product of columns (3, 1)."""
-    (ax, ay, az), (bx, by, bz) = a.entries(), b.entries()
+    (ax, ay, az) = a.entries()
+    (bx, by, bz) = b.entries()
     return flint.arb_mat(3, 1, [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 

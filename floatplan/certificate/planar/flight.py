@@ -87,7 +87,8 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Jo
     ddq = (push - sine * speed).times(amplitude)
     cos, sin = cos_sin(q.linear(robot.turns))
     shares, twists = _momentum_shares(robot, cos, sin)
-    turned, turned_twice = dq.linear(robot.turns), ddq.linear(robot.turns)
+    turned = dq.linear(robot.turns)
+    turned_twice = ddq.linear(robot.turns)
     inverse = reciprocal(shares.sum())
     h = Taylor.constant(Balls.exact(np.full((len(cells.low), 1), record.angular_momentum)), ORDER)
     held, held_twice = products([(shares, turned), (shares, turned_twice)])
@@ -104,7 +105,8 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Jo
 def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:
     """``m_j = sum_i c_ij cos(x_ij)`` and ``n_j = sum_i c_ij sin(x_ij)``, where ``x_ij = phi_i - phi_j - a_ij``."""
     conjugate = robot.inertia.adjoint.times(cos, sin)  # of sum_i C_ij conj(zeta_i)
-    re, im = conjugate.x, -conjugate.y
+    re = conjugate.x
+    im = -conjugate.y
     re_cos, im_sin, re_sin, im_cos = products([(re, cos), (im, sin), (re, sin), (im, cos)])
     return re_cos - im_sin, -(re_sin + im_cos)
 
@@ -123,7 +125,8 @@ def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, 
     polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
     length = record.coefficients.shape[1]
     balls = recentred(polynomials, cells, length)
-    c, e = balls.mid, balls.rad
+    c = balls.mid
+    e = balls.rad
     p = Taylor.polynomial(c, e, ORDER)
     if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
         rates = [polynomial.derivative() for polynomial in polynomials]
@@ -166,7 +169,8 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
     grid[-1] = duration
     edges = {*grid.tolist(), *(end for window in windows for end in window)}
     ends = np.array(sorted([*edges, *{first for first, last in windows if first == last}]))  # an instant is a cell
-    low, high = ends[:-1], ends[1:]
+    low = ends[:-1]
+    high = ends[1:]
     done: list[tuple[Array, Array, Joints]] = []
     count = 0
     while True:
@@ -183,8 +187,11 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         count += len(fine)
         if not coarse.any():
             break
-        low, middle, high = low[coarse], middle[coarse], high[coarse]
-        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        low = low[coarse]
+        middle = middle[coarse]
+        high = high[coarse]
+        low = np.concatenate([low, middle])
+        high = np.concatenate([middle, high])
     low, high = (np.concatenate([each[k] for each in done]) for k in (0, 1))
     order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
     joints = Joints.joined([each[2] for each in done])[order]

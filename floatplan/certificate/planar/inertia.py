@@ -153,7 +153,8 @@ class PlanarRobot:
         """Point of a link, m: (horizontal, vertical) from its origin, with all planned positions zero."""
         if link not in self.segments:
             raise InputError(f'the robot has no link "{link}"', element="shapes")
-        origin, (x, y) = self.frames[link], place
+        origin = self.frames[link]
+        (x, y) = place
         with flint.ctx.workprec(PRECISION):
             return Point(origin.body, origin.local + flint.acb(flint.arb(float(x)), self.sigma * flint.arb(float(y))))
 

@@ -120,7 +120,8 @@ def flight_findings(
 
 def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
     """The centre of mass's path, in the plane's mirror image where sigma is -1: polynomials of t."""
-    (x, y), (dx, dy) = record.com["position0"], record.com["velocity0"]
+    (x, y) = record.com["position0"]
+    (dx, dy) = record.com["velocity0"]
     half_gravity = flint.arb(record.com["gravity"]) / 2
     return flint.arb_poly([x, dx]), flint.arb_poly([sigma * y, sigma * dy, -sigma * half_gravity])
 

@@ -107,7 +107,8 @@ class _Contents:
     """An MJCF and its files, equal where their digests are."""
 
     def __init__(self, xml: bytes, files: Mapping[str, bytes]) -> None:
-        self.xml, self.files = xml, files
+        self.xml = xml
+        self.files = files
         digest = hashlib.sha256(xml)
         for name, content in sorted(files.items()):
             digest.update(f"\0{name}\0{len(content)}\0".encode())

@@ -19,12 +19,14 @@ def joint_motors(tree: MjcfTree) -> tuple[dict[int, dict[str, float]], list[str]
     What several actuators of a joint can adds up. Limits are one number for both directions, the smaller one, and none
     where the joint is driven in one direction only.
     """
-    model, motors = tree.model, {}
+    model = tree.model
+    motors = {}
     of_joints = model.actuator_trntype <= model.constants["mjTRN_JOINTINPARENT"]
     others = [f"number {1 + each}" for each in np.flatnonzero(~of_joints)]
     of_base = np.isin(model.actuator_trnid[:, 0], tree.joints[tree.bodies[0]]) & of_joints
     pushing = [model.names["actuator"][each] or f"number {1 + each}" for each in np.flatnonzero(of_base)]
-    idle, uneven = [], []
+    idle = []
+    uneven = []
     for joint in tree.moving:
         actuators = actuators_of(model, joint)
         torques = np.sum([actuator_torques(model, each) for each in actuators] or [UNLIMITED], axis=0)
@@ -69,7 +71,8 @@ def joint_losses(model: CompiledMjcf, joint: int, actuators: Sequence[int]) -> d
 
 def actuator_torques(model: CompiledMjcf, number: int) -> Array:
     """Least and largest torque of an actuator on its joint: by its range of forces, and of control where known."""
-    constants, gear = model.constants, model.actuator_gear[number, 0]
+    constants = model.constants
+    gear = model.actuator_gear[number, 0]
     forces = model.actuator_forcerange[number] if model.actuator_forcelimited[number] else UNLIMITED
     by_control = (
         model.actuator_gaintype[number] == constants["mjGAIN_FIXED"]

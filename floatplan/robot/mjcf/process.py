@@ -61,7 +61,8 @@ class CompilerProcess:
             raise
 
     def _exchanged(self, parts: list[bytes], deadline: float) -> dict[str, Any]:
-        stdin, stdout = self._process.stdin, self._process.stdout
+        stdin = self._process.stdin
+        stdout = self._process.stdout
         if stdin is None or stdout is None:
             raise RuntimeError("the process was started without pipes")
         try:

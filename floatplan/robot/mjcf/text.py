@@ -120,7 +120,8 @@ def _included(text: MjcfText, include: Element) -> Element:
         raise text.refused("names no file", include, 'write one: <include file=".."/>, or remove the element')
     target = (folder / written).resolve()
     if not target.is_relative_to(folder):
-        reason, advice = "lies outside the folder of the file that includes it", "put it into that folder"
+        reason = "lies outside the folder of the file that includes it"
+        advice = "put it into that folder"
         raise text.refused(reason, include, advice)
     name = target.relative_to(folder).as_posix()
     if name in text.files or target == text.path.resolve():

@@ -75,11 +75,13 @@ class MjcfTree:
 
     def _check_base(self) -> None:
         """The base is free, or its joints let it move as freely in a plane or in space, or nothing at all holds it."""
-        kinds, base = self.model.constants, self.joints[self.bodies[0]]
+        kinds = self.model.constants
+        base = self.joints[self.bodies[0]]
         of_type: dict[int, list[Array]] = {}
         for joint in base:
             of_type.setdefault(int(self.model.jnt_type[joint]), []).append(self.model.jnt_axis[joint])
-        slides, turns = of_type.get(kinds["mjJNT_SLIDE"], []), of_type.get(kinds["mjJNT_HINGE"], [])
+        slides = of_type.get(kinds["mjJNT_SLIDE"], [])
+        turns = of_type.get(kinds["mjJNT_HINGE"], [])
         if len(of_type.get(kinds["mjJNT_BALL"], [])) == 1 and not turns:
             turns = list(np.eye(3))  # as freely as three hinges about these axes
         if base and kinds["mjJNT_FREE"] not in of_type and not moves_freely(slides, turns):
@@ -94,10 +96,12 @@ class MjcfTree:
             raise InputError(reason, element=f'body "{self.body_names[self.bodies[0]]}"', advice=advice)
 
     def _check_rigid(self) -> None:
-        model, constants = self.model, self.model.constants
+        model = self.model
+        constants = self.model.constants
         for joint in self.moving:
             if model.jnt_type[joint] == constants["mjJNT_BALL"]:
-                reason, advice = "is a ball joint, and only joints of one axis can be planned", "write three hinges"
+                reason = "is a ball joint, and only joints of one axis can be planned"
+                advice = "write three hinges"
                 raise InputError(reason, element=f'joint "{self.joint_names[joint]}"', advice=advice)
         for number in np.flatnonzero(model.eq_active0).tolist():
             reason = "is a constraint between bodies or joints, and a robot that is planned is a tree of joints"
@@ -113,7 +117,8 @@ class MjcfTree:
 
     def _left_out(self) -> list[str]:
         """Warnings about what is in the file and not planned with."""
-        model, base = self.model, self.bodies[0]
+        model = self.model
+        base = self.bodies[0]
         springs = [self.joint_names[joint] for joint in self.moving if model.jnt_stiffness[joint]]
         losses = np.stack([getattr(model, key) for key in LOSSES])[:, model.dof_bodyid == base]
         others = [self.body_names[body] for body in range(1, len(model.body_rootid)) if model.body_rootid[body] != base]
@@ -141,7 +146,8 @@ def body_names(model: CompiledMjcf) -> dict[int, str]:
 
 def joint_names(model: CompiledMjcf) -> dict[int, str]:
     """Return names of all joints by their numbers; one without is called after its body."""
-    bodies, of_bodies = model.jnt_bodyid.tolist(), body_names(model)
+    bodies = model.jnt_bodyid.tolist()
+    of_bodies = body_names(model)
     return _names(model, "joint", lambda joint: f"{of_bodies[bodies[joint]]}_joint")
 
 

@@ -133,8 +133,11 @@ def _links(tree: MjcfTree, meshes: Mapping[int, str]) -> Iterator[str]:
 
 
 def _collision(model: CompiledMjcf, geom: int, meshes: Mapping[int, str]) -> str:
-    kinds, kind, size = model.constants, int(model.geom_type[geom]), model.geom_size[geom]
-    place, mesh = _place(model.geom_pos[geom], model.geom_quat[geom]), int(model.geom_dataid[geom])
+    kinds = model.constants
+    kind = int(model.geom_type[geom])
+    size = model.geom_size[geom]
+    place = _place(model.geom_pos[geom], model.geom_quat[geom])
+    mesh = int(model.geom_dataid[geom])
     if kind == kinds["mjGEOM_MESH"]:
         shape = f"mesh {_written(filename=meshes[mesh], scale=model.mesh_scale[mesh])}"
         place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()  # from where MuJoCo has it
@@ -151,27 +154,33 @@ def _collision(model: CompiledMjcf, geom: int, meshes: Mapping[int, str]) -> str
 
 def _joints(tree: MjcfTree, motors: Mapping[int, Mapping[str, float]]) -> Iterator[str]:
     """What carries each body: its joints one after the other, and what then leads to the body's own frame."""
-    model, links = tree.model, set(tree.body_names.values())
+    model = tree.model
+    links = set(tree.body_names.values())
     for body in tree.bodies[1:]:
-        own, carrier = tree.body_names[body], tree.body_names[int(model.body_parentid[body])]
+        own = tree.body_names[body]
+        carrier = tree.body_names[int(model.body_parentid[body])]
         place = _place(model.body_pos[body], model.body_quat[body])
         for joint in tree.joints[body]:
-            slides, axis = tree.slides(joint), model.jnt_axis[joint]
-            anchor, back = np.zeros(3) if slides else model.jnt_pos[joint], -model.qpos0[model.jnt_qposadr[joint]]
+            slides = tree.slides(joint)
+            axis = model.jnt_axis[joint]
+            anchor = np.zeros(3) if slides else model.jnt_pos[joint]
+            back = -model.qpos0[model.jnt_qposadr[joint]]
             turned = np.eye(3) if slides else pin.AngleAxis(back, axis).matrix()
             place = place * _place(anchor) * pin.SE3(turned, back * axis if slides else np.zeros(3))
             child = own
             if anchor.any() or joint != tree.joints[body][-1]:
                 child = new_name(f"{own}/{tree.joint_names[joint]}", links)
                 yield f"<link {_written(name=child, type='frame')}/>"
-            limited, motor = bool(model.jnt_limited[joint]), motors[joint]
+            limited = bool(model.jnt_limited[joint])
+            motor = motors[joint]
             kind = "prismatic" if slides else "revolute" if limited else "continuous"
             lower, upper = model.jnt_range[joint] if limited else (0.0, 0.0)  # zeros are no limits
             limit = _written(lower=lower, upper=upper, effort=motor["effort"], velocity=0.0)
             losses = {key: value for key, value in motor.items() if key != "effort" and value}
             inside = f"<axis {_written(xyz=axis)}/><limit {limit}/><dynamics {_written(**losses)}/>"
             yield _joint(tree.joint_names[joint], kind, (carrier, child), place, inside)
-            carrier, place = child, _place(-anchor)
+            carrier = child
+            place = _place(-anchor)
         if carrier != own:
             name = new_name(f"{own}/", set(tree.joint_names.values()))
             yield _joint(name, "fixed", (carrier, own), place)

@@ -51,7 +51,9 @@ class Plane:
         """The plane called ``name``, its normal along most of ``axes`` (3,); a tie gives the positive one."""
         line = _unit((set(LETTERS) - set(name)).pop())
         votes = sum(np.sign(axis @ line) for axis in axes)
-        horizontal, vertical, normal = _unit(name[0]), _unit(name[1]), (-line if votes < 0.0 else line) + 0.0
+        horizontal = _unit(name[0])
+        vertical = _unit(name[1])
+        normal = (-line if votes < 0.0 else line) + 0.0
         turn = round(float(normal @ np.cross(horizontal, vertical)))
         return cls(name, read_only(horizontal), read_only(vertical), read_only(normal), float(turn))
 
@@ -275,7 +277,8 @@ def choose_joints(
         return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
     plane_name = choose_plane(plane, [axes[name] for name in named or free], gravity_direction)
     if joints is None:  # all that turn in the plane and are not held fast by their limits
-        ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
+        ranges = tree.joint
+        any_sign = Plane.of_axes(plane_name, ())
         free = [name for name in free if any_sign.sign(axes[name]) and ranges[name].lower != ranges[name].upper]
         if not free:
             raise _nothing_to_plan(plane_name, axes.values(), asked=plane is not None)
@@ -450,7 +453,9 @@ def _mimics(tree: UrdfTree, settled: set[str]) -> dict[str, Coupling]:
     for joint in tree.joints:
         if joint.mimic is None or not joint.moves or joint.name in settled:
             continue
-        leader, ratio, offset = tree.joint[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset
+        leader = tree.joint[joint.mimic.joint]
+        ratio = joint.mimic.multiplier
+        offset = joint.mimic.offset
         seen = {joint.name}
         while leader.mimic is not None and leader.name not in settled:
             if leader.name in seen:

@@ -44,7 +44,8 @@ def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | Non
 
 def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
     """The joints that have a mirror image, and their mirror images."""
-    plane, names = choice.in_plane, choice.planned
+    plane = choice.in_plane
+    names = choice.planned
     placements = tree.placements(choice.positions_at_zero)
     origins = np.array([placements[tree.joint[name].child].translation for name in names])
     carried = _carried_centers(tree, placements, names)
@@ -65,7 +66,8 @@ def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
         ]
         if images:
             other = min(images)[1]
-            partner[name], partner[other] = other, name
+            partner[name] = other
+            partner[other] = name
     return partner
 
 
@@ -73,7 +75,9 @@ def _carried_centers(tree: UrdfTree, placements: Mapping[str, Any], names: Seque
     """Centres of mass (joints, 3) of all that joints carry, m in the root link; a joint's origin where that is none."""
     centers = np.empty((len(names), 3))
     for index, name in enumerate(names):
-        child, mass, moment = tree.joint[name].child, 0.0, np.zeros(3)
+        child = tree.joint[name].child
+        mass = 0.0
+        moment = np.zeros(3)
         for link in tree.links.values():
             carries = link.name == child or tree.joint[name] in tree.path(link.name)
             if carries and link.inertial is not None:

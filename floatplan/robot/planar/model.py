@@ -62,8 +62,10 @@ def build_model(tree: UrdfTree, choice: Choice) -> Any:
 
     It has the frames of the file's links and joints.
     """
-    model, joint = pin.Model(), 0
-    model.name, model.gravity = tree.name, pin.Motion.Zero()
+    model = pin.Model()
+    joint = 0
+    model.name = tree.name
+    model.gravity = pin.Motion.Zero()
     for name, kind in _base_joints(choice.plane):
         while name in tree.links or name in tree.joint:
             name += "_"
@@ -73,11 +75,13 @@ def build_model(tree: UrdfTree, choice: Choice) -> Any:
     links = {tree.root: _add_link(model, tree.links[tree.root], joint, model.nframes - 1, pin.SE3.Identity())}
     for each in tree.joints:
         parent = model.frames[links[each.parent]]
-        joint, placement = parent.parentJoint, parent.placement * each.origin.placement
+        joint = parent.parentJoint
+        placement = parent.placement * each.origin.placement
         if each.moves:
             limits = np.clip([[each.effort], [each.velocity], [each.lower], [each.upper]], -UNBOUNDED, UNBOUNDED)
             joint = model.addJoint(joint, _joint(each.turns, each.axis), placement, each.name, *limits)
-            frame, placement = model.addJointFrame(joint, links[each.parent]), pin.SE3.Identity()
+            frame = model.addJointFrame(joint, links[each.parent])
+            placement = pin.SE3.Identity()
             model.armature[model.idx_vs[joint]] = each.armature or 0.0  # on the mass matrix: in RNEA, ABA and CRBA
         else:
             fixed = pin.Frame(each.name, joint, links[each.parent], placement, pin.FrameType.FIXED_JOINT)
@@ -110,7 +114,8 @@ def _add_link(model: Any, link: UrdfLink, joint: int, above: int, placement: Any
     inertia = pin.Inertia.Zero()
     if link.inertial is not None:
         origin = link.inertial.origin.placement
-        inertia.mass, inertia.lever = link.inertial.mass, origin.translation
+        inertia.mass = link.inertial.mass
+        inertia.lever = origin.translation
         inertia.inertia = link.inertial.in_link
     return int(model.addFrame(pin.Frame(link.name, joint, above, placement, pin.FrameType.BODY, inertia)))
 
@@ -122,7 +127,8 @@ def coordinates(model: Any, choice: Choice) -> tuple[Array, Array, Array]:
     motor's torque is ``transmission.T`` times the torques of all joints: its own joint's, and those that the file gears
     to it, by their ratios.
     """
-    joints, positions = list(model.joints)[1:], choice.positions_at_zero
+    joints = list(model.joints)[1:]
+    positions = choice.positions_at_zero
     names = list(model.names)[1:]
     at_identity = pin.neutral(model)
     for name, joint in zip(names, joints, strict=True):
@@ -200,7 +206,8 @@ def check_model(model: Any, reference: Array, selection: Array, joints: Sequence
             if values[0] > LEAST_EIGENVALUE:
                 continue
             culprit = int(np.argmax(abs(vectors[base:, 0])))
-        reason, advice = "moves no inertia of its own: the mass matrix is singular", "give the links beyond it mass"
+        reason = "moves no inertia of its own: the mass matrix is singular"
+        advice = "give the links beyond it mass"
         if _carries_everything(model, joints[culprit]):
             reason = "moves the whole robot, as what carries it weighs nothing: the mass matrix is singular"
             advice = "give the links before it mass"
@@ -219,9 +226,11 @@ def sample_postures(limits: Array, count: int, generator: Random) -> Array:
 
     The first is the one nearest to zero.
     """
-    lower, upper = np.clip(limits[:, 0], -np.pi, None), np.clip(limits[:, 1], None, np.pi)
+    lower = np.clip(limits[:, 0], -np.pi, None)
+    upper = np.clip(limits[:, 1], None, np.pi)
     beyond = lower > upper  # limits that leave [-pi, pi] out altogether
-    lower[beyond], upper[beyond] = limits[beyond, 0], limits[beyond, 1]
+    lower[beyond] = limits[beyond, 0]
+    upper[beyond] = limits[beyond, 1]
     fractions = [[generator.random() for _ in limits] for _ in range(count)]
     postures: Array = lower + (upper - lower) * np.array(fractions).reshape(count, len(limits))
     postures[0] = np.clip(0.0, lower, upper)

@@ -139,7 +139,8 @@ class PlanarTree:
     @cached_property
     def coincident(self) -> IntArray:
         """Of each body the first (m,) that always is where it is, turned as it is: of legs coupled left to right."""
-        count, rng = len(self.mass), np.random.default_rng(0)
+        count = len(self.mass)
+        rng = np.random.default_rng(0)
         postures = rng.uniform(-1.0, 1.0, (DRAWN, self.turns.shape[1]))
         rotations = self.rotations(self.absolute_angles(np.zeros(DRAWN), postures))
         weights = self.point_weights(np.repeat(np.arange(count), 2), np.tile(np.array([0j, 1 + 0j]), count))
@@ -207,9 +208,11 @@ class TreeLayout:
         positions = choice.positions_at_zero
         placements = tree.placements(positions)
         bodies = [_Body(tree.root, -1, np.zeros(len(choice.planned)), np.zeros(len(choice.motors)), 0.0, 0j)]
-        body_of, angle = {tree.root: 0}, {tree.root: 0.0}
+        body_of = {tree.root: 0}
+        angle = {tree.root: 0.0}
         for joint in tree.joints:
-            parent, sign = body_of[joint.parent], choice.signs.get(joint.name, 0.0)
+            parent = body_of[joint.parent]
+            sign = choice.signs.get(joint.name, 0.0)
             angle[joint.child] = angle[joint.parent] + sign * positions.get(joint.name, 0.0)
             body_of[joint.child] = parent
             if joint.name in choice.ratios:
@@ -231,7 +234,8 @@ class TreeLayout:
     def _planar_tree(self) -> PlanarTree:
         """The bodies with their masses, centres of mass and inertias about the plane's normal."""
         count = len(self.bodies)
-        mass, inertia = np.zeros(count), np.zeros(count)
+        mass = np.zeros(count)
+        inertia = np.zeros(count)
         moment = np.zeros(count, dtype=np.complex128)
         parts = []
         for link in self.tree.links.values():

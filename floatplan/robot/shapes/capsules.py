@@ -65,12 +65,14 @@ def fit(outline: Outline, splits: int = MOST_SPLITS) -> list[PlaneCapsule]:
         return [whole]
     direction = (whole.end - whole.start) / abs(whole.end - whole.start)
     along = (outline.points * np.conj(direction)).real
-    least, best = SPLIT_GAIN * whole.area, []
+    least = SPLIT_GAIN * whole.area
+    best = []
     for cut in CUTS:
         halves = _halves(outline, direction, float(along.min() + cut * np.ptp(along)))
         area = sum(fit_capsule(half.points, half.radius).area for half in halves)
         if area < least:
-            least, best = area, halves
+            least = area
+            best = halves
     return [capsule for half in best for capsule in fit(half, splits - 1)] or [whole]
 
 
@@ -98,18 +100,21 @@ def _tightest(
     They are those around a hull's corners, grown by ``radius``.
     """
     turned = hull * np.conj(directions)[:, None]  # (directions, points): the capsule's axis turned onto the real one
-    along, across = turned.real, turned.imag
+    along = turned.real
+    across = turned.imag
     middle = (across.max(axis=1) + across.min(axis=1)) / 2
     offset = across - middle[:, None]
     least = abs(offset).max(axis=1)
     most = np.hypot(least, np.ptp(along, axis=1) / 2)
     grown = least[:, None] + np.linspace(0.0, 1.0, RADII) * (most - least)[:, None]  # (directions, radii)
     reach = np.sqrt(np.maximum(grown[:, :, None] ** 2 - offset[:, None, :] ** 2, 0.0))
-    high, low = (along[:, None, :] - reach).max(axis=2), (along[:, None, :] + reach).min(axis=2)
+    high = (along[:, None, :] - reach).max(axis=2)
+    low = (along[:, None, :] + reach).min(axis=2)
     length = np.maximum(high - low, 0.0)
     area = np.pi * (grown + radius) ** 2 + 2.0 * (grown + radius) * length
     row, column = np.unravel_index(int(area.argmin()), area.shape)
-    low_end, high_end = low[row, column], high[row, column]
+    low_end = low[row, column]
+    high_end = high[row, column]
     if high_end - low_end < SHORTEST * most[row]:  # a disc: below zero, any centre between them holds all points
         low_end = high_end = (low_end + high_end) / 2
     return float(area[row, column]), complex(directions[row]), float(middle[row]), float(low_end), float(high_end)
@@ -144,12 +149,14 @@ def with_fewer_corners(outline: Outline) -> Outline:
     first = side = int(abs(sides).argmax())
     kept: list[complex] = []
     while side < first + count:
-        following, corner = side + 1, complex(corners[(side + 1) % count])
+        following = side + 1
+        corner = complex(corners[(side + 1) % count])
         while following < first + count:
             beyond = _meeting(corners, sides, side, following + 1)
             if beyond is None:
                 break
-            following, corner = following + 1, beyond
+            following = following + 1
+            corner = beyond
         kept.append(corner)
         side = following
     return Outline.convex(np.array(kept), outline.radius)
@@ -158,7 +165,8 @@ def with_fewer_corners(outline: Outline) -> Outline:
 def _meeting(corners: ComplexArray, sides: ComplexArray, side: int, other: int) -> complex | None:
     """Where two sides of a polygon, counted around it, meet when prolonged; None where that is too far outside."""
     count = len(corners)
-    own, next_ = sides[side % count], sides[other % count]
+    own = sides[side % count]
+    next_ = sides[other % count]
     slope = (own.conjugate() * next_).imag
     if not slope > FLATTEST * abs(own) * abs(next_):  # parallel, or half a turn and more from one another
         return None
@@ -196,7 +204,8 @@ def _halves(outline: Outline, direction: complex, level: float) -> list[Outline]
     along = turned.real
     begin, finish = outline.edges.T
     crossing = (along[begin] - level) * (along[finish] - level) < 0.0
-    begin, finish = begin[crossing], finish[crossing]
+    begin = begin[crossing]
+    finish = finish[crossing]
     fraction = (level - along[begin]) / (along[finish] - along[begin])
     height = turned.imag[begin] + fraction * (turned.imag[finish] - turned.imag[begin])
     on_line = np.concatenate([np.flatnonzero(along == level), len(along) + np.arange(len(height))])

@@ -250,7 +250,8 @@ class Geometry:
 
         That of a mesh is about the origin of its file, so that its capsules do not depend on where it is.
         """
-        placed, radius = projection.after(self.placement), float(self.size[0])
+        placed = projection.after(self.placement)
+        radius = float(self.size[0])
         if self.mesh is not None:
             return Outline(self.mesh.corners @ placed.row, self.mesh.edges), placed.shift
         if self.kind == "box":
@@ -268,16 +269,22 @@ class Geometry:
 
         The geometry is the convex hull of the points, grown by the ellipsoid of these semi-axes; of a mesh its hull.
         """
-        radius, length = float(self.size[0]), float(self.size[2])
+        radius = float(self.size[0])
+        length = float(self.size[2])
         if self.mesh is not None:
-            points, axes = hull_corners(self.mesh.corners), np.zeros(3)
+            points = hull_corners(self.mesh.corners)
+            axes = np.zeros(3)
         elif self.kind == "box":
-            points, axes = CUBE * self.size, np.zeros(3)
+            points = CUBE * self.size
+            axes = np.zeros(3)
         elif self.kind in ("ellipsoid", "sphere"):
-            points, axes = np.zeros((1, 3)), self.size if self.kind == "ellipsoid" else np.full(3, radius)
+            points = np.zeros((1, 3))
+            axes = self.size if self.kind == "ellipsoid" else np.full(3, radius)
         else:
-            points, axes = AXIS * length, np.array([radius, radius, radius * (self.kind == "capsule")])
-        rotation, shift = self.placement.rotation, self.placement.translation
+            points = AXIS * length
+            axes = np.array([radius, radius, radius * (self.kind == "capsule")])
+        rotation = self.placement.rotation
+        shift = self.placement.translation
         return points @ rotation.T + shift, rotation * axes
 
 
@@ -316,7 +323,8 @@ def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[
     where = f"{place}: {shape.tag}"
     if shape.tag == "mesh":
         filename = shape.get("filename", "")
-        path, scale = find_mesh(filename, folder), triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
+        path = find_mesh(filename, folder)
+        scale = triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
         if not scale.all():
             reason = "has a zero, which leaves nothing of the mesh"
             raise InputError(reason, element=f"{where}: scale", advice="give three numbers")
@@ -324,7 +332,8 @@ def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[
             return None
         mesh = load_mesh(path, scale, where)
         if mesh.sha256 != meshes.get(filename):
-            reason, advice = "has changed since the robot was read", "read the robot again"
+            reason = "has changed since the robot was read"
+            advice = "read the robot again"
             raise InputError(reason, source=path, element=where, advice=advice)
         return Geometry(shape.tag, placement, scale, mesh)
     if shape.tag == "box":

@@ -118,7 +118,8 @@ def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
     for link, element in tree.links.items():
         for collision in element.collisions:
             if collision.find("geometry/*") is None:
-                reason, advice = "has a <collision> without geometry", "give its <geometry>, or remove it"
+                reason = "has a <collision> without geometry"
+                advice = "give its <geometry>, or remove it"
                 return InputError(reason, element=f'link "{link}"', advice=advice)
             for number, shape in enumerate(collision.iterfind("geometry/*")):
                 if number or shape.tag not in KINDS:
@@ -172,7 +173,8 @@ def _collisions(
     layout: TreeLayout, link: str, folder: Path, meshes: Mapping[str, str]
 ) -> Iterator[tuple[Outline, complex]]:
     """A link's collision geometry in the plane, each with what it is shifted by, m."""
-    body, placement = layout.body_of[link], layout.placements[link]
+    body = layout.body_of[link]
+    placement = layout.placements[link]
     row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * layout.back(body)
     projection = Projection(row, layout.local(body, placement.translation))
     for collision in layout.tree.links[link].collisions:

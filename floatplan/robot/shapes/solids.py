@@ -102,6 +102,7 @@ def link_lines(tree: UrdfTree, link: str) -> list[Array]:
 
 def evenly(count: int) -> Array:
     """Directions (count, 3), about evenly apart: a spiral from pole to pole."""
-    heights, angles = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + math.sqrt(5)) * np.arange(count)
+    heights = 1 - (2 * np.arange(count) + 1) / count
+    angles = np.pi * (1 + math.sqrt(5)) * np.arange(count)
     rim = np.sqrt(1 - heights**2)
     return np.stack((rim * np.cos(angles), rim * np.sin(angles), heights), axis=1)

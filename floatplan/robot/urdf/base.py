@@ -29,7 +29,8 @@ def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
     below: dict[str, list[UrdfJoint]] = {}
     for joint in tree.joints:
         below.setdefault(joint.parent, []).append(joint)
-    link, rotation = tree.root, np.eye(3)
+    link = tree.root
+    rotation = np.eye(3)
     chain: list[UrdfJoint] = []
     axes: list[Array] = []
     base: tuple[UrdfJoint, ...] = ()

@@ -99,7 +99,8 @@ def read_tree(root: Element) -> UrdfTree:
     """Return links and joints as they are written, whose inertias are not looked at; errors as :func:`check_urdf`."""
     joint_elements = root.findall("joint")
     _check_counts(joint_elements)
-    link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
+    link_elements = _by_name("link", root.findall("link"))
+    named = _by_name("joint", joint_elements)
     if not link_elements:
         raise InputError("has no <link>", advice="a URDF has one for each part of the robot")
     name = (root.get("name") or "").strip()
@@ -149,7 +150,8 @@ def _read_inertial(place: str, link: Element) -> Inertial | None:
     if element is None:
         return None
     origin = read_origin(place, element)
-    mass_element, moments = only(place, element, "mass"), only(place, element, "inertia")
+    mass_element = only(place, element, "mass")
+    moments = only(place, element, "inertia")
     if mass_element is None:
         advice = 'write <mass value="..."/>, in kg; of a link that weighs nothing remove the <inertial>'
         raise InputError("has no <mass>", element=f"{place}: inertial", advice=advice)
@@ -187,7 +189,8 @@ def _read_joint(name: str, element: Element, joints: Collection[str]) -> UrdfJoi
         if not ends[-1]:
             raise InputError(f"has no {tag} link", element=place)
     lower, upper, velocity, effort = _read_limits(f"{place}: limit", kind, only(place, element, "limit"))
-    origin, axis = read_origin(place, element), _read_axis(place, element, kind)
+    origin = read_origin(place, element)
+    axis = _read_axis(place, element, kind)
     mimic = _read_mimic(f"{place}: mimic", name, only(place, element, "mimic"), joints)
     dynamics = only(place, element, "dynamics")
     given = [] if dynamics is None else [(key, dynamics) for key in DYNAMICS if key in dynamics.attrib]
@@ -227,7 +230,8 @@ def _read_limits(place: str, kind: str, limits: Element | None) -> tuple[float, 
     if lower > upper:
         raise InputError(f"lower {lower:g} exceeds upper {upper:g}", element=place)
     if lower == upper == 0.0:
-        lower, upper = -math.inf, math.inf
+        lower = -math.inf
+        upper = math.inf
     velocity, effort = (_magnitude(place, limits, key, 0.0, math.inf) for key in ("velocity", "effort"))
     return lower, upper, velocity or math.inf, effort or math.inf
 
@@ -253,7 +257,8 @@ def _zero_limits(tree: UrdfTree, root: Element) -> list[str]:
     """
     zero: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
     for element in root.iterfind("joint[limit]"):
-        joint, limits = tree.joint[element.get("name", "")], element.find("limit")
+        joint = tree.joint[element.get("name", "")]
+        limits = element.find("limit")
         if not joint.moves or joint.type in WITHOUT_RANGE or limits is None:
             continue
         nothing = {key: float(limits.get(key, "0")) == 0.0 for key in ("lower", "upper", "velocity", "effort")}
@@ -277,7 +282,8 @@ def _without_placeholders(tree: UrdfTree) -> UrdfTree:
         strong = joint.turns and (LARGEST_TORQUE_BESIDE_RATE if fast else LARGEST_TORQUE) <= joint.effort < math.inf
         wide = joint.turns and LARGEST_ANGLE <= max(-joint.lower, joint.upper) < math.inf
         lower, upper = (-math.inf, math.inf) if wide else (joint.lower, joint.upper)
-        velocity, effort = math.inf if fast else joint.velocity, math.inf if strong else joint.effort
+        velocity = math.inf if fast else joint.velocity
+        effort = math.inf if strong else joint.effort
         kept.append(replace(joint, lower=lower, upper=upper, velocity=velocity, effort=effort))
         for kind, large in zip(dropped, (wide, fast, strong), strict=True):
             dropped[kind] += [joint.name] if large else []

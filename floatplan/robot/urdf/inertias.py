@@ -112,7 +112,8 @@ def _balanced(tree: UrdfTree, faults: dict[str, str]) -> UrdfTree:
         xx, yy, zz = own.inertia.diagonal()
         mean = (xx + yy + zz) / 3  # of the diagonal's elements as of the principal moments
         if not mean > 0.0:
-            place, advice = f'link "{name}": inertia', "give the link the inertia of a body"
+            place = f'link "{name}": inertia'
+            advice = "give the link the inertia of a body"
             raise InputError(f"{reason}, whose mean is not positive", element=place, advice=advice)
         links[name] = replace(links[name], inertial=replace(own, inertia=read_only(mean * np.eye(3))))
     return replace(tree, links=links, warnings=(*tree.warnings, balanced_warning(faults)))

@@ -31,13 +31,15 @@ if __name__ == "__main__":
     _, asked, subject, memory = sys.argv
     for limit, most in ((resource.RLIMIT_AS, int(memory)), (resource.RLIMIT_FSIZE, LONGEST)):
         resource.setrlimit(limit, (most, most))
-    answer, code = os.dup(1), 0
+    answer = os.dup(1)
+    code = 0
     os.dup2(2, 1)  # whatever is printed meanwhile is no answer
     try:
         content = {"xacro": expanded, "description": described}[asked](subject)
     except BaseException as error:
         cause = getattr(error, "exc", None) or error  # of xacro's own
-        content, code = f"{type(cause).__name__}: {error}".encode("utf-8", "replace"), 1
+        content = f"{type(cause).__name__}: {error}".encode("utf-8", "replace")
+        code = 1
     with os.fdopen(answer, "wb") as stream:
         stream.write(content)
     sys.exit(code)

@@ -117,7 +117,8 @@ def _drawn(plan: Trajectory, compare: Plan | None) -> Iterator[tuple[str, Figure
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
     if compare is not None and (compare.robot.in_plane is None) != (plan.robot.in_plane is None):
         raise InputError("one plan flies in space, the other in a plane", element="compare", advice="compare two alike")
-    sampled, other = sample(plan), None if compare is None else sample(compare, plan)
+    sampled = sample(plan)
+    other = None if compare is None else sample(compare, plan)
     if isinstance(plan, JumpMotion):
         yield "moments", moments(plan)
     elif isinstance(plan, Plan):
@@ -191,7 +192,8 @@ def draw_panel(
     def scaled(style: dict[str, Any]) -> dict[str, Any]:
         return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
 
-    peak, width = 0.0, 1.3 if chart.unit else BAND
+    peak = 0.0
+    width = 1.3 if chart.unit else BAND
     marks: Marks = {}
     if isinstance(sampled.plan, JumpMotion):
         axes.axvspan(*sampled.plan.flight_span, zorder=0.3, **FLYING)

@@ -35,7 +35,8 @@ TOUCH = 1e-3  # [m] standing on the ground is not running into it
 PASSAGE_SAMPLES = 513  # [-] instants among which the deepest penetration is sought
 BACKGROUND = 0.3  # [-] strength of the snapshots behind the two robots compared
 CLOSE_UP = 0.12  # [-] room around two robots compared and the obstacle, in sizes of their box
-FLATTEST, TALLEST = 0.45, 1.35  # [-] height of a picture over its width
+FLATTEST = 0.45  # [-] height of a picture over its width
+TALLEST = 1.35
 COLUMNS = 5  # [-] of the kinogram
 ROWS = (2, 4)  # [-] fewest and most
 TURN = math.radians(60)  # [rad] of any body against the ground, from one posture to the next
@@ -45,8 +46,10 @@ RULE = 0.16  # [in] for the scale under the last row
 DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": INK, "markeredgecolor": "white", "mew": 0.4}
 
 WIDTH = 2 * COLUMN + 0.3  # [in] both columns of a paper
-APART, BESIDE = 0.12, 0.06  # [-] room between moments and around them, in widths of the widest
-TIMES, LEGEND = 0.22, 0.25  # [in] for times under the ground, and for names above
+APART = 0.12  # [-] room between moments and around them, in widths of the widest
+BESIDE = 0.06
+TIMES = 0.22  # [in] for times under the ground, and for names above
+LEGEND = 0.25
 SHORTEST = 0.01  # [m] of an arrow
 ARROW = {"arrowstyle": "-|>,head_width=0.13,head_length=0.28", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
 DIRECTIONS = 0.075  # [-] length of the world's axes, in widths of the picture
@@ -134,7 +137,8 @@ def draw_posture(
         drawn.append((links[each], fills[each], 0.0))
         drawn += [(face, lit(fills[each], light), 0.2) for face, light in seen if strength]
     mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
-    takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
+    takeoff = complex(placed.takeoff[index])
+    landing = complex(placed.landing[index])
     for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
         drawn.append((outlines.stadium(place, place, size), faded(fill, max(strength, 0.5)), 0.0))
     shapes, faces, widths = zip(*drawn, strict=True)
@@ -158,7 +162,9 @@ def draw_path(axes: Axes, plan: Plan, placed: outlines.Postures) -> None:
 
 def spatial_figure(low: complex, high: complex) -> tuple[Figure, Axes]:
     """Return a figure whose axes hold a box, m, at equal scales, widened to a shape that suits a column."""
-    middle, width, height = (low + high) / 2, (high - low).real, (high - low).imag
+    middle = (low + high) / 2
+    width = (high - low).real
+    height = (high - low).imag
     width, height = max(width, height / TALLEST), max(height, FLATTEST * width)
     figure = new_figure(COLUMN, 0.66 + (COLUMN - 0.5) * height / width)
     axes = figure.add_subplot()
@@ -174,8 +180,10 @@ def spatial_figure(low: complex, high: complex) -> tuple[Figure, Axes]:
 def draw_directions(axes: Axes) -> None:
     """Draw where the world's axes point, and a length, in place of the axes of the paper."""
     axes.set_axis_off()
-    (left, right), low = axes.get_xlim(), axes.get_ylim()[0]
-    size, corner = DIRECTIONS * (right - left), complex(left, low)
+    (left, right) = axes.get_xlim()
+    low = axes.get_ylim()[0]
+    size = DIRECTIONS * (right - left)
+    corner = complex(left, low)
     middle = corner + size * (1 + 0.6j)
     for name, direction in zip("xyz", np.eye(3), strict=True):
         tip = middle + size * complex(CAMERA(direction))
@@ -197,7 +205,8 @@ def frame_box(axes: Axes, low: complex, high: complex) -> None:
 
 def key(figure: Figure, plan: Plan, spacing: float) -> None:
     """Tell above a picture what its marks mean."""
-    takeoff, landing = plan.problem.takeoff.frame, plan.problem.landing.frame
+    takeoff = plan.problem.takeoff.frame
+    landing = plan.problem.landing.frame
     frame: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3.6, "mew": 0.6, "mec": INK}
     path = Line2D([], [], color=GREY, linewidth=0.7, marker="o", markersize=2.6, markerfacecolor=INK, mew=0)
     entries: list[tuple[Any, str]] = [(path, f"CM every {spacing:.2g} s")]
@@ -209,7 +218,8 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
 
 def plan_names(plan: Trajectory, compare: Trajectory) -> tuple[str, str]:
     """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
-    many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
+    many = len(plan.problem.obstacles)
+    few = len(compare.problem.obstacles)
     if (many > 0) != (few > 0):
         names = "with obstacle", "without obstacle"
         return names if many else (names[1], names[0])
@@ -262,10 +272,12 @@ def kinogram(plan: Plan) -> Figure:
     """
     placed = outlines.postures(plan, kinogram_times(plan))
     goal = outlines.posture_at(plan, plan.problem.final, plan.duration)
-    low, high = outlines.pairs(placed.low - placed.com), outlines.pairs(placed.high - placed.com)
+    low = outlines.pairs(placed.low - placed.com)
+    high = outlines.pairs(placed.high - placed.com)
     low[-1] = np.minimum(low[-1], outlines.pairs(goal.low - goal.com))
     high[-1] = np.maximum(high[-1], outlines.pairs(goal.high - goal.com))
-    left, right = -low[:, 0].reshape(-1, COLUMNS), high[:, 0].reshape(-1, COLUMNS)
+    left = -low[:, 0].reshape(-1, COLUMNS)
+    right = high[:, 0].reshape(-1, COLUMNS)
     widest = max(float((right[:, :-1] + left[:, 1:]).max()), 2 * float(left[:, 0].max()), 2 * float(right[:, -1].max()))
     scale = widest * COLUMNS / (COLUMN - GAP * COLUMNS)  # m per inch of paper
     pitch = COLUMN * scale / COLUMNS  # m from one to the next
@@ -305,7 +317,8 @@ def kinogram_times(plan: Plan) -> Array:
 
 def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
     """Draw a scale of a round length from a place, m."""
-    left, height = begin.real, begin.imag
+    left = begin.real
+    height = begin.imag
     axes.plot([left, left + length], [height, height], color=INK, linewidth=0.8, solid_capstyle="butt")
     for end in (left, left + length):
         axes.plot([end, end], [height - tick, height + tick], color=INK, linewidth=0.8)
@@ -316,7 +329,8 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
     placed = outlines.postures(jump, moment_times(jump, flying))
     left, right = (np.real(corner - placed.com) for corner in (placed.low, placed.high))
-    widest, ground = float(np.max(right - left)), float(placed.low.imag.min())
+    widest = float(np.max(right - left))
+    ground = float(placed.low.imag.min())
     centres = np.cumsum(np.append(BESIDE * widest - left[0], right[:-1] - left[1:] + APART * widest))
     shifts = np.asarray(centres - placed.com.real, np.complex128)
     width = float((centres + right).max()) + BESIDE * widest

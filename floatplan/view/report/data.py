@@ -31,7 +31,8 @@ from floatplan.view.sampled import SampledPlan, flies_in_space
 from floatplan.view.solids import drawn_solids
 from floatplan.view.style import OBSTACLES, TRAILS, palette
 
-FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
+FEWEST_SAMPLES = 601  # [-] samples of a flight; odd, so that its middle is one
+MOST_SAMPLES = 2401
 SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
 PHASES = ("phase", "s", "from", "to", "on the ground")  # titles of tables
@@ -44,7 +45,8 @@ BOX_PAD = 0.02  # [-] room around what is drawn
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
-    plan, final = sampled.plan, sampled.plan.whole_problem.final
+    plan = sampled.plan
+    final = sampled.plan.whole_problem.final
     if flies_in_space(plan):
         return motion_in_space(plan, sampled)
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
@@ -67,8 +69,11 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
     Frames of bodies are those of the joints of the robot's model; ``ball`` is a place and a radius that hold the
     motion, ``floor`` lines on the ground, ``vector`` the angular momentum as drawn, m, and ``scale`` what it is.
     """
-    problem, robot, final = plan.problem, plan.robot, plan.problem.final
-    h, (centre, radius) = np.asarray(plan.angular_momentum), outlines.ball(plan)
+    problem = plan.problem
+    robot = plan.robot
+    final = plan.problem.final
+    h = np.asarray(plan.angular_momentum)
+    (centre, radius) = outlines.ball(plan)
     whole: Any = plan.whole
     goal = whole.posture(final, plan.duration)
     columns = {name: values for name, values in sampled.columns.items() if name.partition(".")[0] != "accelerations"}
@@ -99,11 +104,13 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
 
 def _robot_in_space(robot: Robot) -> dict[str, Any]:
     """Joints, links' solids, and bodies: where each rests in its parent, and about which axis it turns from there."""
-    model, bodies = robot.model, [dict[str, Any](parent=None, turns=[])]
+    model = robot.model
+    bodies = [dict[str, Any](parent=None, turns=[])]
     data = model.createData()
     pin.forwardKinematics(model, data, robot.reference)
     for joint in range(2, model.njoints):
-        rests, axis = data.liMi[joint], robot.joint_tree.joint[model.names[joint]].axis
+        rests = data.liMi[joint]
+        axis = robot.joint_tree.joint[model.names[joint]].axis
         placed = {
             "parent": model.parents[joint] - 1,
             "rests": rounded(rests.rotation),
@@ -214,7 +221,9 @@ def _frame(name: str, role: str, colour: str, body: int, place: complex) -> dict
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
-    robot, tree, shapes = problem.robot, problem.robot.tree, outlines.drawn_shapes(problem.robot)
+    robot = problem.robot
+    tree = problem.robot.tree
+    shapes = outlines.drawn_shapes(problem.robot)
     bodies = np.arange(len(tree.mass))
     columns = {
         "body": [shape.body for shape in shapes],
@@ -265,7 +274,8 @@ def proved(plan: Plan) -> dict[str, Any]:
     none = "none in the plan file; floatplan certify --save makes one" if plan.robot.in_plane else "none in space yet"
     proof = proof_rows(plan) or [Row("certificate", none)]
     tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
-    replay, words = plan.record.replay, "none in the plan file; floatplan replay --save makes one"
+    replay = plan.record.replay
+    words = "none in the plan file; floatplan replay --save makes one"
     if replay is not None:
         landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
         error = short(replay.get("orientation_error"))
@@ -315,7 +325,8 @@ def asked_of_jump(problem: Problem, request: JumpRequest) -> list[Row]:
 
 def jump_sections(jump: JumpMotion, tone: Tone, flown: Sequence[Row] = ()) -> list[dict[str, Any]]:
     """Return the tables of a jump's report, as those of a plan's; ``flown`` is what is said of one that was flown."""
-    force, problem = footing(jump).sizes.sum(axis=1).max(), jump.whole_problem
+    force = footing(jump).sizes.sum(axis=1).max()
+    problem = jump.whole_problem
     weights = force / (jump.robot.mass * problem.flight.gravity)
     result = [
         Row("height", f"centre of mass up to {jump.height:.3g} m above the ground"),
@@ -343,7 +354,8 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
     ``frames``, what stands, each with the columns of its ``force`` and where this ``acts``; when it has ``flown``, from
     and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
     """
-    standing, frames = footing(jump), []
+    standing = footing(jump)
+    frames = []
     for index, (name, contact) in enumerate(standing.contacts.items()):
         spot = contact.spots[0]
         frame = _frame(name, "stands", standing.colours[name], spot.body, spot.place)

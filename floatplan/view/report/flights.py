@@ -25,7 +25,8 @@ from floatplan.view.figures.animation import animate
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, legend_above, new_figure, palette, picture
 
-HEIGHT, HISTOGRAM_HEIGHT = 5.6, 2.2  # [in]
+HEIGHT = 5.6  # [in]
+HISTOGRAM_HEIGHT = 2.2
 FAINT = 0.45  # [-] opacity of single flights
 BINS = 24
 NARROWEST = 1e-3  # [deg] below which all errors are drawn as one
@@ -51,7 +52,9 @@ def write_jump_pages(
     flights: JumpReplay, folder: Path, progress: Callable[[int, int], None] | None = None
 ) -> list[Path]:
     """Write a page that plays the first flight of a jump, and its film; of many flights a page with their histogram."""
-    rows, first, name = jump_rows(flights), bool(flights.landings.stands[0]), flights.motion.problem.name
+    rows = jump_rows(flights)
+    first = bool(flights.landings.stands[0])
+    name = flights.motion.problem.name
     words = f"{'stands' if first else 'falls'} in {flights.engine}"
     motion = flights.motion
     assert motion.flight is not None
@@ -91,7 +94,8 @@ def summary(flights: ClosedLoop | JumpReplay) -> str:
 
 def landing_rows(flights: ClosedLoop) -> list[Cells]:
     """Return rows of (what, with corrections, without) of many flights, for reading."""
-    both, planned = (flights.corrected, flights.uncorrected), flights.plan_torque_peak.max()
+    both = (flights.corrected, flights.uncorrected)
+    planned = flights.plan_torque_peak.max()
     torques = [float(np.median(ends.torque_peak.max(axis=1))) for ends in both]
     rows: list[Cells] = [
         ("orientation, median", *(_degrees(np.median(np.abs(ends.orientation))) for ends in both)),

@@ -124,7 +124,8 @@ def _wide_table(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> str:
 def problem_section(data: Mapping[str, Any]) -> str:
     """Return the problem file of :func:`report_data` as HTML, to read and to save."""
     summary = "The problem file, as written" if data["own_problem"] else "The problem, as a file"
-    name, content = re.sub(r"[^\w.-]+", "_", data["name"]) or "problem", data["problem"]
+    name = re.sub(r"[^\w.-]+", "_", data["name"]) or "problem"
+    content = data["problem"]
     link = f'<a class="download" download="{name}.toml" href="data:application/toml,{quote(content)}">Save it</a>'
     text = f"<summary>{summary}</summary><pre>\n{html.escape(content)}</pre>{link}"
     return f'<article class="file"><details>{text}</details></article>'
@@ -152,9 +153,11 @@ def report_data(
 ) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    motion, problem = motion_data(sampled), plan.problem
+    motion = motion_data(sampled)
+    problem = plan.problem
     if isinstance(plan, Plan):
-        flight, tables = plan, sections(plan, stances)
+        flight = plan
+        tables = sections(plan, stances)
         word, tone = plan_verdict(plan)
         question = f"{plan.duration:g} s of flight"
     else:

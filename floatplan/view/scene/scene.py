@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
-SHARE, FEW = 0.2, 200  # [-] of their triangles that are drawn, and of a mesh all the same
+SHARE = 0.2  # [-] of their triangles that are drawn, and of a mesh all the same
+FEW = 200
 SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
@@ -58,7 +59,8 @@ UPRIGHT = """@media (max-aspect-ratio: 4/5) {
   div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
   div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
 }"""  # where a window is higher than wide, all of the motion is seen
-STONE, SAND = (150, 150, 150), (226, 222, 212)
+STONE = (150, 150, 150)
+SAND = (226, 222, 212)
 LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
@@ -111,7 +113,8 @@ def scene(plan: Trajectory) -> str:
 
 def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane, Obstacle]]:
     """Add what is around a flight in a plane; return nodes of obstacles."""
-    placed, moved = outlines.postures(plan, outlines.snapshot_times(plan)), []
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
+    moved = []
     low, high = outlines.picture_box(plan, placed)
     for index, obstacle in enumerate(plan.whole_problem.obstacles):
         slab = obstacle_slab(plan, obstacle, low, high)
@@ -127,14 +130,16 @@ def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane, Obstacle
 def _add_space(server: Any, plan: Plan) -> Any:
     """Add what is around a flight in space; return the node of the angular momentum, an arrow at the CM."""
     times = np.linspace(0.0, plan.duration, 121)
-    poses, com = outlines.bodies(plan, times), plan.at(times).com_position
+    poses = outlines.bodies(plan, times)
+    com = plan.at(times).com_position
     centre, radius = outlines.ball(plan)
     _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
     for index, line in enumerate(outlines.floor(plan)):
         server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
     ends = (plan.problem.takeoff.frame, plan.problem.landing.frame)
     _add_trails(server, plan, (com, *(poses.frame(plan.robot, name) for name in ends)))
-    h, size = np.asarray(plan.angular_momentum), outlines.robot_size(plan)
+    h = np.asarray(plan.angular_momentum)
+    size = outlines.robot_size(plan)
     ends_of_arrow = np.stack((np.zeros(3), VECTOR * size * h / (np.linalg.norm(h) or 1.0)))[None].astype(np.float32)
     look = {name: size * part / 2 for name, part in ARROW.items()}
     return server.scene.add_arrows("/momentum", ends_of_arrow, rgb_bytes(INK), visible=bool(h.any()), **look)
@@ -160,7 +165,8 @@ def silence() -> Iterator[None]:
 
 def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, above: float) -> None:
     """Light the scene, and look at a box, m, from beside the plane and from above, in sizes of the box."""
-    size, middle = abs(high - low), in_space(plane, (low + high) / 2)
+    size = abs(high - low)
+    middle = in_space(plane, (low + high) / 2)
     across = np.cross(plane.horizontal, plane.vertical)
     _view(server, plane.vertical, middle, middle + size * (aside * across + above * plane.vertical))
 
@@ -177,7 +183,8 @@ def add_grounds(
     server: Any, plane: Plane, low: complex, high: complex, lines: list[tuple[float, complex, complex]]
 ) -> None:
     """Add the ground of :func:`ground_lines` as grids around a box, m."""
-    size, across = abs(high - low), np.cross(plane.horizontal, plane.vertical)
+    size = abs(high - low)
+    across = np.cross(plane.horizontal, plane.vertical)
     letters = "".join("xyz"[int(np.argmax(np.abs(axis)))] for axis in (plane.horizontal, across))
     for index, (level, *_) in enumerate(lines):
         place = in_space(plane, complex((low.real + high.real) / 2, level))
@@ -226,7 +233,9 @@ def obstacle_slab(plan: Trajectory, obstacle: Obstacle, low: complex, high: comp
             slabs.append(prism(plan.robot.plane, outlines.obstacle_outlines(piece, 0.0, 0.0)[0], WIDTH * size))
             continue
         normal = complex(*piece.normal) / abs(complex(*piece.normal))
-        point, reach, below = complex(*piece.point), abs(high - low) / 2, -SLAB * size * normal
+        point = complex(*piece.point)
+        reach = abs(high - low) / 2
+        below = -SLAB * size * normal
         beside = ((low + high) / 2 - point) / (1j * normal)
         ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
         slabs.append(prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size))
@@ -235,7 +244,9 @@ def obstacle_slab(plan: Trajectory, obstacle: Obstacle, low: complex, high: comp
 
 def prism(plane: Plane, corners: ComplexArray, width: float) -> meshes.Mesh:
     """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
-    count, aside, points = len(corners), 0.5 * width * plane.normal, in_space(plane, corners)
+    count = len(corners)
+    aside = 0.5 * width * plane.normal
+    points = in_space(plane, corners)
     here = np.arange(count)
     there = (here + 1) % count
     sides = [(here, there, here + count), (there, there + count, here + count)]
@@ -272,7 +283,9 @@ class RobotNodes:
     """A robot in a scene, whose bodies can be put anywhere."""
 
     def __init__(self, server: Any, name: str, robot: Robot) -> None:
-        self.name, self._server, self._robot = name, server, robot
+        self.name = name
+        self._server = server
+        self._robot = robot
         self.root = server.scene.add_frame(name, show_axes=False)
         count = robot.model.njoints - 1 if robot.in_plane is None else len(robot.tree.mass)
         names = [f"{name}/{body}" for body in range(count)]
@@ -287,7 +300,8 @@ class RobotNodes:
         if robot.in_plane is None:
             body, _ = frame_place(robot.model, robot.joint_tree, link)
             return body - 1, self._placements[body].inverse().homogeneous
-        poses, body = self._resting_poses, robot.layout.body_of[link]
+        poses = self._resting_poses
+        body = robot.layout.body_of[link]
         root = robot.frames[robot.tree.names[0]]
         origin = in_space(robot.plane, poses.places[0, body] - poses.points([0], [root.local])[0, 0])
         back = pin.exp3(-float(poses.angles[0, body]) * robot.plane.normal)
@@ -303,7 +317,8 @@ class RobotNodes:
 
         What moves together is one mesh.
         """
-        colours, together = palette(len(self._robot.joints) + 1), dict[tuple[int, int], list[meshes.Mesh]]()
+        colours = palette(len(self._robot.joints) + 1)
+        together = dict[tuple[int, int], list[meshes.Mesh]]()
         for solid in drawn_solids(self._robot):
             body, into_body = self._resting(solid.link)
             placed = into_body @ self._placements[solid.body].homogeneous
@@ -322,7 +337,8 @@ class RobotNodes:
         What moves together and has one colour is one mesh; of its triangles a share is drawn, fewest where it is flat.
         Without a size all is drawn as it is.
         """
-        robot, scene = self._robot, self._server.scene
+        robot = self._robot
+        scene = self._server.scene
         model = meshes.visual_model(robot)
         if model is None:
             return False
@@ -349,7 +365,8 @@ class RobotNodes:
 
     def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
         """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""
-        robot, add = self._robot, self._server.scene.add_icosphere
+        robot = self._robot
+        add = self._server.scene.add_icosphere
         shaped = zip(outlines.drawn_shapes(robot), shapes.part.tolist(), strict=True)
         ends = [(part, shape.body, end) for shape, part in shaped for end in (shape.start, shape.end)]
         grips: dict[int, Any] = {}
@@ -369,27 +386,34 @@ class RobotNodes:
             points = poses.places[index, 1:]
             turns = Rotation.from_matrix(poses.rotations[index, 1:]).as_quat(scalar_first=True)
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
-            frame.position, frame.wxyz = point, turn
+            frame.position = point
+            frame.wxyz = turn
 
 
 class ForceNodes:
     """An arrow in a friction cone for each point that stands, left and right, at instants (N,) of a jump."""
 
     def __init__(self, server: Any, jump: JumpMotion, times: Array) -> None:
-        standing, plane = footing(jump), jump.robot.plane
+        standing = footing(jump)
+        plane = jump.robot.plane
         contacts = standing.contacts.values()
         self._nodes = list[tuple[Any, Any, Array]]()
         look = {name: size * jump.height for name, size in ARROW.items()}
         scale = standing.metres_per_newton * max(len(contact.names) for contact in contacts)
-        state, side, here = jump.at(times), standing.cone[1], np.arange(RIM - 1)
+        state = jump.at(times)
+        side = standing.cone[1]
+        here = np.arange(RIM - 1)
         around = side.real * np.exp(2j * np.pi * np.arange(RIM) / (RIM - 1))[:, None]
         rim = around.real * plane.horizontal + around.imag * plane.normal + side.imag * plane.vertical
         cone = np.append(rim, np.zeros((1, 3)), axis=0), np.stack((here, here + 1, 0 * here + RIM), axis=1)
         for contact, colour in zip(contacts, standing.colours.values(), strict=True):
             for name in contact.names:
-                place, (across, up) = state.points[name], scale * state.forces[name].T[..., None]
+                place = state.points[name]
+                (across, up) = scale * state.forces[name].T[..., None]
                 ends = np.stack((place, place + across * plane.horizontal + up * plane.vertical), axis=1)
-                rgb, node, add = rgb_bytes(colour), f"/forces/{name}", server.scene
+                rgb = rgb_bytes(colour)
+                node = f"/forces/{name}"
+                add = server.scene
                 solid = add.add_mesh_simple(f"{node}/cone", *cone, color=rgb, opacity=0.3, side="double")
                 self._nodes.append((add.add_arrows(f"{node}/arrow", np.zeros((1, 2, 3)), rgb, **look), solid, ends))
 
@@ -397,6 +421,8 @@ class ForceNodes:
         """Show what acts at an instant; what is shorter than an arrow's head is left out."""
         for arrow, cone, ends in self._nodes:
             length = float(np.linalg.norm(ends[index, 1] - ends[index, 0]))
-            arrow.visible, cone.visible = length > arrow.head_length, bool(np.isfinite(length))
+            arrow.visible = length > arrow.head_length
+            cone.visible = bool(np.isfinite(length))
             if cone.visible:
-                cone.position, arrow.points = ends[index, 0], ends[index : index + 1].astype(np.float32)
+                cone.position = ends[index, 0]
+                arrow.points = ends[index : index + 1].astype(np.float32)
