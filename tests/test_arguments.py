@@ -16,6 +16,7 @@ import pytest
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
 from floatplan.planning.options import MOST_SOLVED
+from floatplan.view.figures.animation import FilmFormat
 
 MADE_BY_FLOATPLAN = {
     "JumpReplay",
@@ -356,7 +357,7 @@ def test_what_people_call(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda _: True)
     monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 1e-2)
-    monkeypatch.setattr("floatplan.view.figures.animation.FRAME_RATE", 1.0)
+    monkeypatch.setattr("floatplan.view.figures.animation.FILM", FilmFormat(rate=1.0))
     found = []
     for name, call in calls(problem, plan, authority, tmp_path).items():
         assert names_of(call.function) == set(call.arguments), name

@@ -142,7 +142,7 @@ class Stage:
             eye = event.client.camera.position
             pointer = event.end_position
             begins = event.phase == "start"
-            place = scene.in_plane(self._plane, np.asarray(eye), np.asarray(pointer))
+            place = scene.plane_position(self._plane, np.asarray(eye), np.asarray(pointer))
             if place is not None:
                 self._actions.do(f"{begins} {about}", lambda: move(place, begins))
 
@@ -175,7 +175,7 @@ class Stage:
 
     def _body(self, part: int) -> int:
         """The first body of a part."""
-        shapes = zip(outlines.drawn_shapes(self._robot), self._shapes.part.tolist(), strict=True)
+        shapes = zip(outlines.rendered_capsules(self._robot), self._shapes.segment.tolist(), strict=True)
         return min((shape.body for shape, of in shapes if of == part), default=0)
 
     def pivot(self, view: View, end: str, part: int) -> tuple[complex, float]:

@@ -12,7 +12,7 @@ from browser import Browser
 
 from floatplan.studio.page import Studio
 from floatplan.studio.stage import end_poses
-from floatplan.view.scene.scene import in_space
+from floatplan.view.scene.scene import world_points
 
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"
@@ -188,7 +188,7 @@ class Page:
 
         robot = self.studio.session.view.problem.robot
         places = grip_places(self.studio, end, part, np.linspace(0.0, turn, 6))
-        points = [self._pixel(each) for each in in_space(robot.plane, places)]
+        points = [self._pixel(each) for each in world_points(robot.plane, places)]
         canvas = self.browser.driver.find_elements("css selector", "canvas")[0]
         corner = canvas.rect
         middle = np.array([corner["width"] / 2, corner["height"] / 2])

@@ -23,7 +23,7 @@ from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.tree import robots_folder
 from floatplan.studio import edits
 from floatplan.studio.page import Studio, is_own_page, titled, unshared
-from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
+from floatplan.view.scene.scene import RobotNodes, plane_position, world_points
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
@@ -436,10 +436,10 @@ def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
     plane = gymnast.plane
     eye = 3.0 * np.cross(plane.horizontal, plane.vertical) + 0.4 * plane.vertical
     for place in (0.3 - 0.7j, 2.0 + 0j, 0j):
-        point = in_space(plane, np.array([place]))[0]
-        met = in_plane(plane, eye, eye + 0.37 * (point - eye))
+        point = world_points(plane, np.array([place]))[0]
+        met = plane_position(plane, eye, eye + 0.37 * (point - eye))
         assert met == pytest.approx(place)
-    assert in_plane(plane, eye, eye + plane.horizontal) is None
+    assert plane_position(plane, eye, eye + plane.horizontal) is None
 
 
 class Recorded:

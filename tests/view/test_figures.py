@@ -19,13 +19,13 @@ from floatplan.errors import InputError
 from floatplan.problem.parts import Obstacle
 from floatplan.robot.shapes.links import LinkCapsule
 from floatplan.view.figures.figures import SAMPLES, figures, save_figures
-from floatplan.view.figures.snapshots import COLUMNS, kinogram, kinogram_times, worst_passage
+from floatplan.view.figures.snapshots import KINOGRAM, kinogram, kinogram_times, worst_passage
 from floatplan.view.outlines import (
-    drawn_shapes,
     ground_lines,
     obstacle_outlines,
     pairs,
     postures,
+    rendered_capsules,
     snapshot_times,
     stadium,
 )
@@ -334,14 +334,16 @@ def test_ground_is_drawn_where_the_robot_stands(root: Path, handstand: fp.Plan) 
 
 def test_postures_of_a_kinogram_stand_apart(somersault: fp.Plan) -> None:
     times = kinogram_times(somersault)
-    assert len(times) % COLUMNS == 0
+    assert len(times) % KINOGRAM.columns == 0
     np.testing.assert_allclose(np.diff(times), times[1])
     with styled():
         axes = only(kinogram(somersault))
     robots = [each for each in axes.collections if isinstance(each, PolyCollection)]
     boxes = [np.concatenate([path.vertices for path in each.get_paths()]) for each in robots]
-    for row in range(0, len(times), COLUMNS):
-        for left, right in zip(boxes[row : row + COLUMNS - 1], boxes[row + 1 : row + COLUMNS], strict=True):
+    for row in range(0, len(times), KINOGRAM.columns):
+        for left, right in zip(
+            boxes[row : row + KINOGRAM.columns - 1], boxes[row + 1 : row + KINOGRAM.columns], strict=True
+        ):
             assert left[:, 0].max() < right[:, 0].min()
 
 
@@ -403,7 +405,7 @@ def test_a_sole_of_balls_is_drawn_from_heel_to_toe() -> None:
     heel, toe, radius = -0.05 - 0.048j, 0.12 - 0.048j, 0.005
     balls = [LinkCapsule("foot", 3, end, end, radius) for end in (heel, toe)]
     other = LinkCapsule("hand", 4, 0j, 0j, radius)
-    (sole, hand) = drawn_shapes(Mock(shapes=(*balls, other)))
+    (sole, hand) = rendered_capsules(Mock(shapes=(*balls, other)))
     assert hand is other
     assert sole.radius == pytest.approx(0.012)
     assert sole.start - sole.radius * (1 + 1j) == pytest.approx(heel - radius * (1 + 1j))

@@ -23,7 +23,7 @@ from floatplan.view.figures import animation
 from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import efforts, footing, jump_columns, moments
 from floatplan.view.outlines import postures
-from floatplan.view.report.data import asked_of_jump, sample_grid
+from floatplan.view.report.data import request_rows, sample_grid
 from floatplan.view.report.report import report, report_data, write_report
 from floatplan.view.scene.scene import scene
 
@@ -133,7 +133,7 @@ def test_what_was_not_found_is_not_viewed() -> None:
 
 def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By methods of the same names, whose files are those of the commands."""
-    monkeypatch.setattr(animation, "FRAME_RATE", 2.0)
+    monkeypatch.setattr(animation, "FILM", replace(animation.FILM, rate=2.0))
     jump = backflip()
     assert jump.show(tmp_path / "page.html", browse=False).read_text() == report(jump, tmp_path / "page.html")
     assert "<iframe" in jump._repr_html_()
@@ -297,7 +297,7 @@ def test_the_report_tells_what_is_asked_of_the_jump_not_its_guess(view: Jump) ->
     problem, request = view.problem, view.request
 
     def told(**changes: Any) -> dict[str, str]:
-        return {row.name: row.text for row in asked_of_jump(problem, replace(request, **changes))}
+        return {row.name: row.text for row in request_rows(problem, replace(request, **changes))}
 
     plain = told()
     assert (plain["whole turns"], plain["from"], plain["to"]) == ("-1", "standing", "standing")

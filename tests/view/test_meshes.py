@@ -12,7 +12,7 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 import floatplan as fp
-from floatplan.view.scene.meshes import bends, coarser, fewer, joined, plain_colour
+from floatplan.view.scene.meshes import bends, coarser, fewer, joined, uniform_colour
 
 ROOT = Path(__file__).parents[2]
 
@@ -104,16 +104,16 @@ class TestPlainColour:
     def test_of_a_material(self):
         mesh = trimesh.creation.box()
         mesh.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[171, 177, 197, 255]))
-        assert plain_colour(mesh) == (171, 177, 197)
+        assert uniform_colour(mesh) == (171, 177, 197)
 
     def test_of_faces(self):
         mesh = trimesh.creation.box()
         mesh.visual = ColorVisuals(mesh, face_colors=[[1, 2, 3, 255]] * 12)
-        assert plain_colour(mesh) == (1, 2, 3)
+        assert uniform_colour(mesh) == (1, 2, 3)
         mesh.visual.face_colors[3] = [1, 2, 4, 255]
-        assert plain_colour(mesh) is None
+        assert uniform_colour(mesh) is None
 
     def test_glass_is_drawn_as_it_is(self):
         mesh = trimesh.creation.box()
         mesh.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[171, 177, 197, 100]))
-        assert plain_colour(mesh) is None
+        assert uniform_colour(mesh) is None

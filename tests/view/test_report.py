@@ -20,11 +20,11 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.plans.verdicts import Finding
 from floatplan.tables import JOINT_LIMITS, LimitRow
-from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
+from floatplan.view.figures.animation import FILM, animate
 from floatplan.view.figures.figures import figures
 from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
-from floatplan.view.scene.scene import obstacle_slab, prism, scene, turned
+from floatplan.view.scene.scene import obstacle_slab, prism, quaternions, scene
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 
@@ -222,7 +222,7 @@ def test_slabs_are_closed_and_turns_are_turns(handstand: fp.Plan) -> None:
     _, counts = np.unique(edges, axis=0, return_counts=True)
     assert set(counts) == {4}  # each edge has two faces, each face two sides
     assert np.ptp(vertices @ handstand.robot.plane.normal) == pytest.approx(0.5)
-    half = turned(handstand.robot.plane, np.array([np.pi]))
+    half = quaternions(handstand.robot.plane, np.array([np.pi]))
     np.testing.assert_allclose(half, [[0, *handstand.robot.plane.normal]], atol=1e-15)
 
 
@@ -240,12 +240,12 @@ def test_ground_and_walls_reach_beside_the_whole_flight(handstand: fp.Plan) -> N
 def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> None:
     path = handstand.animate(tmp_path / "flight.gif", speed=2.0)
     with Image.open(path) as film:
-        assert film.n_frames == round(handstand.duration / 2.0 * FRAME_RATE) + 1
+        assert film.n_frames == round(handstand.duration / 2.0 * FILM.rate) + 1
         first = np.asarray(film.convert("RGB"))
         assert (first[0] == 255).all()  # on white paper
         film.seek(film.n_frames - 1)
         assert (first != np.asarray(film.convert("RGB"))).any()
-    assert 0 < SPEED <= 1
+    assert 0 < FILM.speed <= 1
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ def test_many_joints_are_told_one_at_a_time(browser: Browser, crowd: tuple[fp.Pl
     plan, page = crowd
     browser.open(page)
     browser.run("floatplan.player.seek(0.5)")
-    names = [element.text for element in browser.driver.find_elements(By.CSS_SELECTOR, "#key [data-part]")]
+    names = [element.text for element in browser.driver.find_elements(By.CSS_SELECTOR, "#key [data-segment]")]
     assert names == ["base", *plan.robot.joints]
     assert browser.run(CHART, "Torques") == []
     lines = (
@@ -162,7 +162,7 @@ def test_many_joints_are_told_one_at_a_time(browser: Browser, crowd: tuple[fp.Pl
         ".plot.series.filter(one => one.dash && one.show).length"
     )
     assert browser.run(lines) == 0
-    fourth = browser.driver.find_element(By.CSS_SELECTOR, '#key [data-part="4"]')
+    fourth = browser.driver.find_element(By.CSS_SELECTOR, '#key [data-segment="4"]')
     ActionChains(browser.driver).move_to_element(fourth).perform()
     torque = plan.at(0.5).motor_torques[3]
     for pointed in (True, False):

@@ -22,7 +22,7 @@ from floatplan.view.figures.figures import figures
 from floatplan.view.report.report import report_data, write_report
 from floatplan.view.sampled import SampledPlan
 from floatplan.view.scene.scene import scene
-from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, Camera, drawn_solids, face_normals
+from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, Camera, face_normals, rendered_solids
 
 SPACE = Path(__file__).parents[2] / "problems" / "space"
 
@@ -99,7 +99,7 @@ def test_a_solid_reaches_as_far_as_its_surface(seed: int) -> None:
 
 
 def test_faces_of_solids_look_outwards_and_close(diver: fp.Plan, arm: fp.Plan) -> None:
-    for solid in (*drawn_solids(diver.robot), *drawn_solids(arm.robot)):
+    for solid in (*rendered_solids(diver.robot), *rendered_solids(arm.robot)):
         middle, normals = solid.points.mean(axis=0), face_normals(solid.points, solid.faces)
         assert len(solid.faces) == 12
         for face, normal in zip(solid.faces, normals, strict=True):
@@ -194,7 +194,7 @@ def test_the_page_s_robot_is_the_robot(diver: fp.Plan, browser: Browser, tmp_pat
         "return m.data.robot.links.map(l => l.points.map(at => m.place(p, { body: l.body, at })))"
     )
     poses = outlines.bodies(diver, np.array([0.5]))
-    for found, solid in zip(browser.run(script), drawn_solids(diver.robot), strict=True):
+    for found, solid in zip(browser.run(script), rendered_solids(diver.robot), strict=True):
         np.testing.assert_allclose(found, poses.points(solid.body, solid.points)[0], atol=1e-6)
     state, told = (
         diver.at(0.5),

@@ -18,7 +18,7 @@ class Stage {
     this.compass = add(holder, "svg", { id: "compass", viewBox: "-1.5 -1.5 3 3", "aria-hidden": "true" });
     const named = (name) => [add(this.compass, "line", {}), add(this.compass, "text", { dy: "0.35em" }), name];
     this.axes = [..."xyz"].map(named);
-    this.part = null;
+    this.segment = null;
     this.camera = new Camera(holder, () => this.turn());
     this.take(motion);
     new ResizeObserver(() => this.resize()).observe(holder);
@@ -54,7 +54,7 @@ class Stage {
     this.moving = data.obstacles.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
     this.flown = drawn(front, "trail flown");
     this.drawPushes(front);
-    this.choose(this.part);
+    this.choose(this.segment);
     this.time = 0;
     this.turn();
   }
@@ -78,11 +78,11 @@ class Stage {
     this.vectors = shafts.map((name) => dyed(add(front, "path", { class: `push ${name}` }), INK));
   }
 
-  /* The part that the reader has chosen stands out: 0 is the base, null none. */
-  choose(part) {
-    this.part = part;
+  /* The segment that the reader has chosen stands out: 0 is the base, null none. */
+  choose(segment) {
+    this.segment = segment;
     for (const link of this.holder.querySelectorAll(".link")) {
-      link.classList.toggle("aside", part !== null && Number(link.dataset.part) !== part);
+      link.classList.toggle("aside", segment !== null && Number(link.dataset.segment) !== segment);
     }
   }
 
@@ -157,7 +157,7 @@ class Stage {
     });
     seen.sort((one, other) => one.depth - other.depth || one.index - other.index);
     seen.forEach(({ index, corners }, place) => {
-      const { part, radius, faces } = links[index];
+      const { segment, radius, faces } = links[index];
       const outline = path(faces.length ? hull(corners) : corners);
       for (const layer of places) {
         const [holder, [whole, ...tones]] = layer[place];
@@ -165,10 +165,11 @@ class Stage {
         if (tones.length && faces.length) lit(faces, corners).forEach((d, tone) => tones[tone].setAttribute("d", d));
         if (shown[place] === index) continue;
         if (!faces.length) for (const tone of tones) tone.setAttribute("d", "");
-        dyed(holder, colours[part]).dataset.part = part;
+        dyed(holder, colours[segment]).dataset.segment = segment;
         holder.style.setProperty("--radius", radius);
         holder.classList.toggle("solid", faces.length > 0);
-        holder.classList.toggle("aside", holder.classList.contains("link") && this.part !== null && part !== this.part);
+        const other = this.segment !== null && segment !== this.segment;
+        holder.classList.toggle("aside", holder.classList.contains("link") && other);
       }
       shown[place] = index;
     });
