@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,21 +30,6 @@ FINER = (16, 32, 64, 128)  # [-] cells
 STAGES = 10  # [-] of each
 RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
 UP = np.array([0.0, 0.0, 1.0])
-
-
-@lru_cache(maxsize=8)
-def spatial_ballistics(problem: Problem) -> Ballistics:
-    """Path of the centre of mass, as (2), (3) and (6) are in space."""
-    robot, flight, duration = problem.robot, problem.flight, problem.flight.duration
-    attitudes = np.array([attitude_of(problem.initial).matrix, attitude_of(problem.final).matrix])
-    positions = np.array([problem.initial.positions, problem.final.positions])
-    poses = BodyPoses.of(robot, attitudes, positions, np.zeros((2, 3)))  # with the centre of mass at the origin
-    takeoff = np.array(problem.takeoff.position) - poses.frame(robot, problem.takeoff.frame)[0]
-    landing = poses.frame(robot, problem.landing.frame)[1]
-    rise = problem.landing_height - landing[2] - takeoff[2]
-    across = flight.horizontal_velocity if isinstance(flight.horizontal_velocity, tuple) else (0.0, 0.0)
-    velocity = [*across, rise / duration + flight.gravity * duration / 2]
-    return Ballistics(read_only(takeoff), read_only(velocity), float(flight.gravity))
 
 
 class SpatialMotion:
