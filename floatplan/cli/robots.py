@@ -276,13 +276,10 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     from floatplan.motion.flight import End
 
     low, high = problem.inertia_extremes
-    interval = problem.momentum_interval
-    if interval is None:
-        raise problem.robot.not_in_plane
     facts: dict[str, Any] = plain(
         {
-            "angular_momentum_bounds": interval,
-            "angular_momentum_midpoint": sum(interval) / 2,
+            "angular_momentum_bounds": problem.momentum_interval,
+            "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
             "D_min": low,
             "D_max": high,
             **{

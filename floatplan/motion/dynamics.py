@@ -65,10 +65,6 @@ class FlightDynamics(Hashable, Protocol):
         """Path of the centre of mass."""
 
     @property
-    def momentum_interval(self) -> tuple[float, float] | None:
-        """(low, high) of (9), kg m^2/s; None in space, where there is none."""
-
-    @property
     def momentum_set(self) -> MomentumSet:
         """The angular momenta that the problem leaves to choose."""
 

@@ -93,7 +93,7 @@ class Plan(Outputs, PlannedMotion):
         return cls(
             **_motion(problem, polynomials, z, angular_momentum, coefficients),
             ballistics=problem.path,
-            angular_momentum_bounds=problem.momentum_interval,
+            angular_momentum_bounds=problem.angular_momentum_bounds,
             **answer,
         )
 

@@ -69,7 +69,7 @@ class Answer:
             coefficients=read_only(self.coefficients),
             angular_momentum=self.angular_momentum,
             ballistics=problem.path,
-            angular_momentum_bounds=problem.momentum_interval,
+            angular_momentum_bounds=problem.angular_momentum_bounds,
             status=self.status if ok else "infeasible",
             ok=ok,
             explanation=self.message or GOAL_MET,

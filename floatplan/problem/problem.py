@@ -72,7 +72,7 @@ class Problem(Checked):
         Of the centre of mass.
     inertia_extremes : two arrays (n+1,) kg m^2; (0,) in space
         Least and largest D_i of (4) over the joint ranges.
-    momentum_interval : (low, high) kg m^2/s, or None in space
+    angular_momentum_bounds : (low, high) kg m^2/s, or None in space
         (9): where h lies if orientation and joints all move monotonically; its middle is (10).
     has_inequalities : whether more is asked than what holds at both ends
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
@@ -106,7 +106,7 @@ class Problem(Checked):
     landing_height: float = field(init=False)
     path: Ballistics = field(init=False)
     inertia_extremes: tuple[Array, Array] = field(init=False)
-    momentum_interval: tuple[float, float] | None = field(init=False)
+    angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     has_inequalities: bool = field(init=False)
     chooses_ends: bool = field(init=False)
     raises_degree: bool = field(init=False)
@@ -184,7 +184,7 @@ class Problem(Checked):
             low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
             momenta = float(low), float(high)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
-        vars(self).update(path=path, inertia_extremes=extremes, momentum_interval=momenta)
+        vars(self).update(path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta)
 
     def _planar_errors(self) -> Iterator[InputError]:
         """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""
@@ -271,6 +271,13 @@ class Problem(Checked):
 
     def _resolve(self, name: str, resolve: Callable[[], object]) -> None:
         object.__setattr__(self, name, resolve())
+
+    @property
+    def momentum_interval(self) -> tuple[float, float]:
+        """(9), kg m^2/s; refused in space, where there is none."""
+        if self.angular_momentum_bounds is None:
+            raise self.robot.not_in_plane
+        return self.angular_momentum_bounds
 
     @property
     def velocity_limits(self) -> Array:

@@ -25,12 +25,7 @@ POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that 
 
 def momentum_asked(problem: Problem, asked: float | str) -> float:
     """Return an h that is asked for as a number, kg m^2/s: as it is, else (10)."""
-    return sum(_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
-
-
-def _momentum_interval(problem: Problem) -> tuple[float, float]:
-    assert problem.momentum_interval, "the robot flies in a plane"
-    return problem.momentum_interval
+    return sum(problem.momentum_interval) / 2 if isinstance(asked, str) else float(asked)
 
 
 def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
@@ -63,7 +58,7 @@ def _stays_out(problem: Problem, obstacle: Obstacle) -> bool:
 
 def difficulties(problem: Problem) -> list[str]:
     """Return sentences about a given angular momentum outside (9)."""
-    low, high = _momentum_interval(problem)
+    low, high = problem.momentum_interval
     given = problem.flight.momentum_in_plane
     if isinstance(given, str) or low <= given <= high:
         return []

@@ -85,12 +85,6 @@ class PlanarFlight:
     other_equations: Dynamics | None = None
 
     @cached_property
-    def momentum_interval(self) -> tuple[float, float]:
-        """(9)."""
-        assert self.problem.momentum_interval, "the robot flies in its plane"
-        return self.problem.momentum_interval
-
-    @cached_property
     def momentum_set(self) -> MomentumSet:
         """The h that is given, or (10), the middle of (9), or a free one in (9).
 
@@ -99,7 +93,7 @@ class PlanarFlight:
         requested = self.problem.flight.angular_momentum
         if not isinstance(requested, str):
             return MomentumSet(read_only(np.array([requested])), read_only(np.empty((1, 0))))
-        low, high = self.momentum_interval
+        low, high = self.problem.momentum_interval
         middle = read_only([(low + high) / 2])
         if requested != "free":
             return MomentumSet(middle, read_only(np.empty((1, 0))))

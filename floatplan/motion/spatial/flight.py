@@ -49,7 +49,6 @@ class SpatialFlight:
     duration: float
     bodies: int
     tangent: int = 3
-    momentum_interval: None = None
     links: tuple[str, ...] = ()
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
 

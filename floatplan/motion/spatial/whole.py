@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import Ballistics, FlightState
+from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
@@ -23,6 +23,7 @@ from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
 from floatplan.motion.spatial.goal import attitude_of, wrong_way
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
