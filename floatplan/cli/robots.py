@@ -140,11 +140,11 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
 
 
 def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
-    from floatplan.motion.flight import inertia_extremes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
+    from floatplan.robot.planar.inertia import inertia_extremes
 
-    low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
+    low, high = inertia_extremes(robot.tree, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
     return {
         "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
@@ -273,16 +273,13 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
     intervals null where they are not bounded.
     """
-    from floatplan.motion.flight import End, flight_of, inertia_extremes
+    from floatplan.motion.flight import End
 
-    low, high = inertia_extremes(problem.robot, problem.position_limits)
-    interval = flight_of(problem).momentum_interval
-    if interval is None:
-        raise problem.robot.not_in_plane
+    low, high = problem.inertia_extremes
     facts: dict[str, Any] = plain(
         {
-            "angular_momentum_bounds": interval,
-            "angular_momentum_midpoint": sum(interval) / 2,
+            "angular_momentum_bounds": problem.momentum_interval,
+            "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
             "D_min": low,
             "D_max": high,
             **{

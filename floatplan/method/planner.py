@@ -16,7 +16,6 @@ from floatplan.method.dynamics import QUANTITIES
 from floatplan.method.motion import Motions
 from floatplan.method.program import Program, back_off
 from floatplan.method.sqp import Solution, minimise
-from floatplan.motion.flight import flight_of
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
@@ -106,7 +105,7 @@ def refuse(problem: Problem) -> None:
 
 def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program, Array]]:
     """Yield a program and its x: quintics (13) first, then random motions, on other branches too; degrees by (16)."""
-    low, high = flight_of(problem).momentum_interval or (0.0, 0.0)  # (7) to (9)
+    low, high = problem.momentum_interval  # (7) to (9)
     h = problem.flight.momentum_in_plane
     momentum = (low + high) / 2 if isinstance(h, str) else h  # (10)
     reach = (high - low) / 2 if h == "free" else 0.0

@@ -9,7 +9,6 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray
 from floatplan.method.dynamics import Dynamics, Quantity
 from floatplan.method.motion import Motions
-from floatplan.motion.flight import flight_of
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.problem.parts import Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Problem, shares_of_limits
@@ -63,7 +62,7 @@ class Program:
         ends = np.array([[capsule.start, capsule.end] for capsule in capsules], dtype=np.complex128)
         self.weights = problem.robot.tree.point_weights(np.tile(bodies, 2), ends.T.ravel())
         self.radius = np.array([capsule.radius for capsule in capsules])
-        self.path = flight_of(problem).ballistics  # (2), (3), (6)
+        self.path = problem.path  # (2), (3), (6)
         self.instants = np.zeros(0)
         self.near: Array | None = None
 

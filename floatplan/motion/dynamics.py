@@ -18,6 +18,7 @@ from floatplan.arguments import Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 
@@ -38,30 +39,6 @@ class MomentumSet:
     def free(self) -> int:
         """Number H."""
         return int(self.axes.shape[1])
-
-
-@dataclass(frozen=True, eq=False)
-class Ballistics:
-    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
-
-    In space x, y and z, the last of which is the vertical.
-    """
-
-    position0: Array
-    velocity0: Array
-    gravity: float
-
-    def positions(self, times: Array) -> Array:
-        """Places (N, 2) or (N, 3), m, at times (N,), s."""
-        path = self.position0 + times[:, None] * self.velocity0
-        path[:, -1] -= self.gravity * times**2 / 2
-        return np.asarray(path)
-
-    def velocities(self, times: Array) -> Array:
-        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
-        velocities = np.tile(self.velocity0, (len(times), 1))
-        velocities[:, -1] -= self.gravity * times
-        return velocities
 
 
 class FlightDynamics(Hashable, Protocol):
@@ -86,10 +63,6 @@ class FlightDynamics(Hashable, Protocol):
     @property
     def ballistics(self) -> Ballistics:
         """Path of the centre of mass."""
-
-    @property
-    def momentum_interval(self) -> tuple[float, float] | None:
-        """(low, high) of (9), kg m^2/s; None in space, where there is none."""
 
     @property
     def momentum_set(self) -> MomentumSet:

@@ -16,7 +16,7 @@ from floatplan.arguments import in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.motion.flight import Ballistics, Contact, flight_of, landing, takeoff
+from floatplan.motion.flight import Ballistics, Contact, landing, takeoff
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import Outputs, output
@@ -90,11 +90,10 @@ class Plan(Outputs, PlannedMotion):
             b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
-        flight = flight_of(problem)
         return cls(
             **_motion(problem, polynomials, z, angular_momentum, coefficients),
-            ballistics=flight.ballistics,
-            angular_momentum_bounds=flight.momentum_interval,
+            ballistics=problem.path,
+            angular_momentum_bounds=problem.angular_momentum_bounds,
             **answer,
         )
 
@@ -265,7 +264,7 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
             for index, end in enumerate(("start", "goal"))
         },
         "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
-        "com": vars(flight_of(problem).ballistics),
+        "com": vars(problem.path),
         "orientation": plan.whole.orientation_at_ends,
         "objective": {"value": plan.objective_value},
         "torque_peak": peaks.torque,

@@ -19,8 +19,10 @@ from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
+from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.robot.leak import refuse_leak
+from floatplan.robot.planar.inertia import inertia_extremes, momentum_intervals
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitKey
 
@@ -66,6 +68,12 @@ class Problem(Checked):
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
     landing_height : m, of the landing frame at t = T
+    path : Ballistics
+        Of the centre of mass.
+    inertia_extremes : two arrays (n+1,) kg m^2; (0,) in space
+        Least and largest D_i of (4) over the joint ranges.
+    angular_momentum_bounds : (low, high) kg m^2/s, or None in space
+        (9): where h lies if orientation and joints all move monotonically; its middle is (10).
     has_inequalities : whether more is asked than what holds at both ends
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
     raises_degree : whether the degree may be raised where nothing else helps
@@ -96,6 +104,9 @@ class Problem(Checked):
     takeoff: parts.Takeoff = field(init=False)
     landing: parts.Landing = field(init=False)
     landing_height: float = field(init=False)
+    path: Ballistics = field(init=False)
+    inertia_extremes: tuple[Array, Array] = field(init=False)
+    angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     has_inequalities: bool = field(init=False)
     chooses_ends: bool = field(init=False)
     raises_degree: bool = field(init=False)
@@ -152,6 +163,7 @@ class Problem(Checked):
             for element, state in (("start", self.initial), ("goal", self.final)):
                 errors += resolution.end_errors(self.robot, ranges, flight, state, element)
         refuse(errors)
+        self._settle_flight()
         keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
         is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
         vars(self).update(
@@ -160,6 +172,19 @@ class Problem(Checked):
             chooses_ends=any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final)),
             raises_degree=self.motion.degree == "auto",
         )
+
+    def _settle_flight(self) -> None:
+        """What is known of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
+        extremes = np.empty(0), np.empty(0)
+        momenta = None
+        if self.robot.in_plane:
+            extremes = inertia_extremes(self.robot.tree, self.position_limits)
+            turn = self.final.orientation - self.initial.orientation
+            changes = np.array([turn, *(self.final.positions - self.initial.positions)])
+            low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
+            momenta = float(low), float(high)
+        path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
+        vars(self).update(path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta)
 
     def _planar_errors(self) -> Iterator[InputError]:
         """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""
@@ -246,6 +271,13 @@ class Problem(Checked):
 
     def _resolve(self, name: str, resolve: Callable[[], object]) -> None:
         object.__setattr__(self, name, resolve())
+
+    @property
+    def momentum_interval(self) -> tuple[float, float]:
+        """(9), kg m^2/s; refused in space, where there is none."""
+        if self.angular_momentum_bounds is None:
+            raise self.robot.not_in_plane
+        return self.angular_momentum_bounds
 
     @property
     def velocity_limits(self) -> Array:

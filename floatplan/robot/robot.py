@@ -566,8 +566,12 @@ class Robot:
     @property
     def resting_configuration(self) -> Array:
         """Configuration (nq,) of ``model`` with the joints at rest and the base where it is at first."""
+        return self.configuration(self.resting)
+
+    def configuration(self, positions: Array) -> Array:
+        """Configuration (nq,) of ``model`` with the planned joints at positions (n,), rad, and the base as at first."""
         q = self.reference.copy()
-        q[self.model.nq - self.model.nv :] += self.selection @ self.resting
+        q[self.model.nq - self.model.nv :] += self.selection @ positions
         return q
 
     @cached_property

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.motion.flight import flight_of
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan, pose_times
 from floatplan.studio.edits import end_state, moved, put_obstacle
@@ -41,7 +40,7 @@ def end_poses(view: View, end: str) -> outlines.Poses:
     flown = problem if view.answer is None or view.answer.found_jump is None else view.answer.plan.problem
     state = end_state(problem, end)
     time = 0.0 if end == "start" else flown.flight.duration
-    path = flight_of(flown).ballistics.positions(np.array([time]))
+    path = flown.path.positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
     return outlines.body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
 

@@ -14,12 +14,12 @@ from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.remaining_motion import RemainingMotion
-from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.sine_polynomial import joint_motion
 from floatplan.planning.kernel_input.rows import DistanceRows
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
 

@@ -5,8 +5,9 @@ import pytest
 from general_flight import GeneralDynamics
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import Dynamics, TurningBodies
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.full_model import PinocchioDynamics
+from floatplan.robot.planar.inertia import TurningBodies
 from floatplan.robot.urdf.tree import robots_folder
 
 

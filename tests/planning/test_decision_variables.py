@@ -10,7 +10,6 @@ from sampled_flight import gradient
 
 import floatplan as fp
 from floatplan.motion.flight import flight_of
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning.variables import DecisionVariables, decision_variables
 
 
@@ -49,7 +48,7 @@ def test_a_given_momentum_is_no_variable(problem):
 
 def test_a_free_momentum_spans_the_interval(problem):
     problem = replace(problem, goal=replace(problem.goal, orientation=problem.goal.orientation - 4 * np.pi))
-    bounds = angular_momentum_interval(problem)
+    bounds = problem.momentum_interval
     variables = variables_of(with_free_momentum(problem))
     x = variables.plain_motion
     assert variables.size == variables.coefficients + 1

@@ -10,7 +10,6 @@ from independent import Look
 from sampled_flight import sample_also, sample_nodes, trajectory, values_of
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.search import Search
@@ -40,7 +39,7 @@ class TestLocalMinima:
         """Of the plain motion, with a disc in the path of its centre of mass."""
         problem = fp.load_problem(root / "problems" / "handstand.toml")
         time = np.array([share * problem.flight.duration])
-        center = ballistics(problem).positions(time)[0]
+        center = problem.path.positions(time)[0]
         disc = fp.Circle(center=(float(center[0]), float(center[1])), radius=0.05)
         ready = attempts(replace(problem, obstacles=(disc,)))
         start = ready.plain_start

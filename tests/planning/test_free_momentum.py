@@ -10,7 +10,7 @@ import pytest
 from free_problems import free_problem
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
+from floatplan.motion.planar.bounds import impossibilities
 from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,7 +78,7 @@ class TestOutside:
         return fp.load_problem(PROBLEMS / "falling_cat.toml")
 
     def test_a_flight_exists(self, cat: fp.Problem) -> None:
-        low, high = angular_momentum_interval(cat)
+        low, high = cat.momentum_interval
         plan = fp.plan(cat)
         assert plan.ok
         assert not low <= plan.angular_momentum <= high
@@ -93,7 +93,7 @@ class TestOutside:
             motion=fp.Motion("auto"),
             limits=fp.Limits("full", orientation_rate=rate),
         )
-        low, high = angular_momentum_interval(problem)
+        low, high = problem.momentum_interval
         for inside in (low, high):
             assert "At takeoff the start itself is impossible" in fp.plan(given(problem, inside)).explanation
         plan = fp.plan(problem)

@@ -20,8 +20,8 @@ from long_cases import cases
 import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.planar import bounds
-from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
-from floatplan.motion.planar.closed_form import Dynamics, ballistics
+from floatplan.motion.planar.bounds import impossibilities
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.planning.options import DEFAULT_WORK
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
@@ -52,7 +52,7 @@ def with_momentum(problem: fp.Problem, momentum: float) -> fp.Problem:
 def com(name: str, share: float) -> tuple[float, float]:
     """Place of the centre of mass at a share of the flight."""
     duration = problem_of(name).flight.duration
-    (place,) = ballistics(problem_of(name)).positions(np.array([share * duration]))
+    (place,) = problem_of(name).path.positions(np.array([share * duration]))
     return float(place[0]), float(place[1])
 
 
@@ -312,7 +312,7 @@ class TestCommandLine:
     @pytest.mark.usefixtures("short_search")
     def test_momentum_outside_is_said_with_the_interval(self) -> None:
         plan = fp.plan(CASES["momentum far outside"].make())
-        low, high = angular_momentum_interval(problem_of(B))
+        low, high = problem_of(B).momentum_interval
         assert f"[{low:.6g}, {high:.6g}]" in plan.explanation
 
 

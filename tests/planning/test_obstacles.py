@@ -15,7 +15,6 @@ from independent import Look, clearance, violations_seen
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import ballistics
 
 PROBLEMS = sorted((Path(__file__).resolve().parents[2] / "problems").glob("*.toml"))
 NAMES = [path.stem for path in PROBLEMS]
@@ -107,7 +106,7 @@ class TestKnownAnswers:
     @pytest.mark.parametrize(("name", "distance"), [("obstacle", 0.4), ("obstacle_hard", 0.3)])
     def test_poles_stand_where_their_files_say(self, name: str, distance: float) -> None:
         problem = problem_of(name)
-        path = ballistics(problem)
+        path = problem.path
         middle = np.array([problem.flight.duration / 2])
         (place,), (velocity,) = path.positions(middle), path.velocities(middle)
         left = np.array([-velocity[1], velocity[0]]) / np.linalg.norm(velocity)

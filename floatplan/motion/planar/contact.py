@@ -14,7 +14,6 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import momentum_asked
-from floatplan.motion.planar.closed_form import frame_weights
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
     End,
@@ -299,9 +298,10 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
     for shape in shapes:
         down = -1j * np.conj(rotations[shape.body])  # in the body's axes
         for corner in (shape.start, shape.end):
-            point = Frame(shape.body, complex(corner + shape.radius * down), frame.link)
-            points.append(point)
-            heights.append(float((frame_weights(robot, point) @ rotations).imag))
+            place = complex(corner + shape.radius * down)
+            weights = tree.point_weights(np.array([shape.body]), np.array([place]))[0]
+            points.append(Frame(shape.body, place, frame.link, weights))
+            heights.append(float((weights @ rotations).imag))
     lowest = min(heights, default=0.0)
     return [point for point, height in zip(points, heights, strict=True) if height < lowest + LEVEL]
 

@@ -11,14 +11,15 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.dynamics import Ballistics, MomentumSet, RatesAtEnds
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import LEVELS
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dynamics
 from floatplan.motion.spatial.goal import angle_changes, attitude_of
 from floatplan.motion.spatial.momentum import spatial_momentum_set
-from floatplan.motion.spatial.whole import SpatialMotion, spatial_ballistics
+from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.problem.attitude import Attitude
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 
@@ -48,7 +49,6 @@ class SpatialFlight:
     duration: float
     bodies: int
     tangent: int = 3
-    momentum_interval: None = None
     links: tuple[str, ...] = ()
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
 
@@ -92,7 +92,7 @@ def spatial_flight(problem: Problem) -> SpatialFlight:
         problem=problem,
         dynamics=spatial_dynamics(robot),
         transmission=robot.transmission[BASE:],
-        ballistics=spatial_ballistics(problem),
+        ballistics=problem.path,
         start=start,
         goal=goal,
         initial_attitude=start.matrix,

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import Ballistics, FlightState
+from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
@@ -23,6 +23,7 @@ from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
 from floatplan.motion.spatial.goal import attitude_of, wrong_way
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
@@ -30,21 +31,6 @@ FINER = (16, 32, 64, 128)  # [-] cells
 STAGES = 10  # [-] of each
 RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
 UP = np.array([0.0, 0.0, 1.0])
-
-
-@lru_cache(maxsize=8)
-def spatial_ballistics(problem: Problem) -> Ballistics:
-    """Path of the centre of mass, as (2), (3) and (6) are in space."""
-    robot, flight, duration = problem.robot, problem.flight, problem.flight.duration
-    attitudes = np.array([attitude_of(problem.initial).matrix, attitude_of(problem.final).matrix])
-    positions = np.array([problem.initial.positions, problem.final.positions])
-    poses = BodyPoses.of(robot, attitudes, positions, np.zeros((2, 3)))  # with the centre of mass at the origin
-    takeoff = np.array(problem.takeoff.position) - poses.frame(robot, problem.takeoff.frame)[0]
-    landing = poses.frame(robot, problem.landing.frame)[1]
-    rise = problem.landing_height - landing[2] - takeoff[2]
-    across = flight.horizontal_velocity if isinstance(flight.horizontal_velocity, tuple) else (0.0, 0.0)
-    velocity = [*across, rise / duration + flight.gravity * duration / 2]
-    return Ballistics(read_only(takeoff), read_only(velocity), float(flight.gravity))
 
 
 class SpatialMotion:

@@ -15,13 +15,13 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.bounds import momentum_intervals
-from floatplan.motion.planar.closed_form import frame_weights, places_from_com, rising
 from floatplan.planning.kernel_input.rows import can_write, obstacle_numbers
+from floatplan.problem.ballistics import rising
 from floatplan.problem.family import Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import least_of_motors, sum_of_motors
+from floatplan.robot.planar.inertia import momentum_intervals
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
 
@@ -189,7 +189,7 @@ class Numbers:
         if "angular_momentum" in values:
             return values["angular_momentum"]
         changes = np.diff(np.concatenate((values["orientation"][..., None], values["positions"]), axis=2), axis=1)
-        low, high = momentum_intervals(self.like, changes[:, 0], values["duration"])
+        low, high = momentum_intervals(self.like.inertia_extremes, changes[:, 0], values["duration"])
         return (low + high) / 2
 
     def paths(self) -> Array:
@@ -197,11 +197,11 @@ class Numbers:
         like, values = self.like, self.values
         orientation, positions, gravity = values["orientation"], values["positions"], values["gravity"]
         foot, landing = (
-            places_from_com(like.robot.tree, frame_weights(like.robot, frame), orientation[:, end], positions[:, end])
+            like.robot.tree.places_from_com(frame.weights, orientation[:, end], positions[:, end])
             for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
         )
         takeoff = values["position"][:, 0] + 1j * values["position"][:, 1] - foot
-        upwards = rising(takeoff, landing, values["height"], gravity, values["duration"])
+        upwards = rising(takeoff.imag, landing.imag, values["height"], gravity, values["duration"])
         return np.stack((takeoff.real, takeoff.imag, values["horizontal_velocity"], upwards, gravity), axis=1)
 
     def obstacle_numbers(self) -> Array:

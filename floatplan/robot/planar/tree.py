@@ -136,6 +136,14 @@ class PlanarTree:
         weights[np.arange(len(body)), body] += local
         return np.asarray(weights - self.com, dtype=np.complex128)
 
+    def places_from_com(self, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
+        """Places (..), m, of points by their weights (m,) or (.., m), for orientations (..) and positions (.., n), rad.
+
+        Each is computed as if it were alone: to the same bits.
+        """
+        angles = orientation[..., None] + (positions[..., None, :] * self.turns).sum(axis=-1) + self.offsets
+        return np.asarray((self.rotations(angles) * weights).sum(axis=-1))
+
     @cached_property
     def coincident(self) -> IntArray:
         """Of each body the first (m,) that always is where it is, turned as it is: of legs coupled left to right."""
@@ -153,12 +161,14 @@ class PlanarTree:
 class Frame:
     """A named point of the robot: a link's or joint's origin, fixed to a body of the :class:`PlanarTree`, m.
 
-    ``link`` is the link itself, or the joint's child.
+    ``link`` is the link itself, or the joint's child; ``weights`` (m,) give its place relative to the centre of mass,
+    see :meth:`PlanarTree.point_weights`.
     """
 
     body: int
     local: complex
     link: str
+    weights: ComplexArray = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,13 +204,18 @@ class TreeLayout:
 
     def __post_init__(self) -> None:
         """Make what every problem of the robot needs."""
+        planar_tree = self._planar_tree()
+        bodies = np.array(list(self.body_of.values()))
+        places = [self.local(body, self.placements[link].translation) for link, body in self.body_of.items()]
+        weights = planar_tree.point_weights(bodies, np.array(places))
+        weights.setflags(write=False)
         links = {
-            link: Frame(body, self.local(body, self.placements[link].translation), link)
-            for link, body in self.body_of.items()
+            link: Frame(body, place, link, own)
+            for (link, body), place, own in zip(self.body_of.items(), places, weights, strict=True)
         }
         joints = {joint.name: links[joint.child] for joint in self.tree.joints}
         frames = joints | {link: links[link] for link in self.tree.links}
-        vars(self).update(planar_tree=self._planar_tree(), frames=frames)
+        vars(self).update(planar_tree=planar_tree, frames=frames)
 
     @classmethod
     def of(cls, tree: UrdfTree, choice: Choice) -> TreeLayout:
