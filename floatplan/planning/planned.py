@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import refuse
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.batch import Batch, follow_unconstrained
-from floatplan.planning.kernel_input.numbers import Numbers, is_plain
+from floatplan.planning.kernel_input.numbers import Numbers
 from floatplan.planning.options import SearchOptions, expiry
 from floatplan.planning.result import AttemptResult, SearchResult
 from floatplan.planning.search import Search
@@ -128,7 +128,7 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
     """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
     began = time.perf_counter()
     search = None
-    if is_plain(problem) and not problem.raises_degree:
+    if problem.is_plain and not problem.raises_degree:
         batch = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
         if answer := batch.answer(0):
             plan = answer.plan(problem, options.seed, time.perf_counter() - began)

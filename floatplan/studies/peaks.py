@@ -159,4 +159,4 @@ def _interpolations(size: int, counts: tuple[int, ...]) -> StructArray:
             curvature=doubles(curvature.T),
         )
         found.append(interpolation)
-    return StructArray("Interpolation", found)
+    return StructArray(found)

@@ -265,7 +265,7 @@ def nodes_of_levels(form: Form) -> StructArray:
             antiderivative=doubles(rule.antiderivative),
         )
         levels.append(nodes)
-    return StructArray("Nodes", levels)
+    return StructArray(levels)
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:
