@@ -18,9 +18,9 @@ from floatplan.planning.batch import Batch, follow_batch, follow_unconstrained
 from floatplan.planning.kernel_input.numbers import Numbers, goes_together, is_together, key
 from floatplan.planning.kernel_problem import INFEASIBLE, STATUS
 from floatplan.planning.options import JOBS, Allowance, SearchOptions
-from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
+from floatplan.planning.planner import found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.result import SearchResult
+from floatplan.planning.result import SearchedPlan, SearchResult
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
