@@ -6,6 +6,7 @@ read. The rest of the flight, joint motions (12) from now to the landing, is wri
 
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,7 +24,7 @@ from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.planning.kernel_input.bodies import Bodies, robot_struct
+from floatplan.planning.kernel_input.bodies import Bodies
 from floatplan.planning.kernel_input.rows import PlanarRows
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -73,7 +74,7 @@ class Update:
         imaginary = np.zeros_like(bodies.real)
         link_real = np.zeros(bodies.links.shape)
         link_imaginary = np.zeros(bodies.links.shape)
-        self._robot = robot_struct(bodies, n)
+        self._robot = copy(bodies.struct)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
         self._called = _called_arrays(constraints, n, len(grid.s), width, motors)

@@ -13,7 +13,7 @@ from floatplan.initial.apart import kept_apart
 from floatplan.initial.robots import ChosenRobot
 from floatplan.motion.flight import tree_dynamics
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.planning.repair import proved_plan
 from floatplan.plans.measures import PlanWarning
 from floatplan.plans.plan import Plan

@@ -10,7 +10,7 @@ from floatplan.jumps.contacts import Contact, ground_below, is_ground
 from floatplan.jumps.limits import scaled_limits
 from floatplan.jumps.program import LIFT, JumpProgram, Solution
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem

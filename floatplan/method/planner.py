@@ -106,9 +106,8 @@ def refuse(problem: Problem) -> None:
 def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program, Array]]:
     """Yield a program and its x: quintics (13) first, then random motions, on other branches too; degrees by (16)."""
     low, high = problem.momentum_interval  # (7) to (9)
-    h = problem.flight.momentum_in_plane
-    momentum = (low + high) / 2 if isinstance(h, str) else h  # (10)
-    reach = (high - low) / 2 if h == "free" else 0.0
+    h = problem.angular_momentum  # (10) where none is given
+    momentum, reach = (h, 0.0) if h is not None else ((low + high) / 2, (high - low) / 2)
     joints = len(problem.robot.joints)
     lowest = max(problem.degrees)
     rising = range(lowest, max(HIGHEST_DEGREE, lowest) + 1, 2) if problem.raises_degree else [lowest]

@@ -36,7 +36,7 @@ LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
 CHEAP = 192  # [-] bodies times nodes, below which the time of an evaluation hardly depends on them
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
-AnyStruct: TypeAlias = Any  # a Struct, StructRows, or one of these: what has a pointer
+AnyStruct: TypeAlias = Any  # a Struct, StructArray, or one of these: what has a pointer
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,12 +15,12 @@ from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.planning.batch import Batch, follow_batch, follow_unconstrained
-from floatplan.planning.kernel_input.numbers import Numbers, goes_together, is_plain, is_together, key
+from floatplan.planning.kernel_input.numbers import Numbers, goes_together, is_together, key
 from floatplan.planning.kernel_problem import INFEASIBLE, STATUS
 from floatplan.planning.options import JOBS, Allowance, SearchOptions
-from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
+from floatplan.planning.planner import found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.result import SearchResult
+from floatplan.planning.result import SearchedPlan, SearchResult
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
@@ -119,7 +119,7 @@ def planned_together(
     tasks: list[_Task] = []
     for indices in batches:
         first = int(indices[0])
-        if is_plain(_like(problems, first)):
+        if _like(problems, first).is_plain:
             alone += _plan_plain(plans, indices, options, jobs)
         else:
             size = WITH_ROWS if jobs == 1 else min(WITH_ROWS, -(-len(indices) // (SHARES * jobs)))

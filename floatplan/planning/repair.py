@@ -16,8 +16,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import SearchedPlan, motion_of
-from floatplan.planning.result import AttemptResult
+from floatplan.planning.result import AttemptResult, SearchedPlan, motion_of
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start

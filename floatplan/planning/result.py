@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,9 +11,11 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import basis
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, decision_variables
+from floatplan.plans.plan import Plan
+from floatplan.plans.plans import Answer
 from floatplan.problem.reference import REFERENCE_NODES, distance_from
 
 
@@ -222,3 +224,40 @@ class SearchResult:
             "starts": sum(result.starts for result in self.results),
             "solved": sum(result.solved for result in self.results if result.holds),
         }
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedPlan:
+    """A plan, and the attempt that it was made of.
+
+    Attributes
+    ----------
+    plan : Plan
+    result : AttemptResult, or a function that makes it where most do without
+    others : further solutions, from the second best on
+    gave_up : whether the search's patience ended: a longer one may find another plan
+    work : instants of one body, of the whole search
+    """
+
+    plan: Plan
+    result: AttemptResult | Callable[[], AttemptResult]
+    others: tuple[AttemptResult, ...] = ()
+    gave_up: bool = False
+    work: float = 0.0
+
+    @property
+    def answer(self) -> Answer:
+        """In numbers."""
+        return Answer.of_plan(self.plan, self.plan.status)
+
+    @cached_property
+    def best(self) -> AttemptResult:
+        """The attempt that the plan was made of."""
+        return self.result() if callable(self.result) else self.result
+
+
+def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Array | None]:
+    """Where an attempt ended: its polynomials, their free coefficients z (n, width), h (e,), kg m^2/s, and b."""
+    variables, x = result.variables, result.x
+    h = variables.angular_momentum(x)
+    return variables.motion_class(h), variables.free_coefficients(x), h, result.coefficients

@@ -10,8 +10,10 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.flight import PlanarFlight, central_reach, flight_of
+from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
+from floatplan.planning.kernel_input.space import SpatialRows
 from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
@@ -63,9 +65,6 @@ class FlightSpec:
             assert isinstance(flight, PlanarFlight), "the robot flies in its plane"
             blocks = [constraint.compiled(flight) for constraint in self.constraints]
             return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
-        from floatplan.motion.spatial.flight import SpatialFlight  # here, since most problems do without
-        from floatplan.planning.kernel_input.space import SpatialRows
-
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
         return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
 

@@ -74,7 +74,11 @@ class Problem(Checked):
         Least and largest D_i of (4) over the joint ranges.
     angular_momentum_bounds : (low, high) kg m^2/s, or None in space
         (9): where h lies if orientation and joints all move monotonically; its middle is (10).
+    angular_momentum : kg m^2/s, or None where it is free, and in space
+        The h that is asked for as a number: (10) in place of the word.
     has_inequalities : whether more is asked than what holds at both ends
+    is_standard : whether it asks for (17) in a plane, between given states at a given h: batches plan such problems
+    is_plain : whether it is standard, and has no inequalities
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
     raises_degree : whether the degree may be raised where nothing else helps
     """
@@ -107,7 +111,10 @@ class Problem(Checked):
     path: Ballistics = field(init=False)
     inertia_extremes: tuple[Array, Array] = field(init=False)
     angular_momentum_bounds: tuple[float, float] | None = field(init=False)
+    angular_momentum: float | None = field(init=False)
     has_inequalities: bool = field(init=False)
+    is_standard: bool = field(init=False)
+    is_plain: bool = field(init=False)
     chooses_ends: bool = field(init=False)
     raises_degree: bool = field(init=False)
     file_text: str | None = field(init=False, repr=False)
@@ -166,25 +173,36 @@ class Problem(Checked):
         self._settle_flight()
         keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
         is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
+        has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
+        chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
+        is_given = self.angular_momentum is not None and not chooses_ends and len(self.robot.joints) > 0
+        is_standard = is_given and self.motion.objective == "coefficients"
         vars(self).update(
             landing_height=self.landing.height or 0.0,
-            has_inequalities=keeps_clear or is_limited or self.limits.orientation_rate is not None,
-            chooses_ends=any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final)),
+            has_inequalities=has_inequalities,
+            is_standard=is_standard,
+            is_plain=is_standard and not has_inequalities,
+            chooses_ends=chooses_ends,
             raises_degree=self.motion.degree == "auto",
         )
 
     def _settle_flight(self) -> None:
         """What is known of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
         extremes = np.empty(0), np.empty(0)
-        momenta = None
+        momenta = momentum = None
         if self.robot.in_plane:
             extremes = inertia_extremes(self.robot.tree, self.position_limits)
             turn = self.final.orientation - self.initial.orientation
             changes = np.array([turn, *(self.final.positions - self.initial.positions)])
             low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
             momenta = float(low), float(high)
+            asked = self.flight.momentum_in_plane
+            if asked != "free":
+                momentum = sum(momenta) / 2 if isinstance(asked, str) else float(asked)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
-        vars(self).update(path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta)
+        vars(self).update(
+            path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum
+        )
 
     def _planar_errors(self) -> Iterator[InputError]:
         """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""

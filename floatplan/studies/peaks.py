@@ -12,7 +12,7 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import NULL, Struct, StructArray, doubles
 from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
-from floatplan.planning.kernel_input.bodies import unscaled_robot
+from floatplan.planning.kernel_input.bodies import unscaled_bodies
 from floatplan.planning.kernel_input.numbers import Numbers
 from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, can_write
 from floatplan.problem.problem import Problem
@@ -86,11 +86,10 @@ def many_peaks(
         clearance=clearance,
         **distances,
     )
-    _, robot = unscaled_robot(like.robot.tree)
     interpolations = _interpolations(size, NODES)
     compiled = kernel()
     if compiled.peaks(
-        robot.pointer,
+        unscaled_bodies(like.robot.tree).struct.pointer,
         interpolations.pointer,
         constraints.struct.pointer if constraints else NULL,
         batch.pointer,
@@ -159,4 +158,4 @@ def _interpolations(size: int, counts: tuple[int, ...]) -> StructArray:
             curvature=doubles(curvature.T),
         )
         found.append(interpolation)
-    return StructArray("Interpolation", found)
+    return StructArray(found)

@@ -15,7 +15,7 @@ from floatplan.jumps.jump import Jump
 from floatplan.jumps.launch import launches
 from floatplan.planning.kernel_input.numbers import is_plain_family
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
 from floatplan.plans.trajectory import Trajectory

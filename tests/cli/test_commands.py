@@ -445,10 +445,10 @@ class TestProcess:
 
     def test_interrupted(self, tmp_path: Path) -> None:
         code = (
-            "import os, signal, floatplan.planning.planned, floatplan.cli\n"
+            "import os, signal, floatplan.planning.planner, floatplan.cli\n"
             "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
             "def interrupt(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
-            "floatplan.planning.planned.follow_unconstrained = interrupt\n"
+            "floatplan.planning.planner.follow_unconstrained = interrupt\n"
             "floatplan.cli.main()"
         )
         done = subprocess.run(

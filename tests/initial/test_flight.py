@@ -27,7 +27,7 @@ from floatplan.jumps import planner
 from floatplan.jumps.check import touchdown_height
 from floatplan.jumps.jump import Jump
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.plans.measures import PlanWarning
 
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")

@@ -20,7 +20,7 @@ for number, share in enumerate(sys.argv[1:]):
     (library.FOLDER / library.LIBRARY).write_bytes(whole[: int(float(share) * len(whole))])
     try:
         print(type(library.kernel.__wrapped__()).__name__)
-    except library.InputError:
+    except library.InstallationError:
         print(None)
 """
 

@@ -182,5 +182,5 @@ def test_an_installation_that_is_not_complete_says_so(checkout, content, reason)
     code = "import floatplan as fp; fp.plan(fp.load_problem('problems/handstand.toml'))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=checkout)
     assert done.returncode == 1
-    assert f"InputError: the kernel cannot be used: {reason}" in done.stderr
+    assert f"InstallationError: the kernel cannot be used: {reason}" in done.stderr
     assert "install floatplan again" in done.stderr.splitlines()[-1]

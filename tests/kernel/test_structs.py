@@ -14,7 +14,7 @@ import pytest
 import floatplan as fp
 from floatplan.inflight import prediction
 from floatplan.kernel import build, library
-from floatplan.kernel.structs import FFI, Struct, StructArray, StructRows, dtype, enumeration, layout
+from floatplan.kernel.structs import FFI, Struct, StructArray, enumeration, layout
 from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
 from floatplan.planning import batch
 from floatplan.planning.kernel_input import rows
@@ -34,7 +34,7 @@ def test_structs_and_enumerations_are_the_compiler_s(tmp_path):
     lines = ["#include <cstddef>", 'extern "C" {', f'#include "{build.FOLDER / build.HEADER}"', "}"]
     members = 0
     for name in all_names("struct"):
-        record = dtype(name)
+        record = layout(name).record
         lines.append(f"static_assert(sizeof({name}) == {record.itemsize});")
         for member, (kind, offset, *_) in record.fields.items():
             lines.append(f"static_assert(offsetof({name}, {member}) == {offset});")
@@ -118,7 +118,7 @@ def test_arrays_live_as_long_as_what_points_to_them():
     grid = Struct("Nodes", nodes=8, **node_arrays())
     minima = Struct("Minima", grid=None, low=None, high=None, row=np.arange(3), s=np.arange(3.0), least=None)
     outer = Struct("Peaks", **{**dict.fromkeys(layout("Peaks").required), "minima": minima})
-    several = StructArray("Nodes", [grid, grid])
+    several = StructArray([grid, grid])
     del minima
     for _ in range(100):
         np.full(8, np.nan)
@@ -149,7 +149,7 @@ def test_copies_hold_the_same_and_have_arrays_of_their_own(copied):
 
 def test_rows_differ_in_numbers_and_arrays():
     like = Struct("Nodes", nodes=8, **node_arrays())
-    rows = StructRows(like, 3)
+    rows = StructArray([like], 3)
     own = np.arange(24.0).reshape(3, 8)
     rows.give(tail=own, nodes=[8, 16, 24])
     assert [rows.pointer[k].nodes for k in range(3)] == [8, 16, 24]
@@ -162,7 +162,7 @@ def test_rows_differ_in_numbers_and_arrays():
 @pytest.mark.parametrize("numbers", [FINE, SETTINGS, EXCHANGE, CORRECTION_GAINS], ids=lambda it: type(it).__name__)
 def test_tolerances_are_those_of_the_structs(numbers):
     name = type(numbers).__name__
-    assert [field.name for field in fields(numbers)] == list(dtype(name).names)
+    assert [field.name for field in fields(numbers)] == list(layout(name).record.names)
     struct = Struct.of_numbers(numbers)
     for field in fields(numbers):
         value, crossed = getattr(numbers, field.name), getattr(struct.pointer, field.name)

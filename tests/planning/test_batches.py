@@ -7,7 +7,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.planning import many
-from floatplan.planning.kernel_input.numbers import is_plain, is_together
+from floatplan.planning.kernel_input.numbers import is_together
 from floatplan.plans.plans import COUNTS, NUMBERS
 
 BAR = fp.Bar(start=(1.2, 4.2), end=(1.9, 4.6), radius=0.1, margin=0.01)
@@ -23,7 +23,7 @@ def assert_as_alone(problems, monkeypatch) -> fp.Plans:
     together = fp.plan_many(problems, attempts=3)
     with monkeypatch.context() as patched:
         patched.setattr(many, "is_together", lambda family: False)
-        patched.setattr(many, "goes_together", is_plain)
+        patched.setattr(many, "goes_together", lambda problem: problem.is_plain)
         alone = fp.plan_many(problems, attempts=3)
     assert together.status.tolist() == alone.status.tolist()
     assert together.messages == alone.messages

@@ -17,9 +17,9 @@ from starts_problems import starts_problems
 import floatplan as fp
 from floatplan.planning import options, repair, search
 from floatplan.planning.options import DEFAULT_WORK, SearchOptions
-from floatplan.planning.planned import SearchedPlan, planned
+from floatplan.planning.planner import planned
 from floatplan.planning.repair import alternatives
-from floatplan.planning.result import SearchResult
+from floatplan.planning.result import SearchedPlan, SearchResult
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"

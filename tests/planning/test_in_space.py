@@ -21,7 +21,7 @@ from floatplan.motion.spatial.rotations import logarithm
 from floatplan.planning.in_space import degrees_tried
 from floatplan.planning.lifting import LiftedFlight, close, starts
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import decision_variables
 from floatplan.tables import ORIENTATION

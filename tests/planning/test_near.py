@@ -11,7 +11,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).parents[2] / "problems"

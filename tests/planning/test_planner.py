@@ -17,7 +17,7 @@ from robot_samples import GYMNAST, URDF_FOLDER, flipped_axes, other_plane
 import floatplan as fp
 from floatplan.planning import search
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.planning.search import Search
 
 PROBLEMS = sorted(path.stem for path in (URDF_FOLDER.parent / "problems").glob("*.toml"))

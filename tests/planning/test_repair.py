@@ -14,7 +14,7 @@ from floatplan.certificate.certificate import BUDGET
 from floatplan.errors import InputError
 from floatplan.planning import repair as proving
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.planning.repair import judged, proved, shortfalls, tightened
 from floatplan.plans.verdicts import Finding
 from floatplan.view.figures.figures import figures

@@ -23,11 +23,6 @@ PATH_INSTANTS, FEW_INSTANTS = 2001, 51  # [-] of the flight
 POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
 
 
-def momentum_asked(problem: Problem, asked: float | str) -> float:
-    """Return an h that is asked for as a number, kg m^2/s: as it is, else (10)."""
-    return sum(problem.momentum_interval) / 2 if isinstance(asked, str) else float(asked)
-
-
 def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known.
 
@@ -129,8 +124,7 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     """A frame leaves or meets the ground at rest with rates within the limits, or not at all."""
     if not np.isfinite(problem.velocity_limits).any():
         return
-    asked = problem.flight.momentum_in_plane
-    momentum = None if asked == "free" else momentum_asked(problem, asked)
+    momentum = problem.angular_momentum
     takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
     for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
@@ -146,11 +140,11 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
 
 def _turning(problem: Problem) -> Iterator[str]:
     """By (4) the base turns with ``(h - sum_i D_i q_i') / D_0``, which bounds on D, q' and h enclose."""
-    if problem.flight.momentum_in_plane == "free" or not np.isfinite(problem.velocity_limits).all():
+    if problem.angular_momentum is None or not np.isfinite(problem.velocity_limits).all():
         return
     low, high = problem.inertia_extremes
     swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
-    momentum = momentum_asked(problem, problem.flight.momentum_in_plane)
+    momentum = problem.angular_momentum
     duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
     least, most = momentum - swing, momentum + swing
     slowest = duration * least / (high[0] if least > 0 else low[0])

@@ -13,7 +13,6 @@ from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain
-from floatplan.motion.planar.bounds import momentum_asked
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
     End,
@@ -229,7 +228,7 @@ def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) ->
     if asked == "free":
         shared = shared_momentum(problem)
         asked = "midpoint" if shared is None else shared
-    return asked, momentum_asked(problem, asked)
+    return asked, sum(problem.momentum_interval) / 2 if isinstance(asked, str) else float(asked)
 
 
 def reachable_sets(problem: Problem) -> dict[str, Reachable]:
@@ -243,7 +242,7 @@ def reachable_sets(problem: Problem) -> dict[str, Reachable]:
 
 def no_common_momentum(problem: Problem) -> str | None:
     """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
-    if problem.flight.momentum_in_plane != "free":
+    if problem.angular_momentum is not None:
         return None
     ends: tuple[End, ...] = ("takeoff", "landing")
     best = [contact_rates(problem, end, None) for end in ends if has_contact(problem, end)]

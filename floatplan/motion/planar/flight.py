@@ -90,15 +90,12 @@ class PlanarFlight:
 
         A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
         """
-        requested = self.problem.flight.angular_momentum
-        if not isinstance(requested, str):
-            return MomentumSet(read_only(np.array([requested])), read_only(np.empty((1, 0))))
+        if self.problem.angular_momentum is not None:
+            return MomentumSet(read_only([self.problem.angular_momentum]), read_only(np.empty((1, 0))))
         low, high = self.problem.momentum_interval
-        middle = read_only([(low + high) / 2])
-        if requested != "free":
-            return MomentumSet(middle, read_only(np.empty((1, 0))))
         _, largest = self.problem.inertia_extremes
-        return MomentumSet(middle, read_only([[max((high - low) / 2, largest[0] / self.duration)]]))
+        reach = max((high - low) / 2, largest[0] / self.duration)
+        return MomentumSet(read_only([(low + high) / 2]), read_only([[reach]]))
 
     @property
     def equations(self) -> Dynamics:

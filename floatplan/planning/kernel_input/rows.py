@@ -22,7 +22,7 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
-from floatplan.planning.kernel_input.bodies import unscaled_robot
+from floatplan.planning.kernel_input.bodies import unscaled_bodies
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.robot.planar.tree import PlanarTree
@@ -204,7 +204,7 @@ class PlanarRows(KernelRows):
         self.bodies = len(tree.mass)
         self.node_counts = NODE_COUNTS
         self.nodes = nodes_of_levels
-        self.own_bodies, self.robot = unscaled_robot(tree)
+        self.own_bodies = unscaled_bodies(tree)
         self._flight = flight
         self.path: Array = np.full(5, np.nan)
         if flight:
@@ -242,7 +242,7 @@ class PlanarRows(KernelRows):
 
     def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
         """Return the robot: h comes with the class of motions."""
-        return (self.robot.pointer,)
+        return (self.own_bodies.struct.pointer,)
 
 
 @lru_cache(maxsize=32)
@@ -265,7 +265,7 @@ def nodes_of_levels(form: Form) -> StructArray:
             antiderivative=doubles(rule.antiderivative),
         )
         levels.append(nodes)
-    return StructArray("Nodes", levels)
+    return StructArray(levels)
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:

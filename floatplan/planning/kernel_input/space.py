@@ -75,7 +75,7 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
 @cache
 def cells_of_levels() -> StructArray:
     """Return the cells of all levels."""
-    return StructArray("Cells", [_cells(cells(*level)) for level in LEVELS])
+    return StructArray([_cells(cells(*level)) for level in LEVELS])
 
 
 def _cells(of: Cells) -> Struct:
@@ -99,7 +99,7 @@ def nodes_in_space(form: Form) -> StructArray:
         of_level = cells(*level)
         weights = np.tile(of_level.gauss.weights, of_level.count) / of_level.count
         levels.append(_nodes(of_level.s, weights, form))
-    return StructArray("Nodes", levels)
+    return StructArray(levels)
 
 
 @lru_cache(maxsize=64)
