@@ -150,6 +150,13 @@ class FlightState(Outlined):
         return FlightState(**{name: read_only(values) for name, values in arrays.items()})
 
 
+class PlacedShapes(Protocol):
+    """The links' capsules at K instants."""
+
+    def distances(self, obstacle: Obstacle, times: Array) -> Array:
+        """Distances (K, r), m, to an obstacle at times (K,), s."""
+
+
 class WholeMotion(Protocol):
     """The whole robot in a flight, at any instant, of joints that move as a plan has written."""
 
@@ -173,6 +180,9 @@ class WholeMotion(Protocol):
 
     def forces(self, state: FlightState) -> Array:
         """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state."""
+
+    def segments(self, instants: Array, hulls: bool = False) -> PlacedShapes:
+        """The links' capsules at times (N,) s; with ``hulls`` what distances to the ground are measured by."""
 
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""

@@ -12,7 +12,7 @@ from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion import flight, quadrature
-from floatplan.motion.dynamics import FlightState, Peaks, WholeMotion
+from floatplan.motion.dynamics import FlightState, Peaks, PlacedShapes, WholeMotion
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion, free_part
 from floatplan.pool import one_thread
@@ -28,10 +28,10 @@ NO_LEAK = 1e-12  # [-] is rounding
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
-def least_distances(segments: flight.Segments, obstacle: Obstacle, instants: Array) -> Array:
+def least_distances(segments: PlacedShapes, obstacle: Obstacle, instants: Array) -> Array:
     """Least distances (N,) m of shapes placed at N instants, s, to an obstacle; infinite while it does not exist."""
     low, high = obstacle.window or (-np.inf, np.inf)
-    distances = flight.obstacle_distances(segments, obstacle, instants).min(axis=1)
+    distances = segments.distances(obstacle, instants).min(axis=1)
     return np.where((instants >= low) & (instants <= high), distances, np.inf)
 
 
@@ -175,7 +175,7 @@ class PlannedMotion(flight.MotionInFile):
         chosen = self.problem.obstacles if obstacles is None else obstacles
         if not chosen:
             return np.full(len(instants), np.inf)
-        segments = self.in_plane.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
+        segments = self.whole.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
         return reduce(
             np.minimum, (least_distances(segments, each, instants) for each in chosen), np.full(len(instants), np.inf)
         )

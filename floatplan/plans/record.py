@@ -80,11 +80,15 @@ class KeyedTable:
 POINT, TRIPLE = (pair(number, count=count) for count in (2, 3))
 
 
-def direction(value: Any, element: str) -> None:
-    """Check that something is two numbers that are not both zero."""
-    POINT(value, element)
-    if not any(value):
-        raise InputError("has length zero", element=element)
+def direction(numbers: Check) -> Check:
+    """Numbers that are not all zero."""
+
+    def check(value: Any, element: str) -> None:
+        numbers(value, element)
+        if not any(value):
+            raise InputError("has length zero", element=element)
+
+    return check
 
 
 def quaternion(value: Any, element: str) -> None:
@@ -362,8 +366,15 @@ DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
     "circle": {"center": POINT, "radius": non_negative},
-    "half-plane": {"point": POINT, "normal": direction},
+    "half-plane": {"point": POINT, "normal": direction(POINT)},
     "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
+}
+SHARED_IN_SPACE: Mapping[str, Check] = {**SHARED, "velocity": TRIPLE}
+OBSTACLES_IN_SPACE: Mapping[str, Mapping[str, Check]] = {
+    "sphere": {"center": TRIPLE, "radius": positive()},
+    "capsule": {"start": TRIPLE, "end": TRIPLE, "radius": positive()},
+    "half-space": {"point": TRIPLE, "normal": direction(TRIPLE)},
+    "box": {"center": TRIPLE, "size": pair(positive(), count=3)},
 }
 
 
@@ -407,7 +418,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
         {
             "name": text,
             "ground": flag,
-            "obstacles": many(_obstacle, "obstacles"),
+            "obstacles": many(_spatial_obstacle if in_space else _obstacle, "obstacles"),
             "self_clearance": many(_pair, "tables"),
             "jump": table,  # around the flight, of which nothing is proved
         },
@@ -415,9 +426,19 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
 
 
 def _obstacle(value: Any, element: str) -> None:
+    _check_obstacle(value, element, OBSTACLES, SHARED)
+
+
+def _spatial_obstacle(value: Any, element: str) -> None:
+    _check_obstacle(value, element, OBSTACLES_IN_SPACE, SHARED_IN_SPACE)
+
+
+def _check_obstacle(
+    value: Any, element: str, kinds: Mapping[str, Mapping[str, Check]], shared: Mapping[str, Check]
+) -> None:
     table(value, element)
-    kind = one_of(*OBSTACLES)(value.get("kind"), f"{element}.kind")
-    KeyedTable({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
+    kind = one_of(*kinds)(value.get("kind"), f"{element}.kind")
+    KeyedTable({"kind": text, **kinds[kind]}, shared)(value, element)
     window = value.get("window")
     if window is not None and not window[0] <= window[1]:
         raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")

@@ -398,7 +398,7 @@ class Obstacle(Keyed):
     @classmethod
     def places(cls) -> tuple[str, ...]:
         """Names of the fields that are places, m."""
-        return tuple(name for name, key in cls.keys.items() if cls.hints[name] == Pair and key.unit == "m")
+        return tuple(name for name, key in cls.keys.items() if cls.hints[name] in (Pair, Triple) and key.unit == "m")
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle."""

@@ -21,6 +21,7 @@ from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
 from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.leak import refuse_leak
 from floatplan.robot.planar.inertia import inertia_extremes, momentum_intervals
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
@@ -39,7 +40,7 @@ class Problem(Checked):
     robot : Robot
     start, goal : Posture
     flight, motion, limits : Flight, Motion, Limits
-    obstacles : sequence of Circle, HalfPlane or Bar
+    obstacles : sequence of Circle, HalfPlane or Bar; in space of Sphere, Capsule, HalfSpace or Box
     self_clearances : sequence of SelfClearance
     name : str
         Of the problem, and of the folder of its results.
@@ -125,7 +126,7 @@ class Problem(Checked):
         "flight": made(parts.Flight),
         "motion": made(parts.Motion),
         "limits": made(parts.Limits),
-        "obstacles": many(made(*parts.OBSTACLE_KINDS.values()), "obstacles"),
+        "obstacles": many(made(*parts.OBSTACLE_KINDS.values(), *SPATIAL_OBSTACLE_KINDS.values()), "obstacles"),
         "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
         "name": text,
         "ground": flag,
@@ -159,6 +160,11 @@ class Problem(Checked):
             found = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
             found += resolution.flight_errors(self.robot, self.flight)
             found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
+            found += resolution.surroundings_errors(
+                self.robot, self.obstacles, self.self_clearances, self.flight.duration
+            )
+            if self.obstacles or self.self_clearances or self.ground:
+                found += faults((self.robot.check_shapes,))
             errors += [
                 error for error in found if not any(str(field).startswith(error.element or "?") for field in fields)
             ]
@@ -205,23 +211,13 @@ class Problem(Checked):
         )
 
     def _planar_errors(self) -> Iterator[InputError]:
-        """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""
+        """What is wrong in the plane: with the robot, and with the jump around the flight."""
         yield from faults((partial(refuse_leak, self.robot),))
-        yield from resolution.surroundings_errors(
-            self.robot, self.obstacles, self.self_clearances, self.flight.duration
-        )
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
-        if self.obstacles or self.self_clearances or self.ground:
-            yield from faults((self.robot.check_shapes,))
 
     def _errors_in_space(self) -> Iterator[InputError]:
         """What is asked that flights in space have not yet; and a turn whose direction is left open."""
-        for element, asked in (
-            ("obstacles", self.obstacles),
-            ("self_clearance", self.self_clearances),
-            ("ground", self.ground),
-            ("jump", self.jump),
-        ):
+        for element, asked in (("ground", self.ground), ("jump", self.jump)):
             if asked:
                 yield InputError(resolution.NOT_IN_SPACE, element=element, advice="leave it out")
         if hasattr(self, "initial") and hasattr(self, "final"):

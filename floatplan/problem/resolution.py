@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import either
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
 from floatplan.problem.attitude import STEEPEST, Attitude, tilt
-from floatplan.problem.parts import JointState, JointValues
+from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
 from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
 
@@ -360,10 +362,20 @@ def surroundings_errors(
 
     More of it than a search can look at in its time, obstacles that never meet the flight, links that do not exist.
     """
+    in_plane = robot.in_plane is not None
+    known_kinds = OBSTACLE_KINDS if in_plane else SPATIAL_OBSTACLE_KINDS
+    for index, obstacle in enumerate(obstacles):
+        if not isinstance(obstacle, tuple(known_kinds.values())):
+            other = "in space" if in_plane else "in a plane"
+            advice = f"give a {either(kind.__name__ for kind in known_kinds.values())}"
+            yield InputError(
+                f"a {type(obstacle).__name__} is for flights {other}", element=f"obstacles[{index}]", advice=advice
+            )
+            return
     for count, element in ((len(obstacles), "obstacles"), (len(pairs), "self_clearance")):
         if count > MOST_OBSTACLES:
             yield InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
-    shapes = len(robot.shapes) if obstacles else 0
+    shapes = len(robot.capsules) if obstacles else 0
     if len(obstacles) <= MOST_OBSTACLES and shapes * len(obstacles) > MOST_DISTANCES:
         reason = f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances"
         advice = "leave some out, or simplify the robot's collision geometry"
@@ -373,11 +385,16 @@ def surroundings_errors(
         if obstacle.window and (end < 0 or start > duration):
             reason = f"the window [{start}, {end}] s lies outside the flight of {duration} s"
             yield InputError(reason, element=f"obstacles[{index}].window")
-    known = {shape.link for shape in robot.shapes} if pairs else set()
+    known = {shape.link for shape in robot.capsules} if pairs else set()
     for index, pair in enumerate(pairs):
         for link in (link for link in pair.links if link not in known):
             element, advice = f"self_clearance[{index}].links", f"links: {sorted(known)}"
             yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
+        thickness = sum(max((each.radius for each in robot.capsules if each.link == link), default=0) for link in pair.links)
+        if not in_plane and thickness + pair.margin == 0 and known.issuperset(pair.links):
+            reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
+            advice = "give a margin, or <collision> geometry"
+            yield InputError(reason, element=f"self_clearance[{index}]", advice=advice)
 
 
 def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:

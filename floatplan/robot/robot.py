@@ -35,7 +35,7 @@ from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
-from floatplan.robot.shapes.solids import LinkSolid, link_solids
+from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule, link_solids
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import Changes, check_urdf, taken_urdf
 from floatplan.robot.urdf.inertias import Payload, payloads
@@ -481,6 +481,11 @@ class Robot:
         return self._shapes[0]
 
     @property
+    def capsules(self) -> tuple[LinkCapsule, ...] | tuple[SolidCapsule, ...]:
+        """The capsules by which distances are measured, where the robot flies; errors as of ``shapes``."""
+        return self.shapes if self.in_plane else self.solid_capsules
+
+    @property
     def has_shapes(self) -> bool:
         """Whether any link has collision geometry; else all are lines."""
         return any(link.collisions for link in self.joint_tree.links.values())
@@ -555,6 +560,14 @@ class Robot:
         """The links' shapes in space, each carried by a joint of ``model``; errors as of ``shapes``."""
         with naming(self.path):
             return link_solids(self.model, self.joint_tree, self.path.parent, self.meshes)
+
+    @cached_property
+    @one_thread
+    def solid_capsules(self) -> tuple[SolidCapsule, ...]:
+        """Capsules around the links' solids, by which distances in space are measured; errors as of ``shapes``."""
+        from floatplan.robot.shapes.solid_capsules import solid_capsules  # here, since flights in a plane do without
+
+        return solid_capsules(self.solids)
 
     @property
     @one_thread

@@ -40,6 +40,10 @@ class Segments:
         capsules = len(self.radius) - self.hulls
         return self.of(slice(capsules, None) if isinstance(obstacle, Ground) else slice(capsules))
 
+    def distances(self, obstacle: Obstacle, times: Array) -> Array:
+        """Return :func:`obstacle_distances` (K, r), m."""
+        return obstacle_distances(self, obstacle, times)
+
     def of(self, capsules: IntArray | slice) -> Segments:
         """Return some of the capsules, by index."""
         return Segments(self.start[:, capsules], self.end[:, capsules], self.radius[capsules])

@@ -14,6 +14,7 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import LEVELS
+from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES, SpatialShapes, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dynamics
 from floatplan.motion.spatial.goal import angle_changes, attitude_of
 from floatplan.motion.spatial.momentum import spatial_momentum_set
@@ -24,7 +25,6 @@ from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 
 WORK_OF_A_BODY = 10  # [instants of one body of a plane]: what an instant of one in space costs
-NO_SHAPES = "the distances of a robot in space are not known yet"
 SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved relative to themselves
 
 
@@ -49,7 +49,6 @@ class SpatialFlight:
     duration: float
     bodies: int
     tangent: int = 3
-    links: tuple[str, ...] = ()
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
 
     @cached_property
@@ -78,9 +77,19 @@ class SpatialFlight:
         """The whole robot's motion."""
         return SpatialMotion(self.problem, joints, np.asarray(angular_momentum), path)
 
+    @property
+    def link_shapes(self) -> SpatialShapes:
+        """The links' capsules, made when first asked for: a mesh that cannot be read stops nothing that needs none."""
+        return shapes_in_space(self.problem.robot)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Link of each capsule."""
+        return self.link_shapes.links
+
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
-        """No link is measured yet."""
-        raise NotImplementedError(NO_SHAPES)
+        """Return each capsule's link; for a half-space each twice, since it is measured to both ends."""
+        return self.links * SPATIAL_DISTANCES[obstacle.kind][1]
 
 
 @lru_cache(maxsize=8)

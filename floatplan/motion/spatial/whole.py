@@ -19,6 +19,7 @@ from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
 from floatplan.motion.spatial.goal import attitude_of, wrong_way
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
@@ -127,6 +128,10 @@ class SpatialMotion:
         """Where the bodies are at times (N,) s."""
         joints, com = self.joints.at(instants)[0], self.path.positions(instants)
         return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
+
+    def segments(self, instants: Array, hulls: bool = False) -> SpatialSegments:
+        """The links' capsules at times (N,) s."""
+        return shapes_in_space(self.problem.robot).place(self.bodies(instants))
 
     def posture(self, state: JointState, time: float) -> BodyPoses:
         """Where they are in a given posture, the centre of mass where it is at a time, s."""

@@ -16,12 +16,12 @@ from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
 from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
 from floatplan.motion.spatial.goal import A_TURN_OFF
-from floatplan.planning.kernel_input.rows import Block, KernelRows, Sums
+from floatplan.planning.kernel_input.rows import Block, DistanceRows, KernelRows, Sums
 from floatplan.problem.attitude import STEEPEST
 
 
 class SpatialRows(KernelRows):
-    """Rows of a flight in space, which are sums: there are no distances yet."""
+    """Rows of a flight in space."""
 
     def __init__(self, flight: SpatialFlight, blocks: Sequence[Block], also: str = "") -> None:
         compiled = kernel()
@@ -33,9 +33,22 @@ class SpatialRows(KernelRows):
         self.nodes = nodes_in_space
         self._flight = flight
         self._bodies: dict[MomentumSet, Struct] = {}
-        none = dict.fromkeys(("ends_real", "ends_imaginary", "radius", "path"))
-        places = {"needs_places": False, "capsules": 0, "turn": 1.0, **none}
-        super().__init__(Sums(flight.dynamics.selection, flight.transmission), blocks, also, places)
+        needs_places = any(isinstance(block, DistanceRows) for block in blocks)
+        shapes = flight.link_shapes if needs_places else None
+        path = flight.ballistics
+        places = {
+            "needs_places": needs_places,
+            "capsules": len(shapes.radius) if shapes else 0,
+            "ends_real": None,
+            "ends_imaginary": None,
+            "body": integers(shapes.body - 1) if shapes else None,  # the base is the model's first joint
+            "ends": doubles(shapes.ends) if shapes else None,
+            "radius": doubles(shapes.radius) if shapes else None,
+            "turn": 1.0,
+            "path": doubles([*path.position0, *path.velocity0, path.gravity]),
+        }
+        super().__init__(Sums(flight.dynamics.selection, flight.transmission), blocks, also, places, shapes)
+        self.needs_rates |= needs_places
 
     def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
         """Return what flies, with an angular momentum of a set, and the cells of all levels."""

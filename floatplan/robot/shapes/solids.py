@@ -42,6 +42,33 @@ class LinkSolid:
         return np.asarray((directions @ self.points.T).max(axis=1) + np.linalg.norm(directions @ self.axes, axis=1))
 
 
+@dataclass(frozen=True, eq=False)
+class SolidCapsule:
+    """A link's shape in space: all points within ``radius`` of the segment from ``start`` to ``end``.
+
+    ``body`` is the joint of the robot's model that carries it; ``start`` and ``end`` (3,) are in that joint's frame, m.
+    """
+
+    link: str
+    body: int
+    start: Array
+    end: Array
+    radius: float
+
+    @property
+    def volume(self) -> float:
+        """Volume, m^3."""
+        length = float(np.linalg.norm(self.end - self.start))
+        return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
+
+    def depth(self, points: Array) -> Array:
+        """How far inside the capsule each point is (points,), m; negative outside."""
+        along = self.end - self.start
+        squared = float(along @ along)
+        share = np.clip((points - self.start) @ along / squared, 0.0, 1.0) if squared else np.zeros(len(points))
+        return np.asarray(self.radius - np.linalg.norm(points - self.start - share[:, None] * along, axis=1))
+
+
 def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, str]) -> tuple[LinkSolid, ...]:
     """Return the solids of all links, in the order of the links in the file.
 

@@ -1,0 +1,188 @@
+"""Flights in space past obstacles and clear of themselves that are known to be possible: a motion is drawn first.
+
+Where it leads is the goal. Obstacles stand where it passes clear by 3 to 10 mm, and where the plan made without them
+comes at least 10 mm into them; links keep apart that it keeps apart, and that plan does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from measuring import PROBLEMS
+
+import floatplan as fp
+from floatplan.arrays import Array
+from floatplan.motion.flight import flight_of
+from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.motion.spatial.clearance import SpatialSegments, pair_distances_in_space, shapes_in_space
+from floatplan.planning.variables import decision_variables
+from floatplan.problem.spatial_obstacles import SpatialObstacle
+
+URDF = PROBLEMS.parent / "urdf"
+GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
+LEVEL = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
+DENSE = 161  # [-] instants at which drawn motions are looked at
+PASSED = (0.003, 0.010)  # [m] by which the drawn motion is clear of obstacles
+DEEP_ENOUGH = 0.01  # [m] by which the plan made without an obstacle is inside it
+RADII = (0.03, 0.5)  # [m]
+TRIES = 60  # [-] places for an obstacle
+ANY_DEGREE = fp.Motion(degree="auto")
+
+
+@dataclass(frozen=True)
+class Flier:
+    """A robot whose motions are drawn, from joints about ``middle`` by ``spread``, rad, with free parts so ``wild``."""
+
+    robot: fp.Robot
+    middle: Array
+    spread: float
+    wild: float
+    duration: float
+    momentum: float
+    gravity: float = 9.81
+
+
+@lru_cache
+def fliers() -> tuple[Flier, ...]:
+    """A diver, a Go2, a cat, and a UR5 on a free base."""
+    made = {name: fp.Robot.from_urdf(URDF / name, base="free-flyer") for name in ("diver.urdf", "cat.urdf", "free_ur5.urdf")}
+    go2 = fp.Robot.from_urdf(GO2, base="free-flyer")
+    middles = {name: robot.position_limits.mean(axis=1) for name, robot in made.items()}
+    return (
+        Flier(made["diver.urdf"], middles["diver.urdf"], 0.5, 0.3, 1.2, 10.0),
+        Flier(go2, np.tile([0.0, 0.8, -1.5], 4), 0.3, 0.25, 0.6, 0.6),
+        Flier(made["cat.urdf"], middles["cat.urdf"], 0.4, 0.3, 0.6, 0.1),
+        Flier(made["free_ur5.urdf"], 0.3 * middles["free_ur5.urdf"], 1.0, 0.3, 20.0, 0.0, 0.0),
+    )
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A problem without obstacles, and where the capsules of a motion that solves it are at instants (K,), s."""
+
+    problem: fp.Problem
+    times: Array
+    segments: SpatialSegments
+
+
+def draw(rng: np.random.Generator, flier: Flier) -> Drawn:
+    """Draw a motion, and ask for where it leads."""
+    robot, n = flier.robot, len(flier.robot.joints)
+    low, high = robot.position_limits.T
+    low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
+    ends = np.clip(flier.middle + flier.spread * rng.uniform(-1, 1, (2, n)), low + 0.1, high - 0.1)
+    h = flier.momentum * rng.normal(size=3) * [0.4, 1.0, 0.4]
+    speed = tuple(rng.uniform(-1, 1, 2).tolist()) if flier.gravity else (0.0, 0.0)
+    flight = fp.Flight(flier.duration, tuple(h.tolist()), horizontal_velocity=speed, gravity=flier.gravity)
+    asked = fp.Problem(robot, fp.Posture(LEVEL, ends[0]), fp.Posture(LEVEL, ends[1]), flight)
+    degrees = (9,) * n
+    variables = decision_variables(asked, degrees, np.zeros((2, n), int), flight_of(asked).momentum_set)
+    z = variables.free_coefficients(flier.wild * rng.normal(size=variables.size))
+    low, high = asked.position_limits.T
+    b = variables.polynomials.powers_of_seconds(z)
+    written = WrittenMotion.from_powers((low + high) / 2, (high - low) / 2, b, flight.duration)
+    first = flight_of(asked)
+    landing = first.whole_motion(written, h, first.ballistics).state(np.array([flight.duration])).orientation[0]
+    goal = fp.Posture(fp.Attitude(quaternion_xyzw=tuple(landing.tolist())), ends[1])
+    problem = replace(asked, goal=goal, motion=ANY_DEGREE)
+    flown = flight_of(problem)
+    times = np.linspace(0, flight.duration, DENSE)
+    return Drawn(problem, times, flown.whole_motion(written, h, flown.ballistics).segments(times))
+
+
+def obstacle_between(rng: np.random.Generator, drawn: Drawn, guess: SpatialSegments) -> SpatialObstacle | None:
+    """An obstacle that the drawn motion clears, and the guess comes into, somewhere on the guess's links."""
+    times, duration = drawn.times, float(drawn.times[-1])
+    for _ in range(TRIES):
+        k, capsule = int(rng.integers(8, DENSE - 8)), int(rng.integers(len(guess.radius)))
+        share = rng.uniform()
+        point = (1 - share) * guess.start[k, capsule] + share * guess.end[k, capsule]
+        velocity = tuple((rng.normal(size=3) * 0.2 / duration).tolist()) if rng.random() < 0.3 else (0.0, 0.0, 0.0)
+        point = point - np.array(velocity) * times[k]
+        passed = float(rng.uniform(*PASSED))
+        kind = rng.choice(["sphere", "capsule", "half-space", "box"], p=[0.4, 0.3, 0.15, 0.15])
+        window = None
+        if rng.random() < 0.2:
+            window = (max(0.0, float(times[k]) - 0.2 * duration), min(duration, float(times[k]) + 0.2 * duration))
+        shared = {"velocity": velocity, "window": window}
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        if kind == "half-space":
+            wall = fp.HalfSpace(point=tuple(point), normal=tuple(direction), **shared)
+            found = wall.__class__(
+                point=tuple(point + (_least(drawn.segments, wall, times) - passed) * direction),
+                normal=tuple(direction),
+                **shared,
+            )
+        elif kind == "box":
+            box = fp.Box(center=tuple(point), size=(1e-3,) * 3, **shared)
+            half = _least(drawn.segments, box, times) + 5e-4 - passed
+            if half < RADII[0]:
+                continue
+            found = replace(box, size=(2 * half,) * 3)
+        else:
+            length = float(rng.uniform(0.1, 0.5)) * (kind == "capsule")
+            bar = fp.Capsule(
+                start=tuple(point - length * direction), end=tuple(point + length * direction), radius=1e-6, **shared
+            )
+            radius = _least(drawn.segments, bar, times) + 1e-6 - passed
+            if radius < RADII[0]:
+                continue
+            radius = min(radius, RADII[1])
+            sphere = fp.Sphere(center=tuple(point), radius=radius, **shared)
+            found = replace(bar, radius=radius) if kind == "capsule" else sphere
+        if _least(guess, found, times) < -DEEP_ENOUGH and _least(drawn.segments, found, times) > 0:
+            margin = float(rng.uniform(0, 0.5) * passed)
+            return replace(found, margin=margin)
+    return None
+
+
+def _least(segments: SpatialSegments, obstacle: SpatialObstacle, times: Array) -> float:
+    low, high = obstacle.window or (-np.inf, np.inf)
+    there = (times >= low) & (times <= high)
+    return float(segments.distances(obstacle, times)[there].min(initial=np.inf))
+
+
+def links_to_keep_apart(drawn: Drawn, guess: SpatialSegments) -> fp.SelfClearance | None:
+    """Two links that the guess brings nearer than the drawn motion ever does, or into one another."""
+    shapes = shapes_in_space(drawn.problem.robot)
+    names, found = sorted(set(shapes.links)), list[tuple[float, fp.SelfClearance]]()
+    of = {name: np.array([i for i, link in enumerate(shapes.links) if link == name]) for name in names}
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            kept, come = (
+                float(pair_distances_in_space(each.of(of[one]), each.of(of[other])).min()) for each in (drawn.segments, guess)
+            )
+            if kept > PASSED[1] and kept - come > 2 * DEEP_ENOUGH:
+                found.append((kept - come, fp.SelfClearance((one, other), max(0.0, min(kept - PASSED[0], come + 0.05)))))
+    return max(found, key=lambda each: each[0])[1] if found else None
+
+
+def obstructed(count: int) -> Iterator[fp.Problem]:
+    """Problems past one to three obstacles; every fourth is about links that keep apart. h is that of the drawn motion."""
+    made, seed = 0, -1
+    while made < count:
+        seed += 1
+        rng = np.random.default_rng([17, seed])
+        drawn = draw(rng, fliers()[made % len(fliers())])
+        guess = fp.plan(drawn.problem)
+        if not guess.ok:
+            continue
+        segments = guess.whole.segments(drawn.times)
+        assert isinstance(segments, SpatialSegments), "it flies in space"
+        if made // len(fliers()) % 4 == 3:
+            pair = links_to_keep_apart(drawn, segments)
+            if pair is None:
+                continue
+            problem = replace(drawn.problem, self_clearances=(pair,))
+        else:
+            wanted = 1 + made // len(fliers()) % 3
+            obstacles = [obstacle_between(rng, drawn, segments) for _ in range(wanted)]
+            if None in obstacles:
+                continue
+            problem = replace(drawn.problem, obstacles=tuple(obstacles))
+        made += 1
+        yield replace(problem, name=f"obstructed_{seed}")
